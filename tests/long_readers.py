@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.io.raw import RawMesh
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 

@@ -22,8 +22,8 @@ from tempfile import TemporaryDirectory
 
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
 from meshmash_viewer.io.atomic import scratch_prefix
-from meshmash_viewer.io.polygons import RawMesh, raw_mesh
 from meshmash_viewer.io.process_tree import ProcessTree
+from meshmash_viewer.io.raw import RawMesh, raw_mesh
 from meshmash_viewer.plug_ins import PlugIn
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 

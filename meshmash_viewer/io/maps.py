@@ -20,7 +20,7 @@ from meshmash_viewer.io.formats.neuroimaging import (
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.guarded import LimitExceeded, read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, maps_alone
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.io.read import READERS, Reader, check_file, checked_maps, left_out
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.vertex_map import VertexMap, named_apart

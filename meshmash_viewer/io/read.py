@@ -30,7 +30,7 @@ from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
-from meshmash_viewer.io.polygons import RawMap, RawMesh, raw_mesh
+from meshmash_viewer.io.raw import RawMap, RawMesh, raw_mesh
 from meshmash_viewer.mesh import Mesh, scaled_vertices
 from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.structures import structure_of_file

@@ -1,17 +1,18 @@
-"""Text files: byte order marks, line ends, and rows of numbers under a header."""
+"""Text files: byte order marks, line ends, lines by their first word, and numbers in them."""
 
 from __future__ import annotations
 
 import codecs
-from dataclasses import dataclass, field
+import re
+import warnings
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.mesh import FloatArray, IntArray
+from meshmash_viewer.mesh import IntArray
 
 #: What text may begin with, longer ones first: those of UTF-32 begin with those of UTF-16.
 _MARKS = {
@@ -20,11 +21,6 @@ _MARKS = {
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
-
-#: A list property: its values one after the other, and how many each row has.
-Lists: TypeAlias = tuple[npt.NDArray[Any], IntArray]
-#: The values of each property by its name.
-Columns: TypeAlias = dict[str, npt.NDArray[Any] | Lists]
 
 
 def read_text(path: Path) -> bytes:
@@ -67,153 +63,138 @@ def with_newlines(data: bytes) -> bytes:
     return data
 
 
-@dataclass(frozen=True)
-class Property:
-    """A number in a row, or a list of them after their number, of types in NumPy's words."""
+class NotANumber(InputError):
+    """What stands where a number should, and the line of the text, counted from 0."""
 
-    name: str
-    value_type: str = "f8"
-    count_type: str | None = None
+    def __init__(self, token: str, text: bytes, place: int) -> None:
+        self.token = token
+        self.line = text.count(b"\n", 0, place)
+        super().__init__(f"holds {token!r} where a number should be")
 
-
-@dataclass
-class Element:
-    """Rows of the same properties."""
-
-    name: str
-    count: int
-    properties: list[Property] = field(default_factory=list)
+    def in_line(self, number: int) -> InputError:
+        """The same with the number of the line in the file, counted from 1."""
+        return InputError(f"{self}, in line {number}")
 
 
-class CutShort(InputError):
-    """What a file lacks of an element, of which it has but some rows."""
-
-    def __init__(self, element: Element, available: int) -> None:
-        super().__init__(
-            f"promises {printable(element.count, 24)} of its element"
-            f" {printable(element.name, 40)!r} but ends after {available}, so it was cut short"
-        )
-
-
-class _ShortLine(InputError):
-    """A line with fewer numbers than its row needs."""
-
-
-def rows_of_text(
-    elements: list[Element], numbers: FloatArray, counts: IntArray, *, ragged: bool = False
-) -> list[Columns]:
-    """Take the elements of a text one after the other, each row a line if it can be so.
-
-    Lines may have more numbers than their rows, the same number more in each of an element. Where
-    there are more or fewer lines than rows, line ends have no meaning, and all numbers are used.
+def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], IntArray]:
+    """Read lines of numbers separated by white space, far faster than line by line.
 
     Parameters
     ----------
-    elements : list of Element
-    numbers, counts : ndarray
-        See `meshmash_viewer.io.polygons.parse_rows`.
-    ragged : bool
-        Whether lines with lists may differ in what they have more.
+    text : bytes
+        ASCII lines.
+    dtype : type
+        `numpy.float64` or `numpy.int64`.
+
+    Returns
+    -------
+    numbers : ndarray of `dtype`, shape (k,)
+        The numbers of all lines, one after the other.
+    counts : ndarray of int64, shape (lines,)
+        How many numbers each line holds.
 
     Raises
     ------
-    CutShort
-        If there are too few numbers.
-    InputError
-        If there are too many, or a list has no length.
+    NotANumber
+        If something is no number.
     """
-    filled = [element for element in elements if element.properties]
-    starts = np.cumsum(counts) - counts
-    if len(counts) == sum(element.count for element in filled):
+    characters = np.frombuffer(text, dtype=np.uint8)
+    is_space = characters <= 32
+    begins = ~is_space
+    begins[1:] &= is_space[:-1]
+    token_starts = np.flatnonzero(begins)
+    line_ends = np.append(np.flatnonzero(characters == ord("\n")), len(characters))
+    counts = np.diff(np.searchsorted(token_starts, line_ends), prepend=0).astype(np.int64)
+    numbers: npt.NDArray[Any]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # older NumPy stops early instead
+            numbers = np.fromstring(text, dtype=dtype, sep=" ")
+    except ValueError:
+        numbers = np.empty(0, dtype=dtype)
+    if len(numbers) != len(token_starts):
+        raise _first_fault(text, dtype)
+    return numbers, counts
+
+
+def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
+    convert = float if np.issubdtype(dtype, np.floating) else int
+    for token in re.finditer(rb"[^\x00-\x20]+", text):
         try:
-            return _by_lines(elements, numbers, starts, counts, ragged)
-        except _ShortLine:
-            pass
-    columns: list[Columns] = []
-    place = 0
-    for element in elements:
-        if not element.properties:
-            columns.append({})
-            continue
-        rows, place = _places_of_rows(element, numbers, place)
-        columns.append(_columns(element, numbers, rows)[0])
-    if place < len(numbers):
-        more = len(numbers) - place
-        raise InputError(
-            f"holds {more:,} {'numbers' if more > 1 else 'number'} more than its header describes"
-        )
-    return columns
+            convert(token[0].replace(b"_", b"?"))  # Python would take 1_000
+        except ValueError:
+            return NotANumber(printable(token[0].decode("latin-1"), 20), text, token.start())
+    odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # as little a number as it is white space
+    return NotANumber("\ufffd", text, odd.start() if odd else 0)
 
 
-def _by_lines(
-    elements: list[Element], numbers: FloatArray, starts: IntArray, counts: IntArray, ragged: bool
-) -> list[Columns]:
-    columns: list[Columns] = []
-    line = 0
-    for element in elements:
-        lines = slice(line, line + (element.count if element.properties else 0))
-        taken, more = _columns(element, numbers, starts[lines], counts[lines])
-        columns.append(taken)
-        line = lines.stop
-        has_list = any(prop.count_type for prop in element.properties)
-        if len(more) and not (ragged and has_list) and more.min() != more.max():
-            raise InputError(
-                f"has rows of its element {printable(element.name, 40)!r} with differently many"
-                " numbers more than its header describes"
-            )
-    return columns
+class Lines:
+    r"""Lines of text by the words that they begin with, as arrays: there may be millions.
 
+    Parameters
+    ----------
+    text : bytes
+        Lines end with ``\n``; ``\v`` is white space that counts as the end of a line in messages.
+    """
 
-def _columns(
-    element: Element, numbers: FloatArray, rows: IntArray, counts: IntArray | None = None
-) -> tuple[Columns, IntArray]:
-    """The values of rows that begin at some places, and how many numbers each has more."""
-    columns: Columns = {}
-    place = rows.copy()
-    ends = np.full(len(rows), len(numbers)) if counts is None else rows + counts
-    for prop in element.properties:
-        if (place >= ends).any():
-            raise _ShortLine
-        if prop.count_type is None:
-            columns[prop.name] = numbers[place]
-            place += 1
-            continue
-        stated = numbers[place]
-        place += 1
-        sound = (stated >= 0) & (stated < 2.0**40) & (stated == np.floor(stated))
-        if not sound.all():
-            raise InputError(f"has a list of {stated[~sound][0]:g} entries")
-        lengths = stated.astype(np.int64)
-        if (place + lengths > ends).any():
-            raise _ShortLine
-        first = np.cumsum(lengths) - lengths
-        within = np.arange(int(lengths.sum())) + np.repeat(place - first, lengths)
-        columns[prop.name] = numbers[within], lengths
-        place += lengths
-    return columns, ends - place
+    def __init__(self, text: bytes) -> None:
+        # a word at the end of the text can be looked at beyond it
+        self._characters = np.frombuffer(text + 16 * b"\n", dtype=np.uint8)
+        self._ends = np.flatnonzero(self._characters[: len(text) + 1] == ord("\n"))
+        self._starts = self._without_spaces(np.append(0, self._ends[:-1] + 1))
 
+    def drop_until(self, line: int) -> None:
+        """Leave out the lines before one."""
+        self._starts, self._ends = self._starts[line:], self._ends[line:]
 
-def _places_of_rows(element: Element, numbers: FloatArray, place: int) -> tuple[IntArray, int]:
-    """Where each row begins if line ends have no meaning, and where the last one ends."""
-    lists = [at for at, prop in enumerate(element.properties) if prop.count_type is not None]
-    if not lists:
-        width = len(element.properties)
-        available = (len(numbers) - place) // width
-        if available < element.count:
-            raise CutShort(element, available)
-        return place + width * np.arange(element.count), place + width * element.count
-    rows = []
-    for done in range(element.count):
-        rows.append(place)
-        for prop in element.properties:
-            if place >= len(numbers):
-                raise CutShort(element, done)
-            if prop.count_type is not None:
-                length = float(numbers[place])
-                if not (0 <= length < 2**40 and length == int(length)):
-                    raise InputError(f"has a list of {length:g} entries")
-                place += int(length)
-            place += 1
-        if place > len(numbers):
-            raise CutShort(element, done)
-    return np.array(rows, dtype=np.int64), place
+    def number(self, line: int) -> int:
+        """Number of a line in the file, counted from 1."""
+        before = self._characters[: self._starts[line]]
+        return 1 + int(np.count_nonzero((before == ord("\n")) | (before == ord("\v"))))
+
+    def fault(self, what: str, line: int) -> InputError:
+        """Return an error that names a line."""
+        return InputError(f"{what}, in line {self.number(line)}")
+
+    def last(self) -> int:
+        """The last line that is not empty; -1 if there is none."""
+        return int(np.flatnonzero(self._starts < self._ends)[-1:].max(initial=-1))
+
+    def beginning_with(self, *parts: bytes) -> IntArray:
+        """Lines that begin with a word, in lower case or capitals, its parts apart or not."""
+        chosen = np.arange(len(self._starts))
+        places = self._starts
+        for part in parts:
+            for letter in part:
+                found = self._characters[places] | 32 == letter
+                chosen, places = chosen[found], places[found] + 1
+            places = self._without_spaces(places) if part is not parts[-1] else places
+        return chosen[self._characters[places] <= 32]
+
+    def rows(
+        self, lines: IntArray, word: bytes, dtype: type[np.generic]
+    ) -> tuple[npt.NDArray[Any], IntArray]:
+        """Read the numbers after the word that some lines begin with, see `parse_rows`.
+
+        Raises
+        ------
+        InputError
+            If something is no number; the message names the line.
+        """
+        edges = np.zeros(len(self._characters) + 1, dtype=np.int8)
+        edges[self._starts[lines] + len(word)] = 1
+        edges[self._ends[lines] + 1] -= 1
+        text = self._characters[np.cumsum(edges[:-1], dtype=np.int8) > 0].tobytes()
+        try:
+            numbers, counts = parse_rows(text, dtype)
+        except NotANumber as fault:
+            raise fault.in_line(self.number(lines[fault.line])) from None
+        return numbers, counts[: len(lines)]
+
+    def _without_spaces(self, places: IntArray) -> IntArray:
+        places = places.copy()
+        while True:
+            is_space = (self._characters[places] == ord(" ")) | (self._characters[places] == 9)
+            if not is_space.any():
+                return places
+            places[is_space] += 1

@@ -18,8 +18,8 @@ from long_readers import CORNERS, filling, honest, many, refusing, spinning
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io import guarded
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
-from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.process_tree import ProcessTree
+from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.model import process
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes programs of scripts")

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import RawMap, RawMesh, maps_alone
+from meshmash_viewer.io.raw import RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import Label
 
 #: Before a table whose entries have numbers of their own; a number of entries before one without.

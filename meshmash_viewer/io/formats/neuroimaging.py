@@ -13,8 +13,8 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.io.provenance import stated_unit
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import Label
 
 #: What most surfaces are called in a FreeSurfer subject's ``surf`` folder, after "lh" or "rh";

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits, read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, are_ascending_indices
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, are_ascending_indices
 from meshmash_viewer.mesh import IntArray
 from meshmash_viewer.triangulation import triangulate
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows
-from meshmash_viewer.io.text import CutShort, Element, Property, read_text, rows_of_text
+from meshmash_viewer.io.raw import RawMesh
+from meshmash_viewer.io.rows import CutShort, Element, Property, rows_of_text
+from meshmash_viewer.io.text import NotANumber, parse_rows, read_text
 from meshmash_viewer.triangulation import triangulate
 
 #: The word, with what may be written before it, and how numbers begin after it.
@@ -43,6 +44,7 @@ def read_off(path: Path) -> RawMesh:
         numbers, counts = parse_rows(data[header.end() :], np.float64)
     except NotANumber as fault:
         raise fault.in_line(data.count(b"\n", 0, header.end()) + fault.line + 1) from None
+    counts = counts[counts > 0]
     if len(numbers) < 2:
         raise InputError("does not state how many vertices and faces it holds")
     # The third number, that of edges, says nothing, and some leave it out.
@@ -59,7 +61,7 @@ def read_off(path: Path) -> RawMesh:
     n_vertices, n_faces = promised.astype(np.int64).tolist()
     elements = [
         Element("vertex", n_vertices, [Property(axis) for axis in _AXES]),
-        Element("face", n_faces, [Property("corners", count_type="f8")]),
+        Element("face", n_faces, [Property("corners", count_type=np.dtype("f8"))]),
     ]
     try:
         points, faces = rows_of_text(elements, numbers[stated:], rest, ragged=True)

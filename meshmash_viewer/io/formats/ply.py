@@ -12,17 +12,10 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.comments import names_of_properties, stated_comment
-from meshmash_viewer.io.polygons import MOST_MAPS, NotANumber, RawMap, RawMesh, parse_rows
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
-from meshmash_viewer.io.text import (
-    Columns,
-    CutShort,
-    Element,
-    Property,
-    rows_of_text,
-    unmarked,
-    with_newlines,
-)
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.io.rows import Columns, Element, Property, rows_of_text, take_rows
+from meshmash_viewer.io.text import NotANumber, parse_rows, unmarked, with_newlines
 from meshmash_viewer.mesh import IntArray
 from meshmash_viewer.triangulation import strip_triangles, triangulate
 
@@ -54,17 +47,8 @@ def read_ply(path: Path) -> RawMesh:
         If the header is not one of PLY, or the file ends before what the header promises.
     """
     data = unmarked(path.read_bytes())
-    byte_order, elements, start = _parse_header(data)
-    if byte_order:
-        body = np.frombuffer(data, dtype=np.uint8, offset=start)
-        columns_of_each = _rows_of_bytes(elements, body, byte_order)
-    else:
-        try:
-            numbers, counts = parse_rows(with_newlines(data[start:]), np.float64)
-        except NotANumber as fault:
-            header = with_newlines(data[:start])
-            raise fault.in_line(header.count(b"\n") + fault.line + 1) from None
-        columns_of_each = rows_of_text(elements, numbers, counts)
+    is_text, elements, start = _parse_header(data)
+    columns_of_each = (_text_body if is_text else _binary_body)(elements, data, start)
     said = stated_comment(_comments(data[:start]))
     names = names_of_properties(said)
     vertices = None
@@ -104,6 +88,22 @@ def read_ply(path: Path) -> RawMesh:
     return RawMesh(vertices, triangles, stated_unit(said), maps, structure=structure)
 
 
+def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:
+    try:
+        numbers, counts = parse_rows(with_newlines(data[start:]), np.float64)
+    except NotANumber as fault:
+        header = with_newlines(data[:start])
+        raise fault.in_line(header.count(b"\n") + fault.line + 1) from None
+    return rows_of_text(elements, numbers, counts)
+
+
+def _binary_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:
+    columns, end = take_rows(elements, np.frombuffer(data, dtype=np.uint8, offset=start))
+    if more := len(data[start + end :].rstrip(b"\0\t\n\r\x1a ")):
+        raise InputError(f"holds {more:,} bytes more than its header describes")
+    return columns
+
+
 def _whole(indices: npt.NDArray[Any]) -> IntArray:
     whole = indices.astype(np.int64)
     if indices.dtype.kind == "f" and not np.array_equal(whole, indices):
@@ -137,115 +137,35 @@ def _split_header(data: bytes) -> tuple[bytes, int]:
     return data[: end.start()], start
 
 
-def _parse_header(data: bytes) -> tuple[str, list[Element], int]:
+def _parse_header(data: bytes) -> tuple[bool, list[Element], int]:
+    """Return whether the body is text, its elements, and the position of its first byte."""
     header, start = _split_header(data)
-    byte_order = None
+    lines = [line.split() for line in header.decode("latin-1").splitlines()[1:]]
+    order = next((_BYTE_ORDERS.get(line[1]) for line in lines if line[:1] == ["format"]), None)
+    if order is None:
+        raise InputError("has a header without the format line of a PLY file")
     elements: list[Element] = []
-    for line in header.decode("latin-1").splitlines()[1:]:
-        words = line.split()
+    for words in lines:
         try:
             match words:
-                case [] | ["comment" | "obj_info", *_]:
+                case [] | ["comment" | "obj_info" | "format", *_]:
                     pass
-                case ["format", kind, *_]:
-                    byte_order = _BYTE_ORDERS[kind]
-                case ["element", name, count]:
+                case ["element", name, count] if int(count) >= 0:
                     elements.append(Element(name, int(count)))
-                    if elements[-1].count < 0:
-                        raise ValueError
                 case ["property", "list", count_type, value_type, name]:
-                    elements[-1].properties.append(
-                        Property(name, _TYPES[value_type], _TYPES[count_type])
-                    )
+                    kinds = _number_type(order, value_type), _number_type(order, count_type)
+                    elements[-1].properties.append(Property(name, *kinds))
                 case ["property", value_type, name]:
-                    elements[-1].properties.append(Property(name, _TYPES[value_type]))
+                    elements[-1].properties.append(Property(name, _number_type(order, value_type)))
                 case _:
                     raise ValueError
         except (ValueError, KeyError, IndexError):
-            raise InputError(
-                f"has a header line that PLY does not know, {printable(line, 60)!r}"
-            ) from None
-    if byte_order is None:
-        raise InputError("has a header without a format line")
-    return byte_order, elements, start
+            line = printable(" ".join(words), 60)
+            raise InputError(f"has a header line that PLY does not know, {line!r}") from None
+    return not order, elements, start
 
 
-def _rows_of_bytes(
-    elements: list[Element], body: npt.NDArray[np.uint8], byte_order: str
-) -> list[Columns]:
-    """Take the elements of a binary body one after the other."""
-    columns = []
-    for element in elements:
-        taken, used = _take(element, body, byte_order)
-        columns.append(taken)
-        body = body[used:]
-    more = len(body.tobytes().rstrip(b"\0\t\n\r\x1a "))
-    if more:
-        raise InputError(f"holds {more:,} bytes more than its header describes")
-    return columns
-
-
-def _take(element: Element, body: npt.NDArray[Any], byte_order: str) -> tuple[Columns, int]:
-    """Take one element's columns from the front of bytes, and how many bytes they fill."""
-    properties = element.properties
-    values: list[list[npt.NDArray[Any]]] = [[] for _ in properties]
-    end = 0
-    if element.count and properties:
-        first, _ = _read_row(element, body, 0, byte_order, 0)
-        layout: list[tuple[Any, ...]] = []
-        for index, prop in enumerate(properties):
-            if prop.count_type is not None:
-                layout.append((f"count{index}", byte_order + prop.count_type))
-            layout.append((f"value{index}", byte_order + prop.value_type, (len(first[index]),)))
-        record = np.dtype(layout)
-        available = min(len(body) // record.itemsize, element.count)
-        rows = np.frombuffer(body.data, dtype=record, count=available)
-        if all(
-            prop.count_type is None or np.all(rows[f"count{index}"] == len(first[index]))
-            for index, prop in enumerate(properties)
-        ):
-            if available < element.count:
-                raise CutShort(element, available)
-            return {
-                prop.name: rows[f"value{index}"].reshape(-1)
-                if prop.count_type is None
-                else (
-                    rows[f"value{index}"].reshape(-1),
-                    np.full(element.count, len(first[index]), dtype=np.int64),
-                )
-                for index, prop in enumerate(properties)
-            }, element.count * record.itemsize
-        for done in range(element.count):
-            row, end = _read_row(element, body, end, byte_order, done)
-            for all_of_one, taken in zip(values, row, strict=True):
-                all_of_one.append(taken)
-    columns: Columns = {}
-    for prop, parts in zip(properties, values, strict=True):
-        joined = np.concatenate([np.empty(0, dtype=prop.value_type), *parts])
-        lengths = np.fromiter((len(part) for part in parts), np.int64, len(parts))
-        columns[prop.name] = joined if prop.count_type is None else (joined, lengths)
-    return columns, end
-
-
-def _read_row(
-    element: Element, body: npt.NDArray[Any], place: int, byte_order: str, done: int
-) -> tuple[list[npt.NDArray[Any]], int]:
-    """Values of each property of the row that begins at a place after `done` others; its end."""
-
-    def take(type_name: str, count: int = 1) -> npt.NDArray[Any]:
-        nonlocal place
-        scalar = np.dtype(byte_order + type_name)
-        size = count * scalar.itemsize
-        taken = body[place : place + size]
-        if len(taken) < size:
-            raise CutShort(element, done)
-        place += size
-        return taken.view(scalar)
-
-    values = []
-    for prop in element.properties:
-        count = 1.0 if prop.count_type is None else float(take(prop.count_type)[0])
-        if not (0 <= count < 2**40 and count == int(count)):
-            raise InputError(f"has a list of {count:g} entries")
-        values.append(take(prop.value_type, int(count)))
-    return values, place
+def _number_type(order: str, name: str) -> np.dtype[Any]:
+    """Return the type of a property in a body of a byte order; text is read as 64-bit floats."""
+    code = _TYPES[name]
+    return np.dtype(order + code if order else "f8")

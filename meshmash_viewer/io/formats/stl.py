@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.joining import join_vertices
-from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows
-from meshmash_viewer.io.text import unmarked, with_newlines
+from meshmash_viewer.io.raw import RawMesh
+from meshmash_viewer.io.text import Lines, unmarked, with_newlines
 from meshmash_viewer.mesh import FloatArray, IntArray
 from meshmash_viewer.triangulation import triangulate
 
@@ -123,12 +121,10 @@ def _text_corners(text: bytes) -> tuple[FloatArray, IntArray]:
 
 def _corners_by_lines(text: bytes) -> tuple[FloatArray, IntArray]:
     # What comes after "solid" or in lines of other words may hold any word.
-    lines = _Lines(text)
-    solids = np.flatnonzero(lines.begin_with(b"solid"))
-    lines.drop_until(int(solids[0]) if len(solids) else 0)
-    begun = np.flatnonzero(lines.begin_with(b"facet"))
-    ended = np.flatnonzero(lines.begin_with(b"end", b"facet"))
-    vertices = np.flatnonzero(lines.begin_with(b"vertex"))
+    lines = Lines(text)
+    lines.drop_until(int(lines.beginning_with(b"solid")[:1].max(initial=0)))
+    begun, ended = lines.beginning_with(b"facet"), lines.beginning_with(b"end", b"facet")
+    vertices = lines.beginning_with(b"vertex")
     which = np.searchsorted(begun, vertices) - 1
     if len(begun) == len(ended):
         inside = which >= 0
@@ -141,69 +137,13 @@ def _corners_by_lines(text: bytes) -> tuple[FloatArray, IntArray]:
             f"begins {len(begun)} triangles and ends {len(ended)}, not each with its three"
             " corners, so it was cut short"
         )
-    last = max(ended.max(initial=-1), *np.flatnonzero(lines.begin_with(b"end", b"solid"))[-1:], -1)
+    last = np.append(ended, lines.beginning_with(b"end", b"solid")).max(initial=-1)
     if lines.last() > last:
         raise InputError(
             f"ends in line {lines.number(lines.last())} after its last triangle and before its last"
             " line (endsolid), so it was cut short"
         )
-    try:
-        numbers, each = parse_rows(lines.after(vertices, b"vertex"), np.float64)
-    except NotANumber as fault:
-        raise fault.in_line(lines.number(vertices[fault.line])) from None
-    if len(each) != len(vertices) or np.any(each != 3):
+    numbers, each = lines.rows(vertices, b"vertex", np.float64)
+    if np.any(each != 3):
         raise InputError("has a vertex without exactly three coordinates")
     return numbers.reshape(-1, 3), counts
-
-
-class _Lines:
-    """Lines of text by the words that they begin with, as arrays: there may be millions."""
-
-    def __init__(self, text: bytes) -> None:
-        # a word at the end of the text can be looked at beyond it
-        self._characters = np.frombuffer(text + 16 * b"\n", dtype=np.uint8).copy()
-        self._ends = np.flatnonzero(self._characters[: len(text) + 1] == ord("\n"))
-        self._starts = self._without_spaces(np.append(0, self._ends[:-1] + 1))
-        self._first = 0
-
-    def drop_until(self, line: int) -> None:
-        self._first = line
-        self._starts, self._ends = self._starts[line:], self._ends[line:]
-
-    def number(self, line: int) -> int:
-        """Number of a line in the file, counted from 1."""
-        return self._first + int(line) + 1
-
-    def last(self) -> int:
-        """The last line that is not empty; -1 if there is none."""
-        return int(np.flatnonzero(self._starts < self._ends)[-1:].max(initial=-1))
-
-    def begin_with(self, *parts: bytes) -> npt.NDArray[np.bool_]:
-        """Which lines begin with a word, in capitals too, its parts apart or not."""
-        chosen = np.arange(len(self._starts))
-        places = self._starts
-        for part in parts:
-            for letter in part:
-                found = self._characters[places] | 32 == letter
-                chosen, places = chosen[found], places[found] + 1
-            places = self._without_spaces(places) if part is not parts[-1] else places
-        chosen = chosen[self._characters[places] <= 32]
-        is_chosen = np.zeros(len(self._starts), dtype=np.bool_)
-        is_chosen[chosen] = True
-        return is_chosen
-
-    def after(self, lines: npt.NDArray[Any], word: bytes) -> bytes:
-        """Some of the lines, without the word that they begin with."""
-        first, ends = self._starts[lines] + len(word), self._ends[lines] + 1
-        edges = np.zeros(len(self._characters) + 1, dtype=np.int8)
-        edges[first] = 1
-        edges[ends] -= 1
-        return self._characters[np.cumsum(edges[:-1], dtype=np.int8) > 0].tobytes()
-
-    def _without_spaces(self, places: IntArray) -> IntArray:
-        places = places.copy()
-        while True:
-            is_space = (self._characters[places] == ord(" ")) | (self._characters[places] == 9)
-            if not is_space.any():
-                return places
-            places[is_space] += 1

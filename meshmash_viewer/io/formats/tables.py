@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.polygons import (
+from meshmash_viewer.io.raw import (
     MOST_MAPS,
     RawMap,
     RawMesh,

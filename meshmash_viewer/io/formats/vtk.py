@@ -17,8 +17,8 @@ from meshmash_viewer.io.formats.vtk_maps import (
     with_names_apart,
 )
 from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
+from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.io.text import unmarked
 from meshmash_viewer.triangulation import polydata_triangles
 

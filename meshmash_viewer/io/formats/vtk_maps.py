@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import printable
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap
 from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
 #: Entries of a table of colours that VTK makes by itself: a ramp, and no colours of labels.

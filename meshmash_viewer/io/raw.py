@@ -1,9 +1,7 @@
-"""What the readers of mesh files share: rows of numbers, polygons to triangles."""
+"""Content of mesh files before any check, which readers return."""
 
 from __future__ import annotations
 
-import re
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh
 from meshmash_viewer.vertex_map import Label
 
@@ -101,68 +98,3 @@ def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
     mesh = as_mesh(given)
     maps = tuple(RawMap(each.name, each.values, each.labels) for each in mesh.maps)
     return RawMesh(mesh.vertices, mesh.faces, mesh.unit or None, maps, structure=mesh.structure)
-
-
-class NotANumber(InputError):
-    """What stands where a number should, and the line of the text, counted from 0."""
-
-    def __init__(self, token: str, text: bytes, place: int) -> None:
-        self.token = token
-        self.line = text.count(b"\n", 0, place)
-        super().__init__(f"holds {token!r} where a number should be")
-
-    def in_line(self, number: int) -> InputError:
-        """The same with the number of the line in the file, counted from 1."""
-        return InputError(f"holds {self.token!r} where a number should be, in line {number}")
-
-
-def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], IntArray]:
-    """Read lines of numbers separated by white space, far faster than line by line.
-
-    Parameters
-    ----------
-    text : bytes
-        ASCII lines; lines without a number are left out.
-    dtype : type
-        `numpy.float64` or `numpy.int64`.
-
-    Returns
-    -------
-    numbers : ndarray of `dtype`, shape (k,)
-        The numbers of all lines, one after the other.
-    counts : ndarray of int64, shape (rows,)
-        How many numbers each line holds, at least 1.
-
-    Raises
-    ------
-    NotANumber
-        If something is no number.
-    """
-    characters = np.frombuffer(text, dtype=np.uint8)
-    is_space = characters <= 32
-    begins = ~is_space
-    begins[1:] &= is_space[:-1]
-    token_starts = np.flatnonzero(begins)
-    line_ends = np.append(np.flatnonzero(characters == ord("\n")), len(characters))
-    counts = np.diff(np.searchsorted(token_starts, line_ends), prepend=0).astype(np.int64)
-    numbers: npt.NDArray[Any]
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # older NumPy stops early instead
-            numbers = np.fromstring(text, dtype=dtype, sep=" ")
-    except ValueError:
-        numbers = np.empty(0, dtype=dtype)
-    if len(numbers) != len(token_starts):
-        raise _first_fault(text, dtype)
-    return numbers, counts[counts > 0]
-
-
-def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
-    convert = float if np.issubdtype(dtype, np.floating) else int
-    for token in re.finditer(rb"[^\x00-\x20]+", text):
-        try:
-            convert(token[0].replace(b"_", b"?"))  # Python would take 1_000
-        except ValueError:
-            return NotANumber(printable(token[0].decode("latin-1"), 20), text, token.start())
-    odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # as little a number as it is white space
-    return NotANumber("\ufffd", text, odd.start() if odd else 0)
