@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.work.job import Channel
 
 
 @dataclass(frozen=True, eq=False)

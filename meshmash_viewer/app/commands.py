@@ -85,7 +85,7 @@ class Commands:
         self.restoration: Restoration | None = None
         self._export_ending = ""
         self._exported: Exported | None = None
-        self.pictures = Pictures(window, document, settings)
+        self.pictures = Pictures(window, document, settings, background_io)
         for each in COMMANDS:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)

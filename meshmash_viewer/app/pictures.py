@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import pickle
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QThreadPool, Signal
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QDialog, QMainWindow
 
+from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.settings import Settings
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
 from meshmash_viewer.model.document import Document, Notice
-from meshmash_viewer.model.failure import Failure, failure_of
+from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.work.process import call_in_child
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
@@ -31,7 +30,13 @@ if TYPE_CHECKING:
 class Pictures:
     """The commands that save or copy the render `scene`, with their dialogs."""
 
-    def __init__(self, window: QMainWindow, document: Document, settings: Settings) -> None:
+    def __init__(
+        self,
+        window: QMainWindow,
+        document: Document,
+        settings: Settings,
+        background_io: BackgroundIO,
+    ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self.scene: MeshView | None = None
         self._pictured = ""
@@ -41,9 +46,7 @@ class Pictures:
         self.painter = SeriesPainter(window)
         self.painter.drawn.connect(lambda _at, path: self._say(f"Picture saved to {path}."))
         self.painter.failed.connect(self._say_not_saved)
-        self._scenes = SceneWriter(window)
-        self._scenes.written.connect(lambda path: self._say(f"Scene saved to {path}."))
-        self._scenes.failed.connect(lambda failure: document.notify(notice_of(failure)))
+        self._background_io, self._closed = background_io, False
 
     def save_picture(self) -> None:
         """Ask for size and background, and save the render."""
@@ -141,12 +144,26 @@ class Pictures:
         ask(dialog, lambda: self._write_scene(dialog.path))
 
     def _write_scene(self, path: Path) -> None:
-        from meshmash_viewer.app.view.scene import displayed_surface
+        from meshmash_viewer.app.view.scene import displayed_surface, write_scene
 
         assert self.scene is not None
         self._settings.folder = path.parent
         self._say(f"Writing {path.name} …")
-        self._scenes.write(displayed_surface(self.scene.renderer), path)
+        surface = displayed_surface(self.scene.renderer)
+
+        def write() -> None:
+            try:  # in a process, as pyvista takes seconds, with the interpreter lock
+                call_in_child(write_scene, surface, path, look=self._stop_if_closed)
+            finally:
+                remove_left_overs(path.parent)  # of a process that was ended
+
+        self._background_io.run(
+            f"Writing {path.name}", write, lambda _: self._say(f"Scene saved to {path}.")
+        )
+
+    def _stop_if_closed(self, _: object) -> None:
+        if self._closed:
+            raise Cancelled
 
     def copy_picture(self) -> None:
         """Copy the render to the clipboard."""
@@ -160,7 +177,7 @@ class Pictures:
     def close(self) -> None:
         """Finish the pictures that are being written, and close open dialogs."""
         self.painter.wait()
-        self._scenes.close()
+        self._closed = True
         for dialog in list(self._open_dialogs.values()):
             dialog.done(0)  # cancels a movie that is being made
 
@@ -170,59 +187,6 @@ class Pictures:
 
     def _say(self, text: str) -> None:
         self._document.notify(Notice(text))
-
-
-class SceneWriter(QObject):
-    """Writes scenes one after another, in subprocesses: pyvista takes seconds, with the lock.
-
-    Signals
-    -------
-    written(Path)
-    failed(Failure)
-    """
-
-    written = Signal(object)
-    failed = Signal(object)
-
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._pool = QThreadPool(self)
-        self._pool.setMaxThreadCount(1)
-        self._processes: list[subprocess.Popen[bytes]] = []
-        self._closed = False
-
-    def write(self, surface: Any, path: Path) -> None:
-        """Write a pyvista PolyData, see `app.view.scene.displayed_surface`."""
-        from meshmash_viewer.app.view.scene import child_command
-
-        pipe = subprocess.PIPE
-        process = subprocess.Popen(
-            child_command(), stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe
-        )
-        self._processes.append(process)
-        self._pool.start(lambda: self._write(process, surface, path))
-
-    def close(self) -> None:
-        """Cancel what is being written."""
-        self._closed = True
-        for process in self._processes:
-            process.kill()
-        self._pool.waitForDone()
-
-    def _write(self, process: subprocess.Popen[bytes], surface: Any, path: Path) -> None:
-        try:
-            message = process.communicate(pickle.dumps((surface, path)))[1].decode(errors="replace")
-            if process.returncode:
-                raise InputError(message) if process.returncode == 2 else RuntimeError(message)
-        except Exception as fault:  # noqa: BLE001  reported
-            if not self._closed:
-                self.failed.emit(failure_of(fault, f"Writing {path.name}"))
-        else:
-            self.written.emit(path)
-        finally:
-            process.kill()  # it may still wait for input
-            self._processes.remove(process)
-            remove_left_overs(path.parent)  # of a killed process
 
 
 def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QObject, Qt
+from typing import Any
+
+from PySide6.QtCore import QObject, Qt, Signal
 
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.listening import listen, stop_listening
-from meshmash_viewer.app.worker import Worker
+from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.failure import Failure
-from meshmash_viewer.model.jobs import DecomposeJob, Job, PreviewJob
+from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.previews import is_worthwhile
 from meshmash_viewer.model.results import MapGrew, MeshReady, SpectrumGrew, Written
+from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.units import counted
+from meshmash_viewer.work.job import Job
 
 
 class Tasks(QObject):
@@ -27,26 +31,31 @@ class Tasks(QObject):
     while one is being written the others wait for it.
     """
 
+    _received = Signal(str, object)
+
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document = document
-        self._worker = Worker(self)
         self._job: Job | None = None
         self._queue: list[Job] = []
-        queued = Qt.ConnectionType.QueuedConnection
-        self._worker.progressed.connect(self._on_progressed, queued)
-        self._worker.sent.connect(self._on_sent, queued)
-        self._worker.finished.connect(self._on_finished, queued)
-        self._worker.failed.connect(self._on_failed, queued)
-        self._worker.cancelled.connect(self._on_cancelled, queued)
+        self._received.connect(self._take, Qt.ConnectionType.QueuedConnection)
+        self.worker = Worker(self._prepare)
         document.job_requested.connect(self.run)
         listen(document.cancel_requested, self.cancel)
         listen(document.mesh_changed, self._on_mesh_changed)
 
-    @property
-    def worker(self) -> Worker:
-        """The worker that runs the jobs."""
-        return self._worker
+    def _prepare(self, kind: str, content: object) -> None:
+        """Open files and derive geometry in the worker's thread, then pass a message on."""
+        if isinstance(content, SpectrumGrew):
+            _ = content.spectrum
+        elif isinstance(content, MeshReady):
+            geometry_of(content.mesh)
+            if content.known is not None:
+                _ = content.known.spectrum
+        self._received.emit(kind, content)
+
+    def _take(self, kind: str, content: Any) -> None:
+        getattr(self, f"_on_{kind}")(content)
 
     @property
     def job(self) -> Job | None:
@@ -70,24 +79,24 @@ class Tasks(QObject):
         else:
             self._queue = [waiting for waiting in self._queue if isinstance(waiting, ExportJob)]
             self._queue.insert(0, job)
-            self._worker.cancel()
+            self.worker.cancel()
 
     def cancel(self) -> None:
         """Cancel the running job, and drop the waiting ones."""
         self._queue.clear()
-        self._worker.cancel()
+        self.worker.cancel()
 
     def close(self) -> None:
         """Stop everything; no process and no temporary file remains."""
         self._document.job_requested.disconnect(self.run)
         stop_listening(self)
         self._queue.clear()
-        self._worker.close()
+        self.worker.close()
 
     def _start(self, job: Job) -> None:
         self._job = job
         self._document.job_started(job)
-        self._worker.submit(job)
+        self.worker.submit(job)
 
     def _end(self, notice: Notice | None = None, whole: bool = False) -> None:
         self._job = None
@@ -101,7 +110,7 @@ class Tasks(QObject):
         job = self._job
         kinds = DecomposeJob | PreviewJob | PiecesJob
         if isinstance(job, kinds) and not self._is_shown(job.mesh):
-            self._worker.cancel()
+            self.worker.cancel()
 
     def _is_shown(self, mesh: Mesh) -> bool:
         """Whether it is the document's mesh, possibly in another unit."""
@@ -146,7 +155,7 @@ class Tasks(QObject):
     def _on_failed(self, failure: Failure) -> None:
         self._end(notice_of(failure))
 
-    def _on_cancelled(self) -> None:
+    def _on_cancelled(self, _: None) -> None:
         job = self._job
         replaced = bool(self._queue)
         if replaced or job is None:

@@ -20,10 +20,10 @@ from meshmash_viewer.cli.arguments import COMMANDS, FAULT, command_parser, windo
 from meshmash_viewer.cli.numbers import signed
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.pipes import closed_pipe_errors
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 from meshmash_viewer.spectral.engine.compiler import check_compiler
+from meshmash_viewer.work.process import closed_pipe_errors
 
 _INTERRUPTED = 130
 

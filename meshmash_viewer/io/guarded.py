@@ -8,24 +8,18 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
-import json
 import math
 import os
-import pickle
-import subprocess
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
-from meshmash_viewer.io.atomic import scratch_prefix
-from meshmash_viewer.io.process_tree import ProcessTree
 from meshmash_viewer.io.raw import RawMesh, raw_mesh
 from meshmash_viewer.plug_ins import PlugIn
-from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
+from meshmash_viewer.work.process import ChildEnded, ProcessTree, call_in_child
 
 #: Environment variable whose value multiplies all limits.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"
@@ -37,19 +31,6 @@ _HONEST_RATIO = 40.0
 #: Files that unpack to less than this size, or by less than this ratio, need no limits.
 _HARMLESS_BYTES, _HARMLESS_RATIO = 12e6, 8.0
 
-# the child imports this package from where the parent did
-_CHILD = """
-import json, sys
-sys.path[:] = json.loads(sys.argv[1])
-from meshmash_viewer.io.guarded import convert
-convert(*sys.argv[2:])
-"""
-
-#: Exit statuses of the child; any other is that of a library that ended it.
-_READ, _FAULT, _TOO_LARGE = 0, 64, 65
-#: Seconds until the first check of the child, and between the next ones, in which it can allocate
-#: some tens of megabytes.
-_START, _LOOK = 0.2, 0.02
 #: Whether this is the child process, which runs under limits already.
 _watched = False
 #: Seconds without processor use after which the child is considered blocked.
@@ -152,56 +133,36 @@ def read_guarded(
     if isinstance(reader, PlugIn):
         reader.load()  # raises here if the plug-in cannot be loaded
     limits = limits or ReadLimits.of(path.stat().st_size)
-    with TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as folder:
-        result = Path(folder) / "mesh.pickle"
-        name = f"{reader.__module__}:{reader.__qualname__}"
-        command = [sys.executable, "-c", _CHILD, json.dumps(sys.path), name, str(path), str(result)]
-        with subprocess.Popen(
-            [*command, str(limits.memory)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # messages of libraries before a crash
-            env=_environment(),
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        ) as child:
-            tree = ProcessTree(child.pid)
-            try:
-                said = _watch(child, tree, limits)
-            except BaseException:
-                tree.end()
-                raise
-        if child.returncode == _TOO_LARGE:
-            raise _too_large(limits)
-        if child.returncode == _FAULT:
-            raise InputError(said.decode("utf-8"))
-        if child.returncode != _READ:
-            raise InputError("is so broken that the library that reads it ends on it")
-        with result.open("rb") as file:
-            raw: RawMesh = pickle.load(file)
-            return raw
+    name = f"{reader.__module__}:{reader.__qualname__}"
+    try:
+        # one thread of OpenBLAS, as each takes memory
+        return call_in_child(
+            convert,
+            name,
+            path,
+            limits.memory,
+            look=_Watch(limits),
+            env={"OPENBLAS_NUM_THREADS": "1"},
+        )
+    except MemoryError:
+        raise _too_large(limits) from None
+    except ChildEnded:
+        raise InputError("is so broken that the library that reads it ends on it") from None
 
 
-def _environment() -> dict[str, str]:
-    """Return the environment of the child, with one OpenBLAS thread as each takes memory."""
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    limit_accelerate(environment)
-    return environment
+class _Watch:
+    """Raises `LimitExceeded` when a process exceeds its limits."""
 
+    def __init__(self, limits: ReadLimits) -> None:
+        self._limits, self._began = limits, time.monotonic()
 
-def _watch(child: subprocess.Popen[bytes], tree: ProcessTree, limits: ReadLimits) -> bytes:
-    """Wait until the child has ended, and return its output."""
-    began = time.monotonic()
-    look = _START
-    while True:
-        try:
-            return child.communicate(timeout=look)[0]
-        except subprocess.TimeoutExpired:
-            look = _LOOK
+    def __call__(self, tree: ProcessTree) -> None:
         computed, memory = tree.measured()
-        if memory > limits.memory:
-            raise _too_large(limits)
-        if computed > limits.seconds:
-            raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
-        if time.monotonic() - began > _IDLE_SECONDS + 10.0 * computed:
+        if memory > self._limits.memory:
+            raise _too_large(self._limits)
+        if computed > self._limits.seconds:
+            raise LimitExceeded(f"takes longer than {self._limits.seconds:.0f} seconds to read")
+        if time.monotonic() - self._began > _IDLE_SECONDS + 10.0 * computed:
             raise LimitExceeded("takes too long to read")
 
 
@@ -209,34 +170,35 @@ def _too_large(limits: ReadLimits) -> LimitExceeded:
     return LimitExceeded(f"takes more than {limits.memory / 1e6:.0f} MB of memory to read")
 
 
-def convert(reader: str, source: str, result: str, memory: str) -> None:
-    """Read a file; the main function of the child process.
+def convert(reader: str, path: Path, memory: float) -> RawMesh:
+    """Read a file in the child process.
 
     Parameters
     ----------
     reader : str
         Module and function, joined by a colon.
-    source, result : str
-        Files to read and to write, the latter as a pickled `RawMesh`.
-    memory : str
+    path : Path
+    memory : float
         Limit of memory in bytes.
+
+    Raises
+    ------
+    InputError
+        If `reader` raises it or another exception, except `MemoryError`.
     """
     global _watched
     module, _, function = reader.partition(":")
     read = getattr(importlib.import_module(module), function)
-    _refuse_memory_beyond(float(memory))
+    _refuse_memory_beyond(memory)
     _watched = True
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            raw = raw_mesh(read(Path(source)))
-        with open(result, "wb") as file:
-            pickle.dump(raw, file, pickle.HIGHEST_PROTOCOL)
+            return raw_mesh(read(path))
     except MemoryError:
-        sys.exit(_TOO_LARGE)
+        raise
     except Exception as fault:  # noqa: BLE001  reported by the parent
-        said = fault if isinstance(fault, InputError) else unreadable(fault)
-        sys.stdout.buffer.write(str(said).encode("utf-8", "replace"))
-        sys.exit(_FAULT)
+        said = str(fault) if isinstance(fault, InputError) else str(unreadable(fault))
+        raise InputError(said) from None
     finally:
         _watched = False
 

@@ -23,13 +23,13 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.previews import open_preview
 from meshmash_viewer.model.results import NO_ROWS, SpectrumGrew
-from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.alignment import Alignment, align
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import estimate_memory
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
+from meshmash_viewer.work.job import Channel
 
 #: Temporary folder for eigenpairs that cannot be written to the user's cache.
 SPARE = "eigenpairs"

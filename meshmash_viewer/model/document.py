@@ -24,7 +24,6 @@ from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     InspectJob,
-    Job,
     JobState,
     PreviewJob,
     ReadJob,
@@ -39,6 +38,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, written_unit
 from meshmash_viewer.vertex_map import VertexMap
+from meshmash_viewer.work.job import Job
 
 if TYPE_CHECKING:
     from meshmash_viewer.io.stored_spectrum import Compared

@@ -12,10 +12,10 @@ from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import Written
-from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
+from meshmash_viewer.work.job import Channel
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features

@@ -11,30 +11,17 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MeshReady, SpectrumGrew
-from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import NO_VOXEL, Voxel, parse_unit
-
-
-class Job(Protocol):
-    """A frozen, picklable description of long work."""
-
-    @property
-    def label(self) -> str:
-        """Label next to the progress bar: "Decomposing bunny"."""
-        ...
-
-    def run(self, channel: Channel) -> object:
-        """Do the work in this process; the result is sent to the window."""
-        ...
+from meshmash_viewer.work.job import Channel, Job
 
 
 @dataclass(frozen=True)

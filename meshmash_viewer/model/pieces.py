@@ -19,7 +19,6 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MapGrew, Written
-from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import (
@@ -31,6 +30,7 @@ from meshmash_viewer.spectral.weyl import (
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.units import counted
+from meshmash_viewer.work.job import Channel
 
 __all__ = ["LEAST", "PiecesJob", "described_seams", "in_pieces", "usual_pieces", "write_in_pieces"]
 

@@ -12,9 +12,9 @@ from meshmash_viewer.io.atomic import discard
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import NO_ROWS, MeshReady, SpectrumGrew
-from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.work.job import Channel
 
 #: Smallest mesh that gets a preview: smaller ones are solved quickly.
 FROM_VERTICES = 60_000

@@ -323,10 +323,13 @@ def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
     assert document.spectrum.shown is not None
 
 
-def test_compute_need_not_wait_for_a_preview_and_runs_once(session: Session) -> None:
+def test_compute_need_not_wait_for_a_preview_and_runs_once(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
     document = session.document
     runs: list[object] = []
-    session.tasks.worker.started.connect(runs.append)
+    submit = session.tasks.worker.submit
+    monkeypatch.setattr(session.tasks.worker, "submit", lambda job: (runs.append(job), submit(job)))
     document.take_mesh(shapes.rectangle(250, 250))
     session.wait(lambda: document.job is not None and isinstance(document.job.job, PreviewJob))
     assert document.can_compute

@@ -30,9 +30,9 @@ from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.stored_spectrum import ROWS
 from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.model.jobs import DecomposeJob
-from meshmash_viewer.model.process import child_command, end_group
-from meshmash_viewer.model.transport import Wire
+from meshmash_viewer.model.worker import serve
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.work.process import Wire, end_group, start_child
 from tests.fuzz.store_faults import OPERATOR, blanket
 
 FloatArray = npt.NDArray[np.float64]
@@ -264,18 +264,11 @@ def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subpro
             return
     passing = folder / "passing"
     passing.mkdir()
-    with subprocess.Popen(
-        child_command(passing),
-        env=environment,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    ) as process:
+    with start_child(serve, str(passing), env=environment, start_new_session=True) as process:
         assert process.stdin is not None
         assert process.stdout is not None
-        wire = Wire(process.stdout, process.stdin, passing)
-        wire.send(("run", DecomposeJob(mesh, OPERATOR, Target("count", WANTED))))
+        wire = Wire(process.stdout, process.stdin)  # type: ignore[arg-type]
+        wire.send((1, DecomposeJob(mesh, OPERATOR, Target("count", WANTED))))
         listener = threading.Thread(target=_listen, args=(wire, process))
         listener.start()
         try:
@@ -301,7 +294,7 @@ def _listen(wire: Wire, process: subprocess.Popen[bytes]) -> None:
     """Take what the worker sends; end it when it has finished."""
     with suppress(EOFError, OSError, ValueError):
         while True:
-            kind, _ = wire.receive()  # type: ignore[misc]
+            kind, _ = wire.receive()
             if kind in ("finished", "failed", "cancelled"):
                 process.kill()
                 return

@@ -13,7 +13,6 @@ import resource
 import select
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -23,8 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io import guarded
 from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.work import process
 from tests.fuzz.mutators import bomb, broken
 from tests.fuzz.seeds import Seed, sound_files
 
@@ -138,25 +137,26 @@ class Forked:
 
     peak = 0.0
 
-    def __init__(self, command: list[str], **_: Any) -> None:
+    def __init__(self, *_: Any, **__: Any) -> None:
         reading, writing = os.pipe()
+        source, given = os.pipe()
         self.pid = os.fork()
         if not self.pid:
             status = 1
             try:
                 os.close(reading)
-                os.dup2(writing, 1)
-                os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-                sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
-                guarded.convert(*command[-4:])
+                os.close(given)
+                quiet = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(quiet, 1)
+                os.dup2(quiet, 2)
+                process.answer(os.fdopen(source, "rb"), os.fdopen(writing, "wb"))
                 status = 0
-            except SystemExit as leaving:
-                sys.stdout.buffer.flush()
-                status = int(leaving.code or 0)
             finally:
                 os._exit(status)
         os.close(writing)
+        os.close(source)
         self._said, self._pipe = b"", reading
+        self._given = given
         self.returncode: int | None = None
 
     def __enter__(self) -> Forked:
@@ -165,7 +165,10 @@ class Forked:
     def __exit__(self, *_: object) -> None:
         self._wait()
 
-    def communicate(self, timeout: float) -> tuple[bytes, None]:
+    def communicate(self, given: bytes | None, timeout: float) -> tuple[bytes, None]:
+        if given is not None:
+            with os.fdopen(self._given, "wb") as sink:
+                sink.write(given)
         ends = time.monotonic() + timeout
         while select.select([self._pipe], [], [], max(ends - time.monotonic(), 0.0))[0]:
             part = os.read(self._pipe, 65536)
@@ -200,13 +203,13 @@ def forking() -> Iterator[None]:
             path = Path(folder) / name
             path.write_bytes(content)
             (vtk_xml_surface if path.suffix == ".vtp" else vtk_legacy_surface)(path)
-    before = guarded.subprocess.Popen
-    guarded.subprocess.Popen = Forked  # type: ignore[misc, assignment]
+    before = process.start_child
+    process.start_child = Forked  # type: ignore[misc, assignment]
     # More than that is a fault anyway, and the machine has others to serve.
     limits = resource.getrlimit(resource.RLIMIT_DATA)
     resource.setrlimit(resource.RLIMIT_DATA, (int(3 * MOST_BYTES), limits[1]))
     try:
         yield
     finally:
-        guarded.subprocess.Popen = before  # type: ignore[misc]
+        process.start_child = before
         resource.setrlimit(resource.RLIMIT_DATA, limits)

@@ -22,7 +22,6 @@ from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import previews
-from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.spectral.eigensolver import solve
 
 FOREVER = 10**9
@@ -136,44 +135,6 @@ def test_many_files_are_discarded_within_the_time_of_one(
     discard(*paths)
     assert time.monotonic() - began < 3 * patience
     assert [path.name for path in tmp_path.iterdir()] == (["c"] if times == FOREVER else [])
-
-
-@pytest.fixture
-def wire(tmp_path: Path) -> Any:
-    source, sink = os.pipe()
-    wire = Wire(os.fdopen(source, "rb"), os.fdopen(sink, "wb"), tmp_path)
-    yield wire
-    wire.close()
-
-
-@pytest.mark.parametrize("times", [1, 2, FOREVER])
-def test_an_array_arrives_though_its_file_cannot_be_deleted(
-    times: int, wire: Wire, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    sent = np.arange(100_000.0)
-    wire.send(sent)
-    refuse(monkeypatch, Path, "unlink", times)
-    np.testing.assert_array_equal(wire.receive(), sent)
-    assert len(list(tmp_path.iterdir())) == (times == FOREVER)
-
-
-@pytest.mark.parametrize("times", [1, 2])
-def test_an_array_arrives_though_its_file_cannot_be_opened_at_once(
-    times: int, wire: Wire, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sent = np.arange(100_000.0)
-    wire.send(sent)
-    refuse(monkeypatch, np, "fromfile", times)
-    np.testing.assert_array_equal(wire.receive(), sent)
-
-
-@pytest.mark.parametrize("times", [1, 2, FOREVER])
-def test_what_cannot_be_sent_is_said_whatever_stays(
-    times: int, wire: Wire, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    refuse(monkeypatch, Path, "unlink", times)
-    with pytest.raises((AttributeError, Exception), match=r"pickle|lambda|local"):
-        wire.send((np.zeros(100_000), lambda: None))
 
 
 @pytest.mark.parametrize("times", [1, 2, FOREVER])

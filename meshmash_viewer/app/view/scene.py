@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import pickle
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,25 +104,3 @@ def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
                 plotter.export_gltf(str(part), rotate_scene=False)
     finally:
         plotter.close()
-
-
-def child_command() -> list[str]:
-    """Command line of a process that runs `serve`."""
-    code = (
-        "import sys; sys.path[:] = sys.argv[1:]; "
-        "from meshmash_viewer.app.view.scene import serve; serve()"
-    )
-    return [sys.executable, "-c", code, *sys.path]
-
-
-def serve() -> None:
-    """Write the scene whose pickled surface and path come on standard input.
-
-    An `InputError` is printed to standard error, with exit status 2.
-    """
-    surface, path = pickle.load(sys.stdin.buffer)
-    try:
-        write_scene(surface, path)
-    except InputError as fault:
-        sys.stderr.write(str(fault))
-        sys.exit(2)

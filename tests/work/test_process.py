@@ -1,14 +1,17 @@
-"""Readers under a launcher, as ``python.exe`` of a virtual environment is on Windows."""
+"""Child processes: readers with limits, also under a launcher as on Windows, and their ends."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -16,11 +19,11 @@ import pytest
 from long_readers import CORNERS, filling, honest, many, refusing, spinning
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io import guarded
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
-from meshmash_viewer.io.process_tree import ProcessTree
 from meshmash_viewer.io.raw import RawMesh
-from meshmash_viewer.model import process
+from meshmash_viewer.model import worker
+from meshmash_viewer.work import process
+from meshmash_viewer.work.process import ProcessTree, end_group, start_child
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes programs of scripts")
 
@@ -46,13 +49,13 @@ def depth(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.fixture(autouse=True)
-def nothing_is_left() -> Iterator[None]:
+def nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     before = set(psutil.Process().children(recursive=True))
-    running = {each for each in psutil.process_iter(["cmdline"]) if is_reader(each)}
+    monkeypatch.setenv("STARTED_BY", tmp_path.name)
     yield
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
-        left = {each for each in psutil.process_iter(["cmdline"]) if is_reader(each)} - running
+        left = {each for each in psutil.process_iter() if is_started(each, tmp_path.name)}
         left |= set(psutil.Process().children(recursive=True)) - before
         if not left:
             return
@@ -60,8 +63,11 @@ def nothing_is_left() -> Iterator[None]:
     pytest.fail(f"still there: {left}")
 
 
-def is_reader(found: psutil.Process) -> bool:
-    return any("long_readers:" in part for part in found.info["cmdline"] or ())
+def is_started(found: psutil.Process, test: str) -> bool:
+    with contextlib.suppress(psutil.Error):
+        own = found.pid == os.getpid() or found.status() == psutil.STATUS_ZOMBIE
+        return not own and found.environ().get("STARTED_BY") == test
+    return False
 
 
 @pytest.fixture
@@ -111,10 +117,9 @@ def test_an_interrupt_ends_all_of_them(
     depth: int, mesh_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object) -> bytes:
-        time.sleep(0.5)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(guarded, "_watch", interrupt)
+    monkeypatch.setattr(ProcessTree, "measured", interrupt)
     with pytest.raises(KeyboardInterrupt):
         read_guarded(spinning, mesh_file)
 
@@ -161,7 +166,7 @@ def test_where_there_are_no_groups_the_tree_is_ended(
     with monkeypatch.context() as patch:
         patch.setattr(sys, "platform", "win32")
         began = time.monotonic()
-        process.end_group(leader.pid, patience)
+        end_group(leader.pid, patience)
         took = time.monotonic() - began
     leader.wait(10)
     assert gone(child)
@@ -178,7 +183,7 @@ def test_ending_what_has_ended_is_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     with subprocess.Popen([sys.executable, "-c", ""]) as child:
         child.wait()
         monkeypatch.setattr(sys, "platform", "win32")
-        process.end_group(child.pid, 1.0)
+        end_group(child.pid, 1.0)
         tree = ProcessTree(child.pid)
         assert tree.measured() == (0.0, 0.0)
         tree.end()
@@ -214,7 +219,7 @@ def test_priority_is_lowered_on_windows_too(monkeypatch: pytest.MonkeyPatch) -> 
         patch.setattr(psutil, "Process", OfWindows)
         patch.setattr(psutil, "BELOW_NORMAL_PRIORITY_CLASS", "below", raising=False)
         patch.setattr(Path, "write_text", lambda *_, **__: 0)
-        process._lower_priority()
+        worker._lower_priority()
     assert given == ["below"]
 
 
@@ -228,9 +233,12 @@ def test_children_on_macos_have_one_thread_of_accelerate(
     if own is not None:
         monkeypatch.setenv("VECLIB_MAXIMUM_THREADS", own)
     wanted = own or ("1" if platform == "darwin" else None)
-    for environment in (process.child_environment(), guarded._environment()):
-        assert environment.get("VECLIB_MAXIMUM_THREADS") == wanted
-        assert environment.items() >= {"PATH": os.environ["PATH"]}.items()
+    given: dict[str, Any] = {}
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **options: given.update(options))
+    start_child(process.answer, env={"OF_ITS_OWN": "1"})
+    environment = given["env"]
+    assert environment.get("VECLIB_MAXIMUM_THREADS") == wanted
+    assert environment.items() >= {"PATH": os.environ["PATH"], "OF_ITS_OWN": "1"}.items()
 
 
 def test_errors_of_the_system_are_not_swallowed(
@@ -242,3 +250,44 @@ def test_errors_of_the_system_are_not_swallowed(
     monkeypatch.setattr(subprocess, "Popen", refuse)
     with pytest.raises(OSError, match="no more processes"):
         read_guarded(honest, mesh_file)
+
+
+_CLEANS_UP = """
+import pathlib, signal, sys, time
+def clean(*_):
+    time.sleep(0.2)
+    pathlib.Path(sys.argv[1]).touch()
+    sys.exit()
+signal.signal(signal.SIGTERM, clean)
+print("ready", flush=True)
+time.sleep(60)
+"""
+_STUBBORN = """
+import signal, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("patience", [0.0, 20.0])
+def test_a_process_that_is_ended_may_clean_up(patience: float, tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", _CLEANS_UP, str(tmp_path / "cleaned")],
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    ) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        end_group(child.pid, patience)
+    assert (tmp_path / "cleaned").exists()
+
+
+def test_a_process_that_does_not_listen_is_killed() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", _STUBBORN], stdout=subprocess.PIPE, start_new_session=True
+    ) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        end_group(child.pid, 0.1)
+    assert child.returncode == -signal.SIGKILL

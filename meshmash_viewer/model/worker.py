@@ -1,0 +1,364 @@
+"""Worker process: runs the jobs of a window, so that the window stays responsive.
+
+`Worker` is the window's end, `serve` the end of the process. That leads a process group of its own,
+so that it ends together with all processes of the solver: on request, and when the window's end of
+the pipe closes for any reason, including a crash of the window.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import itertools
+import os
+import queue
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar, TypeAlias, cast
+
+import numpy as np
+
+from meshmash_viewer.features.filters import bspline_bank
+from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.cost import decomposition_bytes
+from meshmash_viewer.model.failure import Failure, failure_of
+from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
+from meshmash_viewer.work.job import Job
+from meshmash_viewer.work.process import Wire, end_group, start_child
+
+#: Receives the kind of a message and its content: "progressed" with a `Progress`, "sent" with a
+#: part of the result, and at the end "finished" with the result, "failed" with a `Failure`, or
+#: "cancelled" with None.
+Receiver: TypeAlias = Callable[[str, Any], None]
+
+_ENDS = ("finished", "failed", "cancelled")
+#: Seconds after which the process of a cancelled job is killed.
+_CANCEL_PATIENCE = 1.0
+#: Seconds that the processes of a job have to delete their temporary files at closing, and after a
+#: crash.
+_CLOSE_PATIENCE, _CRASH_PATIENCE = 3.0, 0.5
+#: Seconds between two progress reports of a stage.
+_REPORT_SECONDS = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class _Order:
+    """A job that was submitted."""
+
+    number: int
+    job: Job
+    stopped: threading.Event = field(default_factory=threading.Event)
+    ended: threading.Event = field(default_factory=threading.Event)
+
+
+class Worker:
+    """Runs one job at a time in a child process that is kept running.
+
+    Parameters
+    ----------
+    receive : callable
+        A `Receiver`, called in the worker's thread, which reads and writes arrays, so that no
+        method blocks.
+    """
+
+    #: Whether jobs run in the worker's thread instead of a process, as tests of windows need.
+    in_process: ClassVar[bool] = False
+
+    def __init__(self, receive: Receiver) -> None:
+        self._receive = receive
+        #: Folder for previews and spare eigenpairs; removed by `close`.
+        self.folder = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
+        self._lock = threading.Lock()  # guards the two below
+        self._process: subprocess.Popen[bytes] | None = None
+        self._closing = False
+        self._wire: Wire | None = None
+        self._numbers = itertools.count(1)
+        self._order: _Order | None = None
+        self._orders: queue.SimpleQueue[_Order | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._serve, name="worker", daemon=True)
+        self._thread.start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job runs."""
+        return self._order is not None and not self._order.ended.is_set()
+
+    @property
+    def process_id(self) -> int | None:
+        """Id of the child process; None while there is none."""
+        process = self._process
+        return process.pid if process is not None else None
+
+    def submit(self, job: Job) -> None:
+        """Start a job.
+
+        Raises
+        ------
+        RuntimeError
+            If a job runs already, or the worker is closed.
+        """
+        if self.busy or self._closing:
+            raise RuntimeError("the worker is busy or closed")
+        self._order = _Order(next(self._numbers), job)
+        self._orders.put(self._order)
+
+    def cancel(self) -> None:
+        """Ask the running job to stop, and kill its process after a second."""
+        order = self._order
+        if order is None or order.ended.is_set():
+            return
+        order.stopped.set()
+        for wait, act in ((0.0, self._ask_to_stop), (_CANCEL_PATIENCE, self._insist)):
+            timer = threading.Timer(wait, act, (order,))
+            timer.daemon = True
+            timer.start()
+
+    def _ask_to_stop(self, order: _Order) -> None:
+        wire = self._wire
+        if wire is not None:
+            with contextlib.suppress(OSError, ValueError):  # the process has just ended
+                wire.send((order.number, None))
+
+    def _insist(self, order: _Order) -> None:
+        if not order.ended.is_set():
+            self._end_process()
+
+    def close(self) -> None:
+        """Stop the running job, and wait until its processes have ended and files are deleted."""
+        with self._lock:
+            self._closing = True
+        self._orders.put(None)
+        self._end_process()
+        self._thread.join()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _end_process(self) -> None:
+        with self._lock:
+            if self._process is not None:
+                end_group(self._process.pid)
+
+    # -- in the thread ------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        """Start a process, and give it one job after the other."""
+        try:
+            if not self.in_process:
+                with contextlib.suppress(OSError):  # the first job tries again, and says why
+                    self._start_process()
+                _import_libraries()
+                remove_abandoned()
+            while (order := self._orders.get()) is not None:
+                self._run(order)
+        finally:
+            self._drop_process(_CLOSE_PATIENCE)
+
+    def _run(self, order: _Order) -> None:
+        """Run a job, and report how it ended."""
+        receive = partial(self._deliver, order)
+        if self._is_stopped(order):
+            receive("cancelled", None)
+        elif self.in_process:
+            run_job(order.job, receive, partial(self._is_stopped, order), self.folder)
+        else:
+            try:
+                self._exchange(order)
+            except (EOFError, BrokenPipeError):
+                failure = self._replace_process(order.job)
+                stopped = self._is_stopped(order)
+                receive(*(("cancelled", None) if stopped else ("failed", failure)))
+            except OSError as error:
+                text = f"{order.job.label} stopped: {error.strerror or error}."
+                receive("failed", Failure(text, repr(error), correctable=True))
+            except Exception as error:  # noqa: BLE001  a defect must not end the thread silently
+                self._drop_process()
+                receive("failed", failure_of(error, order.job.label))
+
+    def _is_stopped(self, order: _Order) -> bool:
+        return order.stopped.is_set() or self._closing
+
+    def _deliver(self, order: _Order, kind: str, content: Any) -> None:
+        if kind in _ENDS:
+            order.ended.set()  # before the receiver submits the next job
+        self._receive(kind, content)
+
+    def _exchange(self, order: _Order) -> None:
+        """Send a job to the process, started if needed, and deliver its messages."""
+        if self._process is None or self._process.poll() is not None:
+            self._drop_process()
+            self._start_process()
+        if self._wire is None:
+            raise EOFError
+        self._wire.send((order.number, order.job))
+        while not order.ended.is_set():
+            self._deliver(order, *self._wire.receive())
+
+    def _replace_process(self, job: Job) -> Failure:
+        """Start another process after one has ended, and return why it has."""
+        code = self._process.wait() if self._process is not None else 0
+        errors = self.folder / "stderr.txt"
+        details = errors.read_bytes()[-4000:].decode(errors="replace") if errors.exists() else ""
+        self._drop_process()
+        with contextlib.suppress(OSError):  # the next job tries again, and says why
+            self._start_process()
+        if code == -9:
+            text = (
+                f"{job.label} was stopped by the system, most likely because memory ran out: "
+                "ask for fewer eigenpairs, or close other programs."
+            )
+        else:
+            how = f"signal {-code}" if code < 0 else f"status {code}"
+            text = (
+                f"{job.label} failed: its process ended with {how}. What had converged is kept; "
+                "compute again to go on from there."
+            )
+        return Failure(text, details)
+
+    def _start_process(self) -> None:
+        with self._lock:
+            if self._closing:
+                return
+            # messages of libraries must not be printed in the terminal of the window
+            with open(self.folder / "stderr.txt", "wb") as errors:
+                child = start_child(serve, str(self.folder), stderr=errors, start_new_session=True)
+            self._process = child
+            self._wire = Wire(cast(BinaryIO, child.stdout), cast(BinaryIO, child.stdin))
+
+    def _drop_process(self, patience: float = _CRASH_PATIENCE) -> None:
+        with self._lock:
+            process, self._process = self._process, None
+            wire, self._wire = self._wire, None
+        if process is not None and wire is not None:
+            end_group(process.pid, patience)
+            process.wait()
+            wire.close()
+
+
+def _import_libraries() -> None:
+    """Import modules in this thread, so that the interface thread need not wait for them."""
+    decomposition_bytes(1000, 10)
+    bspline_bank(0.0, 1.0, 4)([0.0, 0.5])
+
+
+# -- in the process -----------------------------------------------------------------------------
+
+
+def serve(source: BinaryIO, sink: BinaryIO, folder: str) -> None:
+    """Run jobs until the pipe closes; then end, with all descendants."""
+    faulthandler.enable()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is handled by the window
+    _lower_priority()
+    wire = Wire(source, sink)
+    jobs: queue.SimpleQueue[tuple[int, Job]] = queue.SimpleQueue()
+    stopped: set[int] = set()
+    threading.Thread(target=_listen, args=(wire, jobs, stopped, folder), daemon=True).start()
+    _warm_up()
+    # while a first mesh is read, or before the first job; a job that needs the solver waits for it
+    threading.Thread(target=_warm_up_solver, daemon=True).start()
+
+    def receive(kind: str, content: Any) -> None:
+        wire.send((kind, content))
+
+    while True:
+        number, job = jobs.get()
+        run_job(job, receive, partial(stopped.__contains__, number), Path(folder))
+
+
+def _listen(
+    wire: Wire, jobs: queue.SimpleQueue[tuple[int, Job]], stopped: set[int], folder: str
+) -> None:
+    """Receive jobs, and numbers of jobs to stop, while the main thread works."""
+    try:
+        while True:
+            number, job = wire.receive()
+            if job is None:
+                stopped.add(number)
+            else:
+                jobs.put((number, job))
+    except (EOFError, OSError):
+        # the window has ended, possibly without deleting the folder
+        shutil.rmtree(folder, ignore_errors=True)
+    finally:
+        end_group(os.getpid())
+        os._exit(0)
+
+
+def run_job(job: Job, receive: Receiver, cancelled: CancelCallback, folder: Path) -> None:
+    """Do a job, and pass what it reports and how it ended to a receiver."""
+    try:
+        receive("finished", job.run(_JobChannel(receive, cancelled, folder)))
+    except Cancelled:
+        receive("cancelled", None)
+    except Exception as error:  # noqa: BLE001  the window reports it
+        receive("failed", failure_of(error, job.label))
+
+
+class _JobChannel:
+    """A `Channel` with at most one progress report per `_REPORT_SECONDS` and stage."""
+
+    def __init__(self, receive: Receiver, cancelled: CancelCallback, folder: Path) -> None:
+        self.folder, self.cancelled = folder, cancelled
+        self._receive = receive
+        self._reported, self._stage = -_REPORT_SECONDS, ""
+
+    def report(self, progress: Progress) -> None:
+        now = time.monotonic()
+        if progress.stage == self._stage and now - self._reported < _REPORT_SECONDS:
+            return
+        self._reported, self._stage = now, progress.stage
+        self._receive("progressed", progress)
+
+    def send(self, message: object) -> None:
+        self._receive("sent", message)
+
+
+def _lower_priority() -> None:
+    """Lower the priority, and mark the process as the first to be killed without memory."""
+    if sys.platform == "win32":
+        import psutil
+
+        with contextlib.suppress(psutil.Error):
+            psutil.Process().nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
+    else:
+        os.nice(5)
+    with contextlib.suppress(OSError):  # other systems have no such file
+        Path("/proc/self/oom_score_adj").write_text("500", encoding="ascii")
+
+
+def _warm_up() -> None:
+    """Import the modules that every job needs.
+
+    In one thread: packages with circular imports (joblib, numba) can fail when two threads import
+    them at once.
+    """
+    import joblib  # noqa: F401
+    import scipy.sparse.linalg  # noqa: F401
+
+    import meshmash_viewer.health
+    import meshmash_viewer.io.read
+    import meshmash_viewer.model.decomposition
+    import meshmash_viewer.spectral.engine.multifrontal
+    import meshmash_viewer.spectral.preview  # noqa: F401
+
+
+def _warm_up_solver() -> None:
+    """Solve and preview a small mesh, which loads the compiled kernels and takes a second."""
+    from meshmash_viewer.laplacian import cotangent_laplacian
+    from meshmash_viewer.spectral.eigensolver import solve
+    from meshmash_viewer.spectral.preview import preview_eigenpairs
+
+    x, y = np.indices((50, 50)).reshape(2, -1)
+    first = np.arange(2500).reshape(50, 50)[:-1, :-1].ravel()
+    faces = np.concatenate([first[:, None] + corners for corners in ([0, 50, 1], [1, 50, 51])])
+    grid = Mesh(np.stack([x, y, 0 * x], axis=1), faces)
+    solve(*cotangent_laplacian(grid), 30, n_jobs=1)
+    preview_eigenpairs(grid, 3)
