@@ -66,7 +66,9 @@ from meshmash_viewer.features.truncation import Truncation as Truncation
 from meshmash_viewer.features.map_spectrum import MapSpectrum as MapSpectrum
 from meshmash_viewer.features.map_spectrum import dominant_bands as dominant_bands
 from meshmash_viewer.features.map_spectrum import map_spectrum as map_spectrum
-from meshmash_viewer.features.smoothing import filter_map as filter_map
+from meshmash_viewer.features.maps import filter_map as filter_map
+from meshmash_viewer.features.maps import reconstruct as reconstruct
+from meshmash_viewer.features.maps import spectral_coefficients as spectral_coefficients
 
 # isort: split
 # Comparing shapes
@@ -79,8 +81,6 @@ from meshmash_viewer.features.comparison import match_functions as match_functio
 from meshmash_viewer.features.shape import feature_distance as feature_distance
 from meshmash_viewer.features.shape import low_pass_vertices as low_pass_vertices
 from meshmash_viewer.features.shape import match_features as match_features
-from meshmash_viewer.features.shape import reconstruct as reconstruct
-from meshmash_viewer.features.shape import spectral_coefficients as spectral_coefficients
 from meshmash_viewer.features.shape import spectral_distance as spectral_distance
 
 # isort: split

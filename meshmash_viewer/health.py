@@ -12,8 +12,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh, first_equal
 from meshmash_viewer.numbering import FileNumbering
-from meshmash_viewer.surface.edges import duplicates, edges_of, side_codes, winding_of
-from meshmash_viewer.surface.seams import join_seams
+from meshmash_viewer.surface.edges import duplicates, edges_of, join_seams, side_codes, winding_of
 from meshmash_viewer.vertex_map import VertexMap
 
 __all__ = [

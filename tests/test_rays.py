@@ -8,8 +8,7 @@ import shapes
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.surface.rays import RayTarget
-from meshmash_viewer.surface.space_curve import curve_order
+from meshmash_viewer.surface.rays import RayTarget, curve_order
 
 
 def _face_by_face(

@@ -8,13 +8,12 @@ import shapes
 
 from meshmash_viewer.decompose import compute_hks
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.maps import reconstruct, spectral_coefficients
 from meshmash_viewer.features.shape import (
     column_spread,
     feature_distance,
     low_pass_vertices,
     match_features,
-    reconstruct,
-    spectral_coefficients,
     spectral_distance,
 )
 from meshmash_viewer.features.sums import Features

@@ -11,8 +11,7 @@ from scipy import sparse
 from meshmash_viewer.errors import InputError, MissingValuesWarning
 from meshmash_viewer.features.filters import heat_kernel_bank, low_pass_bank
 from meshmash_viewer.features.map_spectrum import map_spectrum
-from meshmash_viewer.features.shape import reconstruct, spectral_coefficients
-from meshmash_viewer.features.smoothing import filter_map
+from meshmash_viewer.features.maps import filter_map, reconstruct, spectral_coefficients
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve

@@ -57,15 +57,7 @@ def prepare_streams() -> None:
 
 
 def answer(text: str) -> None:
-    """Print a result.
-
-    Raises
-    ------
-    BrokenPipeError
-        If nothing reads standard output any more.
-    OSError
-        If it cannot be written, as on a full disk.
-    """
+    """Print a result; `BrokenPipeError` is raised if nothing reads standard output any more."""
     with closed_pipe_errors():
         print(text, flush=True)
 

@@ -179,19 +179,11 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """Correspondence of one shape to another.
+    """Correspondence of one shape to another, as far as it is known."""
 
-    Parameters
-    ----------
-    length : float
-        Length scale of the other relative to this shape.
-    vertices : ndarray of int64, shape (n,), optional
-        For each vertex of this shape the corresponding one of the other, or -1.
-    functions : FunctionMatches, optional
-        Corresponding eigenfunctions.
-    """
-
+    #: Length scale of the other relative to this shape.
     length: float = 1.0
+    #: For each vertex of this shape the corresponding one of the other, or -1.
     vertices: IntArray | None = None
     functions: FunctionMatches | None = None
 
@@ -325,6 +317,7 @@ def compare_shapes(
         for each, values in zip((first, second), spectra, strict=True)
     )
     spread = column_spread(back_features[np.isfinite(back_features).all(axis=1)])
+    mine, others = forth_features / spread, back_features / spread
     if vertices is None:
         forth = match_features(forth_features, back_features, standardize=True, cancel=cancel)
         back = match_features(back_features, forth_features, standardize=True, cancel=cancel)
@@ -332,8 +325,8 @@ def compare_shapes(
         there = _checked_vertices(vertices, first, second)
         inverse = np.full(len(second.mass), -1, dtype=np.int64)
         inverse[there[there >= 0]] = np.flatnonzero(there >= 0)
-        forth = _given_matches(there, forth_features / spread, back_features / spread)
-        back = _given_matches(inverse, back_features / spread, forth_features / spread)
+        forth = _given_matches(there, mine, others)
+        back = _given_matches(inverse, others, mine)
     found = forth.indices >= 0
     mutual = np.zeros(len(found), dtype=np.bool_)
     mutual[found] = back.indices[forth.indices[found]] == np.flatnonzero(found)
@@ -344,10 +337,7 @@ def compare_shapes(
         back,
         mutual,
         match_functions(first, second, forth.indices, turned=vertices is not None),
-        (
-            (forth_features / spread).astype(np.float32),
-            (back_features / spread).astype(np.float32),
-        ),
+        (mine.astype(np.float32), others.astype(np.float32)),
         given=vertices is not None,
     )
 

@@ -404,11 +404,6 @@ class _Computation:
         mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
         return float(mass.sum()), int(np.count_nonzero(mass))
 
-    @property
-    def first_of_whole(self) -> npt.NDArray[np.float64] | None:
-        """Square of the first eigenvector of the mesh that this is a piece of, to be left out."""
-        return self.mesh.first if self.drop_first and isinstance(self.mesh, Piece) else None
-
     def features(
         self,
         n_components: int | None,
@@ -423,8 +418,8 @@ class _Computation:
         """
         with scratch_rows(self.dtype) as allocate:
             result = self.solve(n_components, max_eigenvalue, allocate)
-            whole = self.first_of_whole
-            # of a piece the first pair is larger, by the ratio of the areas: the right part goes
+            # of a piece the first pair is larger than that of the whole mesh, which is left out
+            whole = self.mesh.first if self.drop_first and isinstance(self.mesh, Piece) else None
             start = self.start if whole is None else 0
             eigenvalues = result.eigenvalues[start:]
             if time is None and not eigenvalues.any():

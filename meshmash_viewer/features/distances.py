@@ -9,6 +9,7 @@ they are left out, and the distance to vertices of other components is NaN.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -132,14 +133,11 @@ def spectral_weights(kind: str, eigenvalues: FloatArray, time: float = 1.0) -> F
 
     `kind` is "diffusion", with a `time`, "biharmonic" or "commute".
     """
-    weights = np.zeros(len(eigenvalues))
     above = _above_zero(eigenvalues)
-    values = eigenvalues[above]
     if kind == "diffusion":
-        weights[above] = np.exp(-2.0 * time * values)
-    else:
-        weights[above] = values ** {"biharmonic": -2.0, "commute": -1.0}[kind]
-    return weights
+        return np.where(above, np.exp(-2.0 * time * eigenvalues), 0.0)
+    power = {"biharmonic": -2.0, "commute": -1.0}[kind]
+    return np.power(eigenvalues, power, out=np.zeros(len(eigenvalues)), where=above)
 
 
 def _above_zero(eigenvalues: FloatArray) -> npt.NDArray[np.bool_]:
@@ -305,9 +303,9 @@ def check_vertices(mesh: Mesh, vertices: npt.ArrayLike) -> None:
             )
 
 
-def distance_columns(measure: str, vertices: npt.ArrayLike) -> tuple[str, ...]:
+def distance_columns(measure: str, vertices: Sequence[int]) -> tuple[str, ...]:
     """Return the names of the columns of `distance_features`."""
-    return tuple(f"{measure}_from_{vertex}" for vertex in np.atleast_1d(np.asarray(vertices)))
+    return tuple(f"{measure}_from_{vertex}" for vertex in vertices)
 
 
 def distance_features(

@@ -24,16 +24,9 @@ def count_zeros(eigenvalues: FloatArray) -> int:
 
 
 def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
-    """Return the lowest eigenvalue that is not zero within rounding.
-
-    Raises
-    ------
-    InputError
-        If all are zero.
-    """
+    """Return the lowest eigenvalue that is not zero within rounding; `InputError` without one."""
     spectrum = as_spectrum(eigenvalues)
-    largest = float(spectrum.max(initial=0.0))
-    above = spectrum[spectrum > ZERO_SHARE * largest] if largest > 0.0 else spectrum[:0]
+    above = spectrum[spectrum > ZERO_SHARE * spectrum.max(initial=0.0)]
     if not len(above):
         raise InputError(
             "All eigenvalues are zero, one for each connected component, so times and "
@@ -46,24 +39,11 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
 def hks_time_range(eigenvalues: npt.ArrayLike, area: float | None = None) -> tuple[float, float]:
     """Return the range of times in which a heat kernel signature varies for this spectrum.
 
-    Parameters
-    ----------
-    eigenvalues : array_like, shape (k,)
-        In any order; zeros are ignored.
-    area : float, optional
-        Area of the mesh, for a spectrum of zeros only: the range is then that of the eigenvalues
-        expected by Weyl's law, in which the signature is constant.
+    ``4 ln 10 / λ_max`` and ``4 ln 10 / λ_2``, λ_2 the lowest above zero (Sun et al. 2009), in
+    squared unit of the mesh: where the highest and the lowest mode have decayed to 1e-4.
 
-    Returns
-    -------
-    t_min, t_max : float
-        ``4 ln 10 / λ_max`` and ``4 ln 10 / λ_2``, λ_2 the lowest above zero (Sun et al. 2009), in
-        squared unit of the mesh: where the highest and the lowest mode have decayed to 1e-4.
-
-    Raises
-    ------
-    InputError
-        If all eigenvalues are zero and no area is given.
+    If all eigenvalues are zero, the range is that of the eigenvalues expected by Weyl's law for
+    the `area` of the mesh, in which the signature is constant; `InputError` is raised without one.
     """
     spectrum = as_spectrum(eigenvalues)
     if area is not None and not (spectrum > 0.0).any():
@@ -165,17 +145,10 @@ def short_text(parameters: FloatArray, index: int) -> str:
 def checked_coefficients(
     returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Check the result of a filter for k eigenvalues, shape (f, k) or (k,); return shape (f, k).
-
-    Raises
-    ------
-    InputError
-        If it is of another shape, not real or not finite.
-    """
+    """Check the result of a filter for k eigenvalues, shape (f, k) or (k,); return shape (f, k)."""
     given = np.asarray(returned)
     if given.dtype.kind not in "biuf":
         described = f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
-        # None, text, or complex numbers, of which a cast would silently drop the imaginary part.
         raise InputError(
             f"The filter returned {described}: let it return real numbers, shape "
             "(n_filters, n_eigenvalues)."

@@ -187,7 +187,8 @@ def wave_kernel_bank(
     if energies is None:
         response = wave_response(eigenvalues, n_energies, width, sigma)
     else:
-        response = _wave_response_at(eigenvalues, energies, width, sigma)
+        floor = 0.5 * first_nonzero_eigenvalue(eigenvalues)
+        response = LogGaussianResponse(*_wave_bands(energies, width, sigma), floor)
     centers = np.exp(response.energies)
     columns = tuple(f"wks_λ={short_text(centers, i)}" for i in range(len(centers)))
     return FilterBank("wks", columns, centers, "λ", -2, response, normalised=True)
@@ -225,11 +226,10 @@ def wave_response(
     return LogGaussianResponse(energies, sigma, 0.5 * first)
 
 
-def _wave_response_at(
-    eigenvalues: npt.ArrayLike, energies: npt.ArrayLike, width: float, sigma: float | None
-) -> LogGaussianResponse:
-    """Make the filters of `wave_kernel_bank` at given energies."""
-    floor = 0.5 * first_nonzero_eigenvalue(as_spectrum(eigenvalues))
+def _wave_bands(
+    energies: npt.ArrayLike, width: float, sigma: float | None
+) -> tuple[FloatArray, float]:
+    """Check the given energies of `wave_kernel_bank`; return them, and the standard deviation."""
     try:
         centres = np.array(energies, dtype=np.float64)
     except (TypeError, ValueError):
@@ -237,29 +237,25 @@ def _wave_response_at(
     with np.errstate(over="ignore", under="ignore"):
         places = np.exp(centres)
     if centres.ndim != 1 or not len(centres) or not np.isfinite(places).all() or not places.all():
+        few = np.array2string(centres, precision=4, threshold=6, edgeitems=2, separator=", ")
         raise InputError(
             "Energies are a 1-D list of at least one natural logarithm of an eigenvalue: "
-            f"{_few(centres)} is none."
+            f"{few} is none."
         )
     if len(np.unique(centres)) < len(centres):
-        raise InputError(f"An energy comes twice in {_few(centres)}: give each once.")
+        raise InputError("An energy comes twice: give each once.")
     if sigma is None:
         _check_deviation(width, "width")
         if len(centres) == 1:
             raise InputError("A single energy has no step that its width could follow: give sigma.")
         sigma = width * float(np.ptp(centres)) / (len(centres) - 1)
     _check_deviation(sigma, "sigma")
-    return LogGaussianResponse(centres, float(sigma), floor)
+    return centres, float(sigma)
 
 
 def _check_deviation(given: float, name: str) -> None:
     if not (np.isfinite(given) and given > 0.0):
         raise InputError(f"The {name} of the energy bands is {given:g}: give a positive number.")
-
-
-def _few(values: FloatArray) -> str:
-    """Format a list for a message."""
-    return np.array2string(values, precision=4, threshold=6, edgeitems=2, separator=", ")
 
 
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
@@ -470,16 +466,7 @@ def construct_bspline_filter(
 
 @dataclass(frozen=True)
 class HeatKernelFilter:
-    """Result of `get_hks_filter`: a heat kernel whose times may depend on the eigenvalues.
-
-    Parameters
-    ----------
-    t_min, t_max : float, optional
-        None: chosen from the eigenvalues.
-    n_scales : int
-    dtype : dtype
-        Of the coefficients.
-    """
+    """Result of `get_hks_filter`: a heat kernel whose times may depend on the eigenvalues."""
 
     t_min: float | None
     t_max: float | None

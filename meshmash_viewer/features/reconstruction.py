@@ -24,13 +24,8 @@ class Reconstruction:
     which avoids cancellation far from the origin, and keeps each component at its position even if
     there are more components than pairs.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    rows : array_like, shape (>= k, n)
-        Eigenvectors, one a row; may be a memory map.
-    mass : ndarray of float64, shape (n,)
-        Diagonal of the mass matrix; 0 at unreferenced vertices.
+    `rows` are eigenvectors, shape (>= k, n), and may be a memory map; `mass`, shape (n,), is 0 at
+    unreferenced vertices.
     """
 
     def __init__(self, mesh: Mesh, rows: Any, mass: FloatArray) -> None:

@@ -1,6 +1,6 @@
-"""Comparison of shapes, and of vertices, by spectra and features.
+"""Comparison of shapes by their eigenvalues, matches of vertices by features, smoothed shapes.
 
-Projections on eigenvectors use the mass matrix. Unreferenced vertices (NaN rows) are left out.
+Unreferenced vertices (NaN rows) are left out.
 """
 
 from __future__ import annotations
@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 from scipy.spatial import KDTree
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.map_values import as_map_values, without_gaps
 from meshmash_viewer.features.reconstruction import Reconstruction
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.laplacian import SparseMatrix, compute_vertex_areas, cotangent_laplacian
+from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
@@ -52,138 +50,6 @@ class Matches:
     scores: FloatArray
     confident: npt.NDArray[np.bool_]
     quantile: float
-
-
-def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) -> FloatArray:
-    """Project functions on the eigenvectors, ``Φᵀ M f``.
-
-    Parameters
-    ----------
-    eigenvectors : array_like, shape (n, k)
-        M-orthonormal columns.
-    M : sparse matrix or array, shape (n, n), or array_like, shape (n,)
-        Diagonal mass matrix, or its diagonal.
-    f : VertexMap or array_like, shape (n,) or (n, d)
-        One or d functions; values at vertices without mass are ignored. NaN and infinite values are
-        replaced by the mean of the other values of the function, weighted by M.
-
-    Returns
-    -------
-    ndarray of float64, shape (k,) or (k, d)
-        Their unit is that of the function times the unit of the mesh.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not agree, M is not diagonal, or a function has no finite value.
-
-    Warns
-    -----
-    MissingValuesWarning
-        If there are vertices with mass but without a value.
-
-    Examples
-    --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
-    >>> ones = np.ones(len(ball.vertices))
-    >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, ones)
-    >>> bool(np.isclose(coefficients[0] ** 2, ball.area))
-    True
-    >>> bool(np.abs(coefficients[1:]).max() < 1e-9)
-    True
-    """
-    columns = _eigenvectors(eigenvectors)
-    values = as_map_values(f, len(columns))
-    mass = _diagonal(M, len(columns))
-    values = without_gaps(values, mass)
-    used = mass > 0.0
-    weighted = (mass[used] * values[used].T).T
-    # Transposed first, since rows are contiguous in memory.
-    rows = columns.T if used.all() else columns.T[:, used]
-    return np.asarray(rows @ weighted, dtype=np.float64)
-
-
-def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
-    """Sum eigenvectors with coefficients, lowest first: ``Σ_k c_k φ_k``.
-
-    Parameters
-    ----------
-    eigenvectors : array_like, shape (n, k)
-        As columns.
-    coefficients : array_like, shape (j,) or (j, d)
-        For the first j ≤ k of them.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,) or (n, d)
-        NaN at vertices without mass, where the eigenvectors are.
-
-    Raises
-    ------
-    InputError
-        If there are more coefficients than eigenvectors, or one is not finite.
-
-    Examples
-    --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
-    >>> height = ball.vertices[:, 2]
-    >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, height)
-    >>> back = mv.reconstruct(pairs.eigenvectors, coefficients)
-    >>> bool(np.abs(back - height).max() < 0.01)
-    True
-    """
-    columns = _eigenvectors(eigenvectors)
-    weights = np.asarray(coefficients, dtype=np.float64)
-    if weights.ndim not in (1, 2) or len(weights) > columns.shape[1]:
-        raise InputError(
-            f"Coefficients of shape {weights.shape} do not match {columns.shape[1]} eigenvectors."
-        )
-    bad = np.argwhere(~np.isfinite(weights))
-    if len(bad):
-        raise InputError(
-            f"Coefficient {bad[0][0]} is {weights[tuple(bad[0])]}, which would make all values so: "
-            "give finite ones."
-        )
-    return np.asarray(columns[:, : len(weights)] @ weights, dtype=np.float64)
-
-
-def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
-    if sparse.issparse(given) or hasattr(given, "eigenvectors"):
-        raise InputError(
-            "Eigenvectors come first, as a matrix of shape (n, k), not of type "
-            f"{type(given).__name__}: of eigenpairs they are `pairs.eigenvectors`."
-        )
-    columns = np.asarray(given)
-    if columns.ndim != 2 or columns.dtype.kind not in "iuf":
-        raise InputError(
-            f"Eigenvectors are the columns of a matrix of shape (n, k), not {columns.shape} of "
-            f"type {columns.dtype}."
-        )
-    return columns
-
-
-def _diagonal(given: Any, n: int) -> FloatArray:
-    """Diagonal of a mass matrix of n vertices."""
-    if sparse.issparse(given):
-        matrix: SparseMatrix = given
-        entries = matrix.tocoo()
-        if (entries.data[entries.row != entries.col] != 0.0).any():
-            raise InputError("M is not diagonal: give the lumped mass matrix (`area_matrix`).")
-        mass = np.asarray(entries.diagonal(), dtype=np.float64)
-    else:
-        mass = np.asarray(given, dtype=np.float64)
-    if mass.shape != (n,):
-        raise InputError(
-            f"M has shape {np.shape(given)}: {n} vertices need a sparse matrix of shape "
-            f"({n}, {n}), or its diagonal."
-        )
-    return mass
 
 
 def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> FloatArray:
@@ -429,10 +295,9 @@ def _values(features: FeaturesLike) -> FloatArray:
 def column_spread(values: FloatArray) -> FloatArray:
     """Return half the range between the 15.9th and the 84.1th percentile of each finite column.
 
-    For normal values this is their standard deviation. Unlike that, it is not dominated by the few
-    vertices of small components of a neuron, whose features are thousands of times larger than the
-    others and would make all other distances nearly zero. If two thirds of a column are one number
-    it is the standard deviation; for a constant column it is 1.
+    For normal values this is their standard deviation, but it is not dominated by small components,
+    whose features are thousands of times larger than the others. If two thirds of a column are one
+    number it is the standard deviation; for a constant column it is 1.
     """
     spread = np.ones(values.shape[1])
     for at, column in enumerate(values.T):

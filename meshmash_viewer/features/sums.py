@@ -39,8 +39,7 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Multiple of the typical value above which values of small components are reported.
 _STRANGE = 1000.0
-#: Pairs and vertices squared at a time: 4 MB, so that squares are in the cache when summed, and few
-#: rows of a memory map are in memory.
+#: Pairs and vertices squared at a time: 4 MB, which fit into the cache.
 _ROWS, _VERTICES = 128, 4096
 #: Vertices of a part: enough that the time to start the next one is negligible.
 _PART = 131072
@@ -123,13 +122,7 @@ class Features:
         return iter(self.values)
 
     def __getitem__(self, index: Any) -> Any:
-        """Return values by rows and columns as of an array, or the column of a name.
-
-        Raises
-        ------
-        KeyError
-            If no column has the name.
-        """
+        """Return values by rows and columns as of an array, or the column of a name."""
         if not isinstance(index, str):
             return self.values[index]
         if index not in self.columns:
@@ -142,9 +135,7 @@ class Features:
         return np.array(self.values, dtype=dtype, copy=copy)
 
     def to_frame(self) -> Any:
-        """Make a pandas ``DataFrame`` of the values, one row a vertex.
-
-        Unit and kind are in its `attrs`.
+        """Make a pandas ``DataFrame`` of the values, with unit and kind in its `attrs`.
 
         Raises
         ------
@@ -200,9 +191,7 @@ class Features:
 
     def with_components(self, mesh: Mesh) -> Features:
         """Append a column "component", the connected component of each vertex of `mesh`."""
-        labels = mesh.component_labels[:, np.newaxis].astype(self.values.dtype)
-        values = np.concatenate([self.values, labels], axis=1)
-        return replace(self, values=values, columns=(*self.columns, "component"))
+        return self._with_columns(("component",), mesh.component_labels[:, np.newaxis])
 
     def with_maps(self, mesh: Mesh) -> Features:
         """Append the maps of `mesh` as columns, labels as numbers.
@@ -211,21 +200,21 @@ class Features:
         """
         if not mesh.maps:
             return self
-        columns = [each.values[:, np.newaxis] for each in mesh.maps]
-        values = np.concatenate([self.values, *columns], axis=1, dtype=self.values.dtype)
-        names = named_apart(mesh.maps, self.columns)
         described = {
             each.name: {
                 "unit": each.unit,
                 "file": each.path,
                 "labels": {str(label.key): label.name for label in each.labels},
             }
-            for each in names
+            for each in named_apart(mesh.maps, self.columns)
         }
-        columns_of_all = (*self.columns, *described)
-        return replace(
-            self, values=values, columns=columns_of_all, meta={**self.meta, "maps": described}
-        )
+        values = np.stack([each.values for each in mesh.maps], axis=1)
+        found = self._with_columns(tuple(described), values)
+        return replace(found, meta={**self.meta, "maps": described})
+
+    def _with_columns(self, names: tuple[str, ...], values: npt.NDArray[Any]) -> Features:
+        values = np.concatenate([self.values, values], axis=1, dtype=self.values.dtype)
+        return replace(self, values=values, columns=(*self.columns, *names))
 
     def remarks(self, mesh: Mesh) -> list[str]:
         """Return sentences on defects of a mesh that affect its features.
@@ -390,8 +379,9 @@ def warn_of_open_end(
     coefficients: FloatArray, eigenvalues: FloatArray, stacklevel: int = 3, *, name: str = ""
 ) -> None:
     """Warn of filters, shape (f, k), that are not small at the last of k computed eigenvalues."""
-    largest = np.abs(coefficients).max(axis=1, initial=0.0)
-    last = np.abs(coefficients[:, -1]) if len(eigenvalues) else np.zeros(len(coefficients))
+    if not len(eigenvalues):
+        return
+    largest, last = np.abs(coefficients).max(axis=1), np.abs(coefficients[:, -1])
     shares = np.divide(last, largest, out=np.zeros(len(last)), where=largest > 0.0)
     count = int((shares > TOLERANCE).sum())
     if count:
@@ -414,19 +404,9 @@ def accumulate_features(
 ) -> FloatArray:
     """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once: shape (n, f).
 
-    Parameters
-    ----------
-    rows : ndarray of float64 or float32, shape (k, n)
-        Eigenvectors as rows; may be a memory map, of which a few rows are read at a time.
-    coefficients : array_like, shape (f, k)
-        Result of a filter bank for their eigenvalues.
-    density : ndarray of float64, shape (n,), optional
-        ``Σ_k rows[k, v]²`` is added to it in the same pass.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not agree.
+    `rows`, shape (k, n), may be a memory map, of which a few are read at a time. With a `density`,
+    shape (n,), ``Σ_k rows[k, v]²`` is added to it in the same pass. `InputError` is raised if the
+    shapes do not agree.
     """
     weights = np.asarray(coefficients, dtype=np.float64)
     k = len(rows)
@@ -451,19 +431,9 @@ def sum_squares(
 ) -> npt.NDArray[np.floating[Any]]:
     """Compute ``Σ_k coefficients[f, k] rows[k]²`` in double precision: shape (f, n).
 
-    Parameters
-    ----------
-    rows : ndarray, shape (>= k, n)
-        May be a memory map; only rows with a coefficient are read.
-    coefficients : ndarray of float64, shape (f, k)
-    dtype, order : dtype and {"C", "F"}
-        Type and memory layout of the result.
-    cancel : callable, optional
-        `Cancelled` is raised after it returns True.
-    negligible : float
-        Share of the largest coefficient up to which pairs are not read.
-    density : ndarray of float64, shape (n,), optional
-        ``Σ_k rows[k]²`` of all pairs is added to it in the same pass.
+    Of `rows`, shape (>= k, n), which may be a memory map, only those are read whose coefficient is
+    above the share `negligible` of the largest. `density`, shape (n,), is that of
+    `accumulate_features`; `Cancelled` is raised after `cancel` returned True.
     """
     total = np.zeros((len(coefficients), rows.shape[1]), dtype, order)
     size = np.abs(coefficients).max(axis=0, initial=0.0)
@@ -496,11 +466,6 @@ def fill_in_parts(n_vertices: int, fill: Callable[[slice], object]) -> None:
     Two threads use nearly twice the memory bandwidth of one. New threads are started each time:
     Linux wakes a sleeping thread on the core of the waking one, so that both would share a core.
     """
-    parts = iter([slice(start, start + _PART) for start in range(0, n_vertices, _PART)])
-
-    def work(_number: int) -> None:
-        for part in parts:  # each thread takes the next one
-            fill(part)
-
+    parts = [slice(start, start + _PART) for start in range(0, n_vertices, _PART)]
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(work, range(2)))
+        list(pool.map(fill, parts))

@@ -57,17 +57,12 @@ class Remainder:
     left : ndarray of float64, shape (n,)
         ``1 / m_v - Σ_k φ_k(v)²``, at least 0; NaN at vertices without mass.
     known_to : float
-        All pairs up to this eigenvalue were included.
-    n_left : int
-        Number of pairs that were not.
+        All pairs up to this eigenvalue were included; the `n_left` others were not.
     area : float
         Sum of all masses, in squared unit.
-    tail : TailedResponse
-        The filters without normalisation.
-    totals : ndarray of float64, shape (f,)
-        Divisors of the normalisation.
-    normalised : bool
-        Whether these divisors depend on the number of pairs.
+    tail, totals : TailedResponse, and ndarray of float64, shape (f,)
+        The filters without normalisation, and the divisors of the normalisation, which depend on
+        the number of pairs if `normalised`.
     """
 
     left: FloatArray
@@ -178,10 +173,7 @@ class Truncation:
     def sentence(self) -> str:
         """Describe the error in a sentence without its full stop; empty if nothing is flagged.
 
-        Returns
-        -------
-        str
-            "7 of 32 columns miss more than 1 % for want of eigenpairs, hks_t=5.00e+04 about 95 %".
+        "7 of 32 columns miss more than 1 % for want of eigenpairs, hks_t=5.00e+04 about 95 %".
         """
         return missing_sentence(self.columns, self.estimate, added=self.added)
 
@@ -218,18 +210,13 @@ def measure_truncation(
     ----------
     values : ndarray, shape (n, f)
         The features that were summed with the filters of `bank`.
-    eigenvalues : ndarray of float64, shape (k,)
-        Of all known pairs, the lowest k of the mesh.
-    density : ndarray of float64, shape (n,)
-        ``Σ_k φ_k(v)²`` over the same pairs.
+    eigenvalues, density : ndarray of float64, shapes (k,) and (n,)
+        The lowest k of the mesh, complete up to `known_to` (None: the largest of them), and
+        ``Σ_k φ_k(v)²`` over their eigenvectors, which have a `precision`.
     mass : ndarray of float64, shape (n,)
         Diagonal of M.
-    precision : dtype
-        Of the eigenvectors.
     drop_first : bool
         Whether the first pair was left out on purpose, which is not an error.
-    known_to : float, optional
-        Eigenvalue up to which these are complete; None: the largest of them.
     """
     tail = bank.tail
     if tail is None:

@@ -26,7 +26,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.split.partition import edge_graph
-from meshmash_viewer.surface.space_curve import curve_order
+from meshmash_viewer.surface.rays import curve_order
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]

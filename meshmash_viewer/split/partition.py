@@ -157,13 +157,6 @@ def owned_pieces(
 ) -> tuple[tuple[IntArray, ...], list[IntArray], IntArray]:
     """Assign each vertex to the piece in which it is farthest from the cut.
 
-    Parameters
-    ----------
-    graph : sparse array, shape (n, n)
-        From `edge_graph`.
-    pieces : list of ndarray of int
-        Sorted vertices of each piece.
-
     Returns
     -------
     pieces : tuple of ndarray of int

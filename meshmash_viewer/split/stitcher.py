@@ -295,14 +295,7 @@ class MeshStitcher(Sequence[Piece]):
     ) -> Any:
         """Call a function on every piece and the rows of features at its vertices; see `apply`.
 
-        Parameters
-        ----------
-        function : callable
-            Called with ``(vertices, faces)`` of a piece, and the rows.
-        features : array_like, shape (n,) or (n, f)
-            A value or a row for each vertex of the mesh.
-        stitch, fill_value, progress, cancel, **arguments
-            See `apply`.
+        `features` has a value or a row for each vertex of the mesh, shape (n,) or (n, f).
 
         Raises
         ------
@@ -333,16 +326,12 @@ class MeshStitcher(Sequence[Piece]):
 
         Parameters
         ----------
-        function : callable
-            See `apply`.
         indices : array_like of int, or of bool, shape (n,)
             The vertices.
         reindex : bool
             Whether to return rows for these vertices only, not for all vertices of the mesh.
         fill_value : float
             Value of vertices whose piece was not computed.
-        progress, cancel, **arguments
-            See `apply`.
 
         Raises
         ------
@@ -414,18 +403,9 @@ class MeshStitcher(Sequence[Piece]):
     def stitch_features(
         self, features_by_submesh: Sequence[Any], fill_value: float = np.nan
     ) -> npt.NDArray[Any]:
-        """Combine the results of `apply` with ``stitch=False``.
+        """Combine the results of `apply` with ``stitch=False``, None for a piece without values.
 
-        Parameters
-        ----------
-        features_by_submesh : sequence of array_like, each of shape (n_i,) or (n_i, f), or None
-            Results for each piece, in the order of `pieces`; None for one without values.
-        fill_value : float
-            Value of vertices without one.
-
-        Returns
-        -------
-        ndarray, shape (n,) or (n, f)
+        Vertices without a value get `fill_value`.
 
         Raises
         ------
@@ -435,12 +415,7 @@ class MeshStitcher(Sequence[Piece]):
         return stitched(features_by_submesh, self.pieces, self.submesh_mapping, fill_value)
 
     def seams(self, results: Sequence[Any]) -> FloatArray:
-        """Compute the differences between neighbouring pieces along their seams.
-
-        Parameters
-        ----------
-        results : sequence of ndarray, each of shape (n_i, f)
-            Results of `apply` with ``stitch=False``.
+        """Compute the differences of the results of `apply` with ``stitch=False`` along seams.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Edges of triangles: number and direction of their faces."""
+"""Edges of triangles: number and direction of their faces, and coincident open edges."""
 
 from __future__ import annotations
 
@@ -62,8 +62,7 @@ def edges_of(codes: IntArray) -> Edges:
     """Find the edges of faces from their `side_codes`."""
     ordered = np.sort(codes)
     keys = ordered >> 1
-    starts = np.flatnonzero(np.diff(keys, prepend=-1))
-    counts = np.diff(starts, append=len(keys))
+    starts, counts = _runs(keys)
     one_way = counts == 2
     one_way[one_way] = ordered[starts[one_way]] == ordered[starts[one_way] + 1]
     return Edges(keys[starts], counts, one_way)
@@ -77,11 +76,7 @@ def duplicates(faces: IntArray) -> npt.NDArray[np.bool_]:
 def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
     """Find the faces whose direction differs from that of their neighbours.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    edges : Edges, optional
-        Edges of the faces with three different corners, if known.
+    `edges` are those of the faces with three different corners, if known.
     """
     n, none = mesh.n_vertices, np.zeros(mesh.n_faces, dtype=np.bool_)
     at = np.flatnonzero(mesh.distinct_corners)
@@ -101,15 +96,11 @@ def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
 
 def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.NDArray[np.bool_]:
     """Find the faces to reverse, shape (m,)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     m = len(faces)
     codes = side_codes(faces, len(vertices))
     order = np.argsort(codes, kind="stable")
-    keys = codes[order] >> 1
-    starts = np.flatnonzero(np.diff(keys, prepend=-1))
-    two = np.diff(starts, append=len(keys)) == 2
+    starts, counts = _runs(codes[order] >> 1)
+    two = counts == 2
     sides = order[starts[two]], order[starts[two] + 1]
     first, second = sides[0] // 3, sides[1] // 3
     against = codes[sides[0]] == codes[sides[1]]
@@ -117,8 +108,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     # they are, others with the reversed one. A two-sided part then has two components.
     rows = np.concatenate([first, first + m])
     columns = np.concatenate([second + m * against, second + m * ~against])
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * m, 2 * m))
-    _, labels = connected_components(graph, directed=False)
+    labels = _connected(rows, columns, 2 * m)
     as_is, reversed_ = labels[:m], labels[m:]
     part = np.unique(np.minimum(as_is, reversed_), return_inverse=True)[1]
     side = as_is > reversed_
@@ -127,7 +117,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     size = np.bincount(part, None, n_parts)
     held = np.bincount(part, side, n_parts)
     mixed = two_sided & (held > 0) & (held < size)
-    open_ends = order[np.repeat(~two, np.diff(starts, append=len(keys)))] // 3
+    open_ends = order[np.repeat(~two, counts)] // 3
     is_open = np.bincount(part[open_ends], None, n_parts) > 0
     larger = 2.0 * np.bincount(part, areas * side, n_parts) > np.bincount(part, areas, n_parts)
     inward = _volumes(vertices, faces, side, part, n_parts) < 0.0
@@ -149,3 +139,70 @@ def _volumes(
     b, c = b - vertices[faces[0, 0]], c - vertices[faces[0, 0]]
     sixths = np.einsum("ij,ij->i", a, np.cross(b, c))
     return np.asarray(np.bincount(part, np.where(side, -sixths, sixths), n_parts))
+
+
+def join_seams(places: IntArray, faces: IntArray) -> IntArray:
+    """Join the vertices of coincident open edges.
+
+    A seam consists of exactly two edges, each of one face, with both ends at the same positions,
+    unless the faces are the same triangle. Sheets that touch at a vertex, along edges with two
+    faces, or along more than two coincident edges are not joined.
+
+    `places` is for each vertex the lowest index of those at exactly the same position; the result
+    is that of those joined with it, shape (n,).
+    """
+    joined = np.arange(len(places))
+    if np.array_equal(places, joined):
+        return joined
+    at = places[faces]
+    # faces with two corners at one position are ignored
+    a, b, c = at.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    while True:
+        pairs = _seam_ends(places, joined[faces])
+        if not len(pairs):
+            return joined
+        labels = _connected(pairs[:, 0], pairs[:, 1], len(places))
+        lowest = np.unique(labels, return_index=True)[1][labels]
+        joined = lowest[joined]
+
+
+def _seam_ends(places: IntArray, faces: IntArray) -> IntArray:
+    """Find pairs of coincident vertices at the ends of seams, shape (p, 2)."""
+    n = len(places)
+    codes = side_codes(faces, n)
+    order = np.argsort(codes >> 1, kind="stable")
+    starts, counts = _runs((codes >> 1)[order])
+    sides = order[starts[counts == 1]]
+    tail, tip = faces.ravel()[sides], faces[:, [1, 2, 0]].ravel()[sides]
+    opposite = places[faces[:, [2, 0, 1]].ravel()[sides]]
+    swapped = places[tail] > places[tip]
+    low, high = np.where(swapped, tip, tail), np.where(swapped, tail, tip)
+    key = places[low] * np.int64(n) + places[high]
+    order = np.argsort(key, kind="stable")
+    starts, counts = _runs(key[order])
+    first, second = order[starts[counts == 2]], order[starts[counts == 2] + 1]
+    other = opposite[first] != opposite[second]
+    first, second = first[other], second[other]
+    ends = np.concatenate(
+        [
+            np.column_stack([low[first], low[second]]),
+            np.column_stack([high[first], high[second]]),
+        ]
+    )
+    return np.asarray(ends[ends[:, 0] != ends[:, 1]])
+
+
+def _runs(ordered: IntArray) -> tuple[IntArray, IntArray]:
+    """Return starts and lengths of runs of equal numbers."""
+    starts = np.flatnonzero(np.diff(ordered, prepend=-1))
+    return starts, np.diff(starts, append=len(ordered))
+
+
+def _connected(rows: IntArray, columns: IntArray, n: int) -> IntArray:
+    """Return the connected component of each of n nodes of a graph."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1])

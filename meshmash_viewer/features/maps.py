@@ -1,0 +1,304 @@
+"""Maps, functions on a surface: projection on eigenvectors, filters, and missing values."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from meshmash_viewer.errors import InputError, MissingValuesWarning
+from meshmash_viewer.features.filter_parameters import checked_coefficients
+from meshmash_viewer.laplacian import SparseMatrix
+from meshmash_viewer.vertex_map import VertexMap
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) -> FloatArray:
+    """Project functions on the eigenvectors, ``Φᵀ M f``.
+
+    Parameters
+    ----------
+    eigenvectors : array_like, shape (n, k)
+        M-orthonormal columns.
+    M : sparse matrix or array, shape (n, n), or array_like, shape (n,)
+        Diagonal mass matrix, or its diagonal.
+    f : VertexMap or array_like, shape (n,) or (n, d)
+        One or d functions; values at vertices without mass are ignored. NaN and infinite values are
+        replaced by the mean of the other values of the function, weighted by M.
+
+    Returns
+    -------
+    ndarray of float64, shape (k,) or (k, d)
+        Their unit is that of the function times the unit of the mesh.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not agree, M is not diagonal, or a function has no finite value.
+
+    Warns
+    -----
+    MissingValuesWarning
+        If there are vertices with mass but without a value.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> ones = np.ones(len(ball.vertices))
+    >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, ones)
+    >>> bool(np.isclose(coefficients[0] ** 2, ball.area))
+    True
+    >>> bool(np.abs(coefficients[1:]).max() < 1e-9)
+    True
+    """
+    columns = _eigenvectors(eigenvectors)
+    values = as_map_values(f, len(columns))
+    mass = _diagonal(M, len(columns))
+    values = without_gaps(values, mass)
+    used = mass > 0.0
+    weighted = (mass[used] * values[used].T).T
+    # Transposed first, since rows are contiguous in memory.
+    rows = columns.T if used.all() else columns.T[:, used]
+    return np.asarray(rows @ weighted, dtype=np.float64)
+
+
+def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
+    """Sum eigenvectors with coefficients, lowest first: ``Σ_k c_k φ_k``.
+
+    Parameters
+    ----------
+    eigenvectors : array_like, shape (n, k)
+        As columns.
+    coefficients : array_like, shape (j,) or (j, d)
+        For the first j ≤ k of them.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,) or (n, d)
+        NaN at vertices without mass, where the eigenvectors are.
+
+    Raises
+    ------
+    InputError
+        If there are more coefficients than eigenvectors, or one is not finite.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> height = ball.vertices[:, 2]
+    >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, height)
+    >>> back = mv.reconstruct(pairs.eigenvectors, coefficients)
+    >>> bool(np.abs(back - height).max() < 0.01)
+    True
+    """
+    columns = _eigenvectors(eigenvectors)
+    weights = np.asarray(coefficients, dtype=np.float64)
+    if weights.ndim not in (1, 2) or len(weights) > columns.shape[1]:
+        raise InputError(
+            f"Coefficients of shape {weights.shape} do not match {columns.shape[1]} eigenvectors."
+        )
+    bad = np.argwhere(~np.isfinite(weights))
+    if len(bad):
+        raise InputError(
+            f"Coefficient {bad[0][0]} is {weights[tuple(bad[0])]}, which would make all values so: "
+            "give finite ones."
+        )
+    return np.asarray(columns[:, : len(weights)] @ weights, dtype=np.float64)
+
+
+def filter_map(
+    decomposition: Decomposition,
+    values: npt.ArrayLike,
+    response: Callable[[FloatArray], npt.ArrayLike],
+) -> FloatArray:
+    """Filter a function on the surface, ``Φ h(Λ) Φᵀ M f``.
+
+    With ``exp(-t λ)`` this is heat flow for a time t (within the computed eigenpairs); a low-pass
+    filter keeps the waves of the function below its cut-off [1]_.
+
+    Parameters
+    ----------
+    decomposition : Decomposition
+        The eigenpairs; the remainder of the function beyond them is left out.
+    values : VertexMap or array_like, shape (n,) or (n, d)
+        One function in each column; values at unreferenced vertices are ignored. NaN and
+        infinite values are replaced by the area-weighted mean of the other values of the function,
+        so that the result there is interpolated.
+    response : callable
+        ``(k,) -> (k,)`` or ``(f, k)``: a `FilterBank` of f columns, or any function of the
+        eigenvalues.
+
+    Returns
+    -------
+    ndarray of float64
+        In the unit of `values`; NaN at unreferenced vertices. The shape is (n,) for one function
+        and one filter, (n, d) for d functions, (n, f) for f filters, and (n, d, f) for both.
+
+    Raises
+    ------
+    InputError
+        If the filter returns a wrong shape or values that are not finite, the map has another
+        number of vertices or no finite value, or the arguments are in another order.
+
+    Warns
+    -----
+    MissingValuesWarning
+        If there are vertices without a value.
+
+    References
+    ----------
+    .. [1] Vallet, B. and Lévy, B. (2008). "Spectral Geometry Processing with Manifold Harmonics."
+       Computer Graphics Forum 27(2).
+
+    Examples
+    --------
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    >>> pairs = mv.solve(*mv.cotangent_laplacian((corners, faces)), 4)
+    >>> mv.filter_map(pairs, [2.0, 2.0, 2.0, 2.0], mv.low_pass_bank(1e-3)).round(6)
+    array([2., 2., 2., 2.])
+    """
+    check_decomposition(decomposition, "filter_map(pairs, values, response)")
+    if not callable(response):
+        raise InputError(
+            "The filter comes last, as filter_map(pairs, values, response): it is a FilterBank or "
+            f"another function of the eigenvalues, not of type {type(response).__name__}."
+        )
+    given = as_map_values(values, decomposition.rows.shape[1])
+    weights = checked_coefficients(response(decomposition.eigenvalues), decomposition.eigenvalues)
+    columns, mass = decomposition.rows.T, decomposition.mass
+    coefficients = spectral_coefficients(columns, mass, without_gaps(given, mass))
+    if len(weights) == 1:
+        return reconstruct(columns, (weights[0] * coefficients.T).T)
+    # (k, f), or (k, d, f)
+    filtered = weights.T if given.ndim == 1 else weights.T[:, np.newaxis]
+    filtered = coefficients[..., np.newaxis] * filtered
+    sums = reconstruct(columns, filtered.reshape(len(filtered), -1))
+    return sums.reshape(len(sums), *filtered.shape[1:])
+
+
+def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
+    """Convert a map of n vertices, or with `columns` several, to an array: shape (n,) or (n, d).
+
+    `InputError` is raised if the shape differs, or values are labels or not real numbers.
+    """
+    wanted = f"shape ({n},)" + (f" or ({n}, d)" if columns else "")
+    if isinstance(given, VertexMap):
+        if given.labels:
+            raise InputError(
+                f"Map {given.name!r} has labels, whose numbers are names: no function."
+            )
+        given = given.values
+    if hasattr(given, "tocsr") or callable(given):
+        raise InputError(
+            f"A map is an array of one number a vertex, {wanted}, not of type "
+            f"{type(given).__name__}: check the order of the arguments."
+        )
+    try:
+        array = np.asarray(given)
+        if array.dtype.kind not in "biufO":
+            raise TypeError
+        values = array.astype(np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"A map has one real number a vertex: {wanted}.") from None
+    if values.ndim not in ((1, 2) if columns else (1,)) or len(values) != n:
+        raise InputError(f"A map has one number a vertex: {wanted}, not {values.shape}.")
+    return values
+
+
+def check_decomposition(given: Any, call: str) -> None:
+    """Raise `InputError` if `given` is not a decomposition; `call` is the correct call."""
+    if not (hasattr(given, "eigenvalues") and hasattr(given, "rows")):
+        raise InputError(
+            f"The eigenpairs come first, as {call}: the first argument is of type "
+            f"{type(given).__name__}, not what solve returns."
+        )
+    if len(given.mass) != given.rows.shape[1]:
+        raise InputError(
+            f"The eigenpairs have {given.rows.shape[1]} vertices, and areas of {len(given.mass)}: "
+            "give what solve returns, or a Decomposition with the diagonal of M as its mass."
+        )
+
+
+def filled(values: FloatArray, mass: FloatArray) -> FloatArray:
+    """Replace values that are not finite, shape (n,) or (n, d), by the mean of the others.
+
+    The mean of each column is weighted by the areas of vertices, `mass`; it is 0 if all its values
+    are missing, and so is the result at vertices without area.
+    """
+    used = mass > 0.0
+    known_at = np.isfinite(values) & (used if values.ndim == 1 else used[:, np.newaxis])
+    known = np.where(known_at, values, 0.0)
+    if known_at[used].all():
+        return known
+    weight = np.where(used, mass, 0.0) @ known_at
+    total = np.where(used, mass, 0.0) @ known
+    mean = np.divide(total, weight, out=np.zeros_like(total), where=weight > 0.0)
+    result: FloatArray = np.where(known_at, known, mean)
+    result[~used] = 0.0
+    return result
+
+
+def without_gaps(values: FloatArray, mass: FloatArray, stacklevel: int = 3) -> FloatArray:
+    """Replace missing values as `filled`, with a warning; `InputError` if all are missing."""
+    used = mass > 0.0
+    finite = np.isfinite(values[used])
+    if finite.all():
+        return filled(values, mass)
+    if not finite.any(axis=0).all():
+        raise InputError("The map has no finite value at any vertex of the surface.")
+    gaps = int((~(finite if finite.ndim == 1 else finite.all(axis=1))).sum())
+    warnings.warn(
+        f"{gaps:,} of {int(used.sum()):,} vertices of the surface have no finite value in the map: "
+        "they have no weight, the mean of the others over the area stands for them.",
+        MissingValuesWarning,
+        stacklevel=stacklevel,
+    )
+    return filled(values, mass)
+
+
+def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
+    if sparse.issparse(given) or hasattr(given, "eigenvectors"):
+        raise InputError(
+            "Eigenvectors come first, as a matrix of shape (n, k), not of type "
+            f"{type(given).__name__}: of eigenpairs they are `pairs.eigenvectors`."
+        )
+    columns = np.asarray(given)
+    if columns.ndim != 2 or columns.dtype.kind not in "iuf":
+        raise InputError(
+            f"Eigenvectors are the columns of a matrix of shape (n, k), not {columns.shape} of "
+            f"type {columns.dtype}."
+        )
+    return columns
+
+
+def _diagonal(given: Any, n: int) -> FloatArray:
+    """Diagonal of a mass matrix of n vertices."""
+    if sparse.issparse(given):
+        matrix: SparseMatrix = given
+        entries = matrix.tocoo()
+        if (entries.data[entries.row != entries.col] != 0.0).any():
+            raise InputError("M is not diagonal: give the lumped mass matrix (`area_matrix`).")
+        mass = np.asarray(entries.diagonal(), dtype=np.float64)
+    else:
+        mass = np.asarray(given, dtype=np.float64)
+    if mass.shape != (n,):
+        raise InputError(
+            f"M has shape {np.shape(given)}: {n} vertices need a sparse matrix of shape "
+            f"({n}, {n}), or its diagonal."
+        )
+    return mass
