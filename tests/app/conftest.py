@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from PySide6.QtWidgets import QApplication
@@ -12,12 +13,46 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app import listening, theme
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.model.document import Document
 
 
 @pytest.fixture(scope="session")
 def qapp() -> QApplication:
     return application()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def jobs_in_threads() -> None:
+    """Run jobs in a thread: a process of its own for each window takes two seconds to start."""
+    Worker.in_process = True
+
+
+@pytest.fixture
+def own_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run jobs in a process of their own, as the program does."""
+    monkeypatch.setattr(Worker, "in_process", False)
+
+
+@pytest.fixture(scope="module")
+def module_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where a window that the tests of a file share keeps its eigenpairs."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("MESHMASH_CACHE", str(folder))
+        yield folder
+
+
+@pytest.fixture(autouse=True)
+def own_cache(
+    request: pytest.FixtureRequest, own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A cache for each test, or that of the window which the tests of its file share."""
+    if "module_cache" not in request.fixturenames:
+        return own_cache
+    folder: Path = request.getfixturevalue("module_cache")
+    monkeypatch.setenv("MESHMASH_CACHE", str(folder))
+    return folder
 
 
 @pytest.fixture

@@ -46,25 +46,23 @@ def save(path: Path, mesh: Mesh) -> Path:
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+def shown(tmp_path_factory: pytest.TempPathFactory, module_cache: Path) -> Iterator[MainWindow]:
     """One window on a sphere of 642 vertices and 20 eigenpairs."""
     run.application()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        window = MainWindow(fresh=True)
-        window.show()
-        path = save(tmp_path_factory.mktemp("meshes") / "ball.npz", shapes.icosphere(3))
-        window.open_mesh(path)
-        document = window.document
-        document.target = Target("count", 20)
-        while document.mesh is None or document.job is not None:
-            QTest.qWait(10)
-        document.compute()
-        while document.spectrum is None or not document.spectrum.complete:
-            QTest.qWait(10)
-        yield window
-        window.close()
-        window.deleteLater()
+    window = MainWindow(fresh=True)
+    window.show()
+    path = save(tmp_path_factory.mktemp("meshes") / "ball.npz", shapes.icosphere(3))
+    window.open_mesh(path)
+    document = window.document
+    document.target = Target("count", 20)
+    while document.mesh is None or document.job is not None:
+        QTest.qWait(10)
+    document.compute()
+    while document.spectrum is None or not document.spectrum.complete:
+        QTest.qWait(10)
+    yield window
+    window.close()
+    window.deleteLater()
 
 
 # -- sentences ---------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from closed_form import drag, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QFileDialog, QLabel, QWidget
+from tiers import slow_but
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import catch_up
@@ -163,7 +164,12 @@ class Person:
         return (self.folder / "bands.npz").exists() and self.document.job is None
 
 
-@pytest.fixture(params=[(900, 600), (1440, 900)], ids=["small", "large"])
+@pytest.fixture(
+    params=[
+        pytest.param((900, 600), id="small"),
+        pytest.param((1440, 900), id="large", marks=pytest.mark.slow),
+    ]
+)
 def person(
     qapp: QApplication,
     request: pytest.FixtureRequest,
@@ -187,7 +193,7 @@ def person(
     theme.set_mode(theme.Mode.SYSTEM)
 
 
-@pytest.mark.parametrize("mode", [theme.Mode.LIGHT, theme.Mode.DARK])
+@pytest.mark.parametrize("mode", slow_but([theme.Mode.LIGHT], [theme.Mode.LIGHT, theme.Mode.DARK]))
 def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     window, document = person.window, person.document
     theme.set_mode(mode)
@@ -214,6 +220,7 @@ def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     np.testing.assert_allclose(features.sum(axis=1), squares, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_first_sessions_at_a_scale_of_two() -> None:
     # Qt takes its scale when the application begins, so in a process of its own.
     test = f"{__file__}::{test_the_first_sessions.__name__}"

@@ -104,20 +104,8 @@ def compute(window: MainWindow, count: int = 30) -> None:
 
 
 @pytest.fixture(scope="module")
-def cache_home(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Where `one_ball` and whoever follows it keep their eigenpairs."""
-    return str(tmp_path_factory.mktemp("cache"))
-
-
-@pytest.fixture(scope="module")
-def one_ball(sphere_file: Path, cache_home: str) -> Iterator[MainWindow]:
+def one_ball(sphere_file: Path, module_cache: Path) -> Iterator[MainWindow]:
     application()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MESHMASH_CACHE", cache_home)
-        yield from _one_ball(sphere_file)
-
-
-def _one_ball(sphere_file: Path) -> Iterator[MainWindow]:
     window = opened()
     open_file(window, sphere_file)
     compute(window)
@@ -787,10 +775,7 @@ def test_a_session_comes_back(
     ball: MainWindow,
     sphere_file: Path,
     tmp_path: Path,
-    cache_home: str,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("MESHMASH_CACHE", cache_home)
     document = ball.document
     for vertex in (3, 17, 42, 3):
         document.toggle_pin(vertex)

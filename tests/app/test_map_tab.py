@@ -87,29 +87,27 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def one_window(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
     application()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        window = MainWindow(fresh=True)
-        window.show()
-        window.activateWindow()
-        wait_for(window.isActiveWindow)
-        document = window.document
-        document.display.kind = "map"
-        window.open_mesh(folder / "ball.npz")
-        wait_for(lambda: document.mesh is not None)
-        rest(window)
-        assert document.spectrum is None
-        assert document.display[OwnMaps] == OwnMaps(), "controls that are built choose nothing"
-        np.testing.assert_array_equal(window.field_source.field.values, DEPTH.astype(np.float32))
-        document.target = Target("count", 40)
-        QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
-        wait_for(lambda: bool(document.spectrum and document.spectrum.complete))
-        rest(window)
-        yield window
-        window.close()
-        window.deleteLater()
+    window = MainWindow(fresh=True)
+    window.show()
+    window.activateWindow()
+    wait_for(window.isActiveWindow)
+    document = window.document
+    document.display.kind = "map"
+    window.open_mesh(folder / "ball.npz")
+    wait_for(lambda: document.mesh is not None)
+    rest(window)
+    assert document.spectrum is None
+    assert document.display[OwnMaps] == OwnMaps(), "controls that are built choose nothing"
+    np.testing.assert_array_equal(window.field_source.field.values, DEPTH.astype(np.float32))
+    document.target = Target("count", 40)
+    QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
+    wait_for(lambda: bool(document.spectrum and document.spectrum.complete))
+    rest(window)
+    yield window
+    window.close()
+    window.deleteLater()
 
 
 @pytest.fixture

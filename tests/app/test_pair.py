@@ -104,25 +104,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def one_window(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
     application()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        window = MainWindow(fresh=True)
-        window.resize(1300, 850)
-        window.show()
-        window.activateWindow()
-        wait_for(window.isActiveWindow)
-        window.open_mesh(folder / "first.npz")
-        wait_for(lambda: window.document.mesh is not None)
-        rest(window)
-        window.document.target = Target("count", PAIRS)
-        QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
-        wait_for(lambda: bool(window.document.spectrum and window.document.spectrum.complete))
-        rest(window)
-        yield window
-        window.close()
-        window.deleteLater()
+    window = MainWindow(fresh=True)
+    window.resize(1300, 850)
+    window.show()
+    window.activateWindow()
+    wait_for(window.isActiveWindow)
+    window.open_mesh(folder / "first.npz")
+    wait_for(lambda: window.document.mesh is not None)
+    rest(window)
+    window.document.target = Target("count", PAIRS)
+    QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
+    wait_for(lambda: bool(window.document.spectrum and window.document.spectrum.complete))
+    rest(window)
+    yield window
+    window.close()
+    window.deleteLater()
 
 
 @pytest.fixture

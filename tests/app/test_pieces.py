@@ -39,22 +39,22 @@ def wait_for(condition: Callable[[], bool], seconds: float = 100.0) -> None:
 
 
 @pytest.fixture(scope="module")
-def one_window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+def one_window(
+    tmp_path_factory: pytest.TempPathFactory, module_cache: Path
+) -> Iterator[MainWindow]:
     application()
     folder = tmp_path_factory.mktemp("mesh")
     np.savez(folder / "ball.npz", vertices=MESH.vertices, faces=MESH.faces)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        window = MainWindow(fresh=True)
-        window.show()
-        window.activateWindow()
-        wait_for(window.isActiveWindow)
-        window.open_mesh(folder / "ball.npz", "nm")
-        wait_for(lambda: window.document.mesh is not None)
-        window.wait(60.0)
-        yield window
-        window.close()
-        window.deleteLater()
+    window = MainWindow(fresh=True)
+    window.show()
+    window.activateWindow()
+    wait_for(window.isActiveWindow)
+    window.open_mesh(folder / "ball.npz", "nm")
+    wait_for(lambda: window.document.mesh is not None)
+    window.wait(60.0)
+    yield window
+    window.close()
+    window.deleteLater()
 
 
 @pytest.fixture

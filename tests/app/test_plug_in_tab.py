@@ -46,6 +46,7 @@ window.close()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("qapp")
 def test_a_family_of_a_plug_in_is_chosen_and_stepped_through(
     good: Path,  # noqa: F811

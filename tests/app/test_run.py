@@ -99,6 +99,7 @@ print("ended")
 """
 
 
+@pytest.mark.slow
 def test_garbage_is_collected_in_the_interface_thread(tmp_path: Path) -> None:
     script = tmp_path / "littering.py"
     script.write_text(GARBAGE)
@@ -159,6 +160,7 @@ def test_without_a_console_a_box_says_why_there_is_no_window(qtbot: QtBot) -> No
     assert seen == ["No file matches *.ply."]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not sys.platform.startswith("linux") or not hasattr(ctypes.CDLL(None), "mallopt"),
     reason="about glibc",
@@ -172,6 +174,7 @@ def test_what_large_blocks_took_goes_back_to_the_system() -> None:
     assert megabytes("ours") < 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("free", "disabled"), [(1e6, "true"), (1e12, None)])
 def test_a_window_closed_while_it_loads_ends_without_a_word(
     tmp_path: Path, free: float, disabled: str | None
@@ -202,6 +205,7 @@ assert run.run_app(fresh=True) == 0
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 @pytest.mark.skipif(sys.platform == "win32", reason="ends a process there")
 def test_a_window_that_is_to_end_before_its_loop_runs_ends_all_the_same(
@@ -302,6 +306,7 @@ app.exec()
 """
 
 
+@pytest.mark.slow
 def test_in_somebody_elses_application_nothing_outside_the_window_changes(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", GUEST],
@@ -344,6 +349,7 @@ def test_the_window_gives_its_plotter_and_what_it_shows(qtbot: QtBot) -> None:
     window.close()
 
 
+@pytest.mark.slow
 def test_the_script_of_the_notebook_page(
     qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -71,30 +71,30 @@ def drawn(window: MainWindow) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def one_window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+def one_window(
+    tmp_path_factory: pytest.TempPathFactory, module_cache: Path
+) -> Iterator[MainWindow]:
     application()
     folder = tmp_path_factory.mktemp("shape")
     mesh = bumpy()
     np.savez(folder / "ball.npz", vertices=mesh.vertices, faces=mesh.faces)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        window = MainWindow(fresh=True)
-        window.show()
-        window.activateWindow()
-        wait_for(window.isActiveWindow)
-        window.open_mesh(folder / "ball.npz", "nm")
-        wait_for(lambda: window.document.mesh is not None)
-        rest(window)
-        assert not part(window, QCheckBox, "shape_check").isEnabled()
-        window.document.target = Target("count", PAIRS)
-        QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
-        wait_for(lambda: bool(window.document.spectrum and window.document.spectrum.complete))
-        rest(window)
-        window.arrangement.docks["shape"].raise_()
-        QTest.qWait(50)
-        yield window
-        window.close()
-        window.deleteLater()
+    window = MainWindow(fresh=True)
+    window.show()
+    window.activateWindow()
+    wait_for(window.isActiveWindow)
+    window.open_mesh(folder / "ball.npz", "nm")
+    wait_for(lambda: window.document.mesh is not None)
+    rest(window)
+    assert not part(window, QCheckBox, "shape_check").isEnabled()
+    window.document.target = Target("count", PAIRS)
+    QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
+    wait_for(lambda: bool(window.document.spectrum and window.document.spectrum.complete))
+    rest(window)
+    window.arrangement.docks["shape"].raise_()
+    QTest.qWait(50)
+    yield window
+    window.close()
+    window.deleteLater()
 
 
 @pytest.fixture

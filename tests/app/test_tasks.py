@@ -283,6 +283,7 @@ def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: 
     assert document.spectrum is None or not document.spectrum.complete
 
 
+@pytest.mark.usefixtures("own_process")
 @pytest.mark.parametrize("job", [DyingJob(), FailingJob("input"), FailingJob("defect")])
 def test_failure_is_said_and_the_next_job_runs(
     session: Session, job: DyingJob | FailingJob, neuron_file: Path

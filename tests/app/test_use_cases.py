@@ -116,28 +116,26 @@ def pairs(file: Path) -> Decomposition:
 
 
 @pytest.fixture(scope="module")
-def window(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+def window(file: Path, module_cache: Path) -> Iterator[MainWindow]:
     """With a mesh that was dropped on it, and its eigenpairs."""
     application()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        opened = MainWindow(fresh=True)
-        opened.show()
-        opened.activateWindow()
-        wait_for(opened.isActiveWindow)
-        data = QMimeData()
-        data.setUrls([QUrl.fromLocalFile(str(file))])
-        place = QPointF(opened.stage.mapTo(opened, opened.stage.rect().center()))
-        copy, none = Qt.DropAction.CopyAction, Qt.KeyboardModifier.NoModifier
-        opened.dropEvent(QDropEvent(place, copy, data, LEFT, none))
-        wait_for(lambda: opened.document.mesh is not None and opened.document.job is None)
-        write(opened, "target_count_spin", PAIRS)
-        QTest.mouseClick(part(opened, "compute_button"), LEFT)
-        wait_for(lambda: bool(opened.document.spectrum and opened.document.spectrum.complete))
-        rest(opened)
-        yield opened
-        opened.close()
-        opened.deleteLater()
+    opened = MainWindow(fresh=True)
+    opened.show()
+    opened.activateWindow()
+    wait_for(opened.isActiveWindow)
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(file))])
+    place = QPointF(opened.stage.mapTo(opened, opened.stage.rect().center()))
+    copy, none = Qt.DropAction.CopyAction, Qt.KeyboardModifier.NoModifier
+    opened.dropEvent(QDropEvent(place, copy, data, LEFT, none))
+    wait_for(lambda: opened.document.mesh is not None and opened.document.job is None)
+    write(opened, "target_count_spin", PAIRS)
+    QTest.mouseClick(part(opened, "compute_button"), LEFT)
+    wait_for(lambda: bool(opened.document.spectrum and opened.document.spectrum.complete))
+    rest(opened)
+    yield opened
+    opened.close()
+    opened.deleteLater()
 
 
 def between(pairs: Decomposition, at: int) -> float:
