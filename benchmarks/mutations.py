@@ -1,18 +1,17 @@
-"""Do the tests notice? Single small faults, made by seed, and the tests that should see them.
+"""Single small faults in the package, chosen by seed, and whether the tests notice them.
 
-    ./dev bench mutations --count 200 --seed 1
+    ./dev bench mutations [--count 200] [--seed 11] [--first 0] [--tree DIR] [--slow]
 
-Each fault is put into a copy of the tree, where the tests that enter the function it lies in are
-run until the first fails; a run past its time counts as caught. Printed are a table by module and
-the faults that survived. Those that change nothing a caller could see are listed with the reason in
-`mutations_equivalent.toml`.
+A comparison is reversed, + and - or `and` and `or` are exchanged, a number is one larger, or a
+returned condition is negated. Each fault is put into a temporary copy of the tree. The tests named
+like the module run first, then those of its folder, each file until its first failure. A line is
+printed for each fault and the shares at the end. Windows are tested where there is a display.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
+import ast
 import os
 import random
 import shutil
@@ -20,219 +19,138 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
-from collections import Counter, defaultdict
-from fnmatch import fnmatchcase
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from mutation_operators import Mutation, mutations_of
-from mutation_tests import Run, Tests, copy_tree, import_what_is_slow, noticed_by
-
-HERE = Path(__file__).parent
-ROOT = HERE.parent
-EQUIVALENT = HERE / "mutations_equivalent.toml"
-#: What a like share of the faults goes to: modules and folders of the package, the first that fits.
-AREAS = {
-    "engine": ("spectral/engine/*",),
-    "io": ("io/*",),
-    "model": ("model/*", "fields/*"),
-    "numerics": (
-        *("mesh.py", "health.py", "defects.py", "laplacian.py", "decompose.py"),
-        *("spectral/*", "features/*", "split/*", "surface/*"),
-    ),
+ROOT = Path(__file__).resolve().parent.parent
+#: Seconds for the tests of one file; a fault that takes longer counts as noticed.
+PATIENCE = 240
+COMPARISONS = {
+    ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+}  # fmt: skip
+EXCHANGED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.And: ast.Or, ast.Or: ast.And}
+#: Tests of a folder of the package, quick ones first; the longest prefix counts.
+TESTS = {
+    "": "test_mesh test_health test_units test_public_api test_cli",
+    "app": "app/test_session_end_to_end app/test_main_window app/test_use_cases",
+    "app/dialogs": "app/test_dialogs app/test_gallery app/test_movie_dialog app/test_scene_dialog",
+    "app/panels": "app/test_spectrum_panel app/test_profile_panel app/test_main_window",
+    "app/tabs": "app/test_field_panel app/test_typing app/test_map_tab",
+    "app/view": "app/view/test_mesh_view app/view/test_picture app/view/test_series",
+    "cli": "test_cli test_cli_series test_cli_numbers test_streams",
+    "features": "test_features test_filters test_truncation test_comparison test_decompose",
+    "fields": "fields/test_families fields/test_maps model/test_live model/test_script",
+    "io": "io/test_store io/test_write io/test_read io/test_session model/test_decomposition",
+    "io/formats": "io/test_read io/test_ply io/test_off io/test_stl io/test_gltf io/test_vtk_maps",
+    "model": "model/test_document model/test_pair model/test_live model/test_script",
+    "spectral": "test_eigensolver test_proof test_preview test_eigensolver_hard",
+    "split": "test_split test_cli",
+    "surface": "test_curvature test_distances test_clustering test_rays test_laplacian",
 }
 
 
-def main() -> int:
-    """Make faults, run tests, print a table; exit status 1 where fewer were caught than asked."""
-    options = _options()
-    source = {path: (ROOT / path).read_bytes() for path in _modules()}
-    chosen = _choose(source, options)
-    equivalent = _equivalent()
-    reasons = {mutation: _reason(mutation, equivalent) for mutation in chosen}
-    if options.list:
-        for mutation in chosen:
-            print(f"{'=' if reasons[mutation] else ' '} {mutation}")
-        return 0
-    import_what_is_slow()
-    base = _base()
-    tests = Tests.recorded(base / "tree", base / "reach.json", _say)
-    outcome = _try_all(
-        [mutation for mutation in chosen if reasons[mutation] is None], tests, base, options
-    )
-    return _report(chosen, outcome, reasons, options)
+def faults(node: ast.AST) -> Iterator[tuple[Any, str]]:
+    """Nodes of a module, each with what is written in its place; annotations are left out."""
+    changed: ast.AST | None = None
+    match node:
+        case ast.Compare(ops=[operator]) if type(operator) in COMPARISONS:
+            changed = ast.Compare(node.left, [COMPARISONS[type(operator)]()], node.comparators)
+        case ast.BinOp(op=ast.Add() | ast.Sub()):
+            changed = ast.BinOp(node.left, EXCHANGED[type(node.op)](), node.right)
+        case ast.BoolOp():
+            changed = ast.BoolOp(EXCHANGED[type(node.op)](), node.values)
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            changed = ast.Constant(number + 1)
+        case ast.Return(value=ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()) as value):
+            changed = ast.Return(ast.UnaryOp(ast.Not(), value))
+    if changed is not None:
+        text = ast.unparse(ast.fix_missing_locations(changed))
+        yield node, text if isinstance(node, ast.Return) else f"({text})"
+    for name, child in ast.iter_fields(node):
+        if name not in ("annotation", "returns", "decorator_list"):
+            for each in child if isinstance(child, list) else [child]:
+                if isinstance(each, ast.AST) and not isinstance(each, ast.JoinedStr):
+                    yield from faults(each)
 
 
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=200, help="faults in all")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="*", help="modules, such as 'io/*' or weyl.py")
-    parser.add_argument("--but", default="", help="modules to leave out, separated by commas")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of tests for each fault")
-    parser.add_argument("--list", action="store_true", help="print the faults, run nothing")
-    parser.add_argument("--least", type=float, default=90.0, help="per cent that must be caught")
-    return parser.parse_args()
+def all_faults(tree: Path) -> list[tuple[str, int, str, str, bytes]]:
+    """Of each fault the module, the line, what it read, what it reads, and the whole module."""
+    found = []
+    for path in sorted((tree / "meshmash_viewer").rglob("*.py")):
+        source = path.read_bytes()
+        lines = source.splitlines(keepends=True)
+        starts = [sum(map(len, lines[:number])) for number in range(len(lines) + 1)]
+        for node, text in faults(ast.parse(source)):
+            start = starts[node.lineno - 1] + node.col_offset
+            stop = starts[node.end_lineno - 1] + node.end_col_offset
+            module = source[:start] + text.encode() + source[stop:]
+            before = " ".join(source[start:stop].decode().split())
+            name = path.relative_to(tree / "meshmash_viewer").as_posix()
+            found.append((name, node.lineno, before, text, module))
+    return found
 
 
-def _modules() -> list[str]:
-    """Modules of the areas, below the root."""
-    found = [str(path.relative_to(ROOT)) for path in (ROOT / "meshmash_viewer").rglob("*.py")]
-    return sorted(path for path in found if _area(path) is not None)
+def tests_of(tree: Path, module: str) -> list[str]:
+    """Files of tests that concern a module."""
+    folder, stem = module.rpartition("/")[0], Path(module).stem
+    same = [str(each.relative_to(tree)) for each in (tree / "tests").rglob(f"test_{stem}.py")]
+    while folder not in TESTS:
+        folder = folder.rpartition("/")[0]
+    table = [f"tests/{name}.py" for name in TESTS[folder].split()]
+    return list(dict.fromkeys([*same, *(name for name in table if (tree / name).exists())]))
 
 
-def _area(path: str) -> str | None:
-    """The area that a module belongs to; None if its faults are none of those made here."""
-    for area, patterns in AREAS.items():
-        if any(fnmatchcase(_short(path), pattern) for pattern in patterns):
-            return area
-    return None
-
-
-def _short(path: str) -> str:
-    return path.removeprefix("meshmash_viewer/")
-
-
-def _choose(source: dict[str, bytes], options: argparse.Namespace) -> list[Mutation]:
-    """Faults by seed: a like share for every area, for modules by their length, any kind alike."""
-    chance = random.Random(options.seed)
-    left_out = [pattern.strip() for pattern in options.but.split(",")]
-    areas: dict[str | None, dict[str, dict[str, list[Mutation]]]] = {}
-    for path, text in source.items():
-        if not fnmatchcase(_short(path), options.only) or any(
-            fnmatchcase(_short(path), pattern) for pattern in left_out
-        ):
+def outcome(copy: Path, module: str, slow: bool) -> str:
+    """Which tests notice what is wrong with a copy of the tree; "survived" if none does."""
+    environment = {**os.environ, "PYTHONPATH": str(copy)}
+    chosen = () if slow else ("-m", "not slow")
+    for file in tests_of(copy, module):
+        if file.startswith("tests/app/") and not environment.get("DISPLAY"):
             continue
-        kinds: dict[str, list[Mutation]] = defaultdict(list)
-        for mutation in mutations_of(path, text):
-            kinds[mutation.kind].append(mutation)
-        if kinds:
-            areas.setdefault(_area(path), {})[path] = kinds
-    chosen: dict[tuple[str, int, int], Mutation] = {}
-    names = [area for area in AREAS if area in areas]
-    for turn in range(100 * options.count):
-        if len(chosen) == options.count or not names:
-            break
-        modules = areas[names[turn % len(names)]]
-        path = chance.choices(list(modules), [len(source[module]) for module in modules])[0]
-        kind = chance.choice(sorted(modules[path]))
-        mutation = chance.choice(modules[path][kind])
-        chosen.setdefault((path, mutation.start, mutation.stop), mutation)
-    return sorted(chosen.values(), key=lambda mutation: (mutation.path, mutation.start))
+        command = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider", *chosen, file]
+        try:
+            done = subprocess.run(
+                command, cwd=copy, env=environment, capture_output=True, timeout=PATIENCE
+            )
+        except subprocess.TimeoutExpired:
+            return f"timeout: {file}"
+        if done.returncode not in (0, 5):  # 5: no test was selected
+            failed = [line for line in done.stdout.decode().splitlines() if "FAILED" in line[:6]]
+            return f"killed: {failed[0].split(' - ')[0] if failed else file}"
+    return "survived"
 
 
-def _equivalent() -> list[dict[str, str]]:
-    entries: list[dict[str, str]] = tomllib.loads(EQUIVALENT.read_text())["equivalent"]
-    return entries
-
-
-def _reason(mutation: Mutation, equivalent: list[dict[str, str]]) -> str | None:
-    """Why a fault changes nothing a caller could see; None if it is not known to."""
-    before, after = (" ".join(text.split()) for text in (mutation.before, mutation.after))
-    for entry in equivalent:
-        if (
-            fnmatchcase(_short(mutation.path), entry["module"])
-            and fnmatchcase(mutation.place, entry.get("place", "*"))
-            and entry.get("before", before) == before
-            and entry.get("after", after) == after
-        ):
-            return entry["reason"]
-    return None
-
-
-def _base() -> Path:
-    """A copy of the tree, kernels compiled and tests recorded, kept until a module changes."""
-    digest = hashlib.sha256()
-    tests = [path for path in (ROOT / "tests").rglob("*.py") if not path.stem.startswith("test_")]
-    for path in sorted([*tests, *(ROOT / "meshmash_viewer").rglob("*.py")]):
-        digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
-    base = Path(tempfile.gettempdir()) / f"meshmash-mutations-{digest.hexdigest()[:16]}"
-    copy_tree(ROOT, base / "tree")
-    return base
-
-
-def _try_all(
-    mutations: list[Mutation], tests: Tests, base: Path, options: argparse.Namespace
-) -> dict[Mutation, str | None]:
-    """What noticed each fault; None for those that survived."""
-    began = time.perf_counter()
-    copies = Path(tempfile.mkdtemp(prefix="meshmash-mutants-"))
-    outcome: dict[Mutation, str | None] = {}
-    remembered = base / "noticed.json"
-    noticed = json.loads(remembered.read_text()) if remembered.exists() else {}
-
-    waiting = list(enumerate(mutations))[::-1]
-    running: dict[Mutation, tuple[Run, Path, int]] = {}
-    try:
-        while waiting or running:
-            while waiting and len(running) < options.jobs:
-                number, mutation = waiting.pop()
-                chosen = tests.noticing(mutation, options.seconds, noticed.get(str(mutation), ""))
-                if not chosen:
-                    outcome[mutation] = None
-                    _say(f"{len(outcome)} of {len(mutations)}: {mutation}: entered by no test")
-                    continue
-                copy = copies / str(number)
-                run = tests.start(mutation, chosen, copy, patience=20.0)
-                running[mutation] = run, copy, len(chosen)
-            time.sleep(0.02)
-            for mutation, (run, copy, n_tests) in list(running.items()):
-                status = run.status()
-                if status is None:
-                    continue
-                outcome[mutation] = noticed_by(run, status)
-                del running[mutation]
-                noticed[str(mutation)] = (outcome[mutation] or "").removeprefix("FAILED ")
-                # Not waited for: a fault may have left a million files.
-                subprocess.Popen(["rm", "-rf", str(copy), f"{copy}-temporary"])
-                said = outcome[mutation] or f"SURVIVED {n_tests} tests"
-                now = f"{time.perf_counter() - began:.0f} s"
-                _say(f"{len(outcome)} of {len(mutations)}, {now}: {mutation}: {said}")
-    finally:
-        remembered.write_text(json.dumps(noticed))
-        shutil.rmtree(copies, ignore_errors=True)
-    return outcome
-
-
-def _report(
-    chosen: list[Mutation],
-    outcome: dict[Mutation, str | None],
-    reasons: dict[Mutation, str | None],
-    options: argparse.Namespace,
-) -> int:
-    made: Counter[str] = Counter()
-    caught: Counter[str] = Counter()
-    same: Counter[str] = Counter()
-    for mutation in chosen:
-        for row in (_short(mutation.path), f"{_area(mutation.path)} ", "in all"):
-            made[row] += 1
-            same[row] += reasons[mutation] is not None
-            caught[row] += outcome.get(mutation) is not None
-    print(f"{'module':32}{'faults':>8}{'caught':>8}{'survived':>10}{'equivalent':>12}{'caught':>9}")
-    for row in sorted(made, key=lambda row: (row == "in all", row.endswith(" "), row)):
-        real = made[row] - same[row]
-        share = f"{100.0 * caught[row] / real:.0f} %" if real else ""
-        print(
-            f"{row:32}{made[row]:8}{caught[row]:8}{real - caught[row]:10}{same[row]:12}{share:>9}"
-        )
-    survivors = [mutation for mutation in chosen if outcome.get(mutation, "") is None]
-    if survivors:
-        print("\nsurvived:")
-    for mutation in survivors:
-        print(f"  {mutation}")
-    if any(reasons.values()):
-        print("\nequivalent:")
-    for mutation, reason in reasons.items():
-        if reason is not None:
-            print(f"  {mutation}\n      {reason}")
-    real = made["in all"] - same["in all"]
-    return int(100.0 * caught["in all"] < options.least * real)
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+def main() -> None:
+    """Make faults one after the other, run tests, and print what noticed them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=200, help="faults that are chosen")
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--first", type=int, default=0, help="go on from this one")
+    parser.add_argument("--tree", type=Path, default=ROOT, help="a checkout")
+    parser.add_argument("--slow", action="store_true", help="run slow tests as well")
+    options = parser.parse_args()
+    chosen = random.Random(options.seed).sample(all_faults(options.tree), options.count)
+    shares: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "tree"
+        left_out = shutil.ignore_patterns(".*", "build", "dist", "shots")
+        shutil.copytree(options.tree, copy, ignore=left_out)
+        for number, (name, line, before, text, module) in enumerate(chosen):
+            if number < options.first:
+                continue
+            path, began = copy / "meshmash_viewer" / name, time.monotonic()
+            whole = path.read_bytes()
+            path.write_bytes(module)
+            found = outcome(copy, name, options.slow)
+            path.write_bytes(whole)
+            shares[found.partition(":")[0]] += 1
+            seconds = round(time.monotonic() - began)
+            print(f"{number} {name}:{line}: {before} → {text}: {found} ({seconds} s)", flush=True)
+    print(dict(shares))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

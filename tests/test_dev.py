@@ -46,6 +46,8 @@ def test_no_virtual_screen_is_asked_for_elsewhere(
     monkeypatch.setattr(dev, "make_environment", lambda: None)
     monkeypatch.setattr(dev, "one_thread_each", lambda: None)
     monkeypatch.setattr(dev.subprocess, "run", run)
+    monkeypatch.setattr(dev, "begin", lambda *command: run(list(command)))
+    monkeypatch.setattr(dev, "finish", lambda done: done.returncode)
     assert dev.main(["test", *arguments]) == 0
     assert {command[0] for command in calls} == {str(dev.PYTHON)}
     assert any("pytest" in command for command in calls)
@@ -54,12 +56,17 @@ def test_no_virtual_screen_is_asked_for_elsewhere(
 def test_one_failed_step_fails_the_test_and_ends_no_other(
     dev: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
+    real_begin = dev.begin
     monkeypatch.setattr(dev, "make_environment", lambda: None)
     monkeypatch.setattr(dev, "install_system_libraries", lambda: None)
     monkeypatch.setattr(dev, "one_thread_each", lambda: None)
     monkeypatch.setattr(dev, "with_windows", lambda *command: 0)
-    monkeypatch.setattr(dev, "call", lambda *command: int("mypy" in command))
+    monkeypatch.setattr(dev, "call", lambda *command: 0)
+    monkeypatch.setattr(
+        dev, "begin", lambda *_: real_begin(sys.executable, "-c", "print('a fault'); exit(1)")
+    )
     assert dev.main(["test"]) == 1
     printed = capfd.readouterr().out
     assert "FAILED  mypy" in printed
+    assert "a fault" in printed
     assert printed.count("passed") == 3

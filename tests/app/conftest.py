@@ -13,8 +13,8 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app import listening, theme
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.worker import Worker
 
 
 @pytest.fixture(scope="session")
