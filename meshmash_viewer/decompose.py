@@ -106,9 +106,6 @@ def decompose_laplacian(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
     >>> eigenvalues, eigenvectors = mv.decompose_laplacian(L, M, 4)
     >>> eigenvalues.round(1), eigenvectors.shape
     (array([0., 2., 2., 2.]), (642, 4))
@@ -181,8 +178,6 @@ def decompose_mesh(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> eigenvalues, eigenvectors = mv.decompose_mesh(ball, 4)
     >>> eigenvalues.round(1), eigenvectors.shape
     (array([0., 2., 2., 2.]), (642, 4))
@@ -249,9 +244,6 @@ def decompose_laplacian_by_bands(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
     >>> eigenvalues, eigenvectors = mv.decompose_laplacian_by_bands(L, M, 7.0)
     >>> eigenvalues.round(1)
     array([0., 2., 2., 2., 6., 6., 6., 6., 6.])

@@ -124,7 +124,6 @@ def mesh_health(mesh: MeshLike) -> Health:
 
     Examples
     --------
-    >>> import trimesh
     >>> health = mv.mesh_health(trimesh.creation.box())
     >>> health.n_components, health.boundary_edges, health.area
     (1, 0, 6.0)
@@ -201,7 +200,6 @@ def largest_component(mesh: MeshLike) -> Mesh:
 
     Examples
     --------
-    >>> import trimesh
     >>> both = [trimesh.creation.icosphere(1), trimesh.creation.box()]
     >>> two = trimesh.util.concatenate(both)
     >>> len(two.vertices), mv.largest_component(two).n_vertices

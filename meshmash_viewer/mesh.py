@@ -496,8 +496,6 @@ def mesh_to_poly(mesh: MeshLike) -> Any:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> poly = mv.mesh_to_poly(ball)
     >>> poly["height"] = poly.points[:, 2]
     >>> poly.n_points, poly.active_scalars_name

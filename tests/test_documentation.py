@@ -59,10 +59,18 @@ def test_the_reference_names_all_that_is_public() -> None:
     assert named == set(mv.__all__) - {"__version__"}
 
 
+@pytest.fixture(scope="module")
+def assumed() -> dict[str, Any]:
+    """Names that the examples assume, as the reference says."""
+    page = (DOCS / "reference.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec(re.findall(r"```python\n(.*?)```", page, re.S)[0], names)
+    return names
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(mv.__all__) - {"__version__"}))
-def test_every_public_name_has_an_example_that_runs(name: str) -> None:
-    assumed = {"np": np, "mv": mv}  # as the reference says
+def test_every_public_name_has_an_example_that_runs(name: str, assumed: dict[str, Any]) -> None:
     (tests,) = doctest.DocTestFinder(recurse=False).find(getattr(mv, name), name, globs=assumed)
     runs = [example for example in tests.examples if doctest.SKIP not in example.options]
     assert runs or name == "view", "which opens a window"

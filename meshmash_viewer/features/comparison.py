@@ -73,7 +73,6 @@ class FunctionMatches:
 
     Examples
     --------
-    >>> import trimesh
     >>> box = trimesh.creation.box((1, 2, 3)).subdivide().subdivide()
     >>> pairs = mv.solve(*mv.cotangent_laplacian(box), 4)
     >>> found = mv.match_functions(pairs, pairs, np.arange(len(box.vertices)))
@@ -116,10 +115,6 @@ class Comparison:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> found = mv.compare_shapes(pairs, pairs)
     >>> found.distance, bool(found.mutual.all())
     (0.0, True)
@@ -235,7 +230,6 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
 
     Examples
     --------
-    >>> import trimesh
     >>> ball, other = trimesh.creation.icosphere(1), trimesh.creation.icosphere(1, radius=2.0)
     >>> first, second = (mv.Mesh(each.vertices, each.faces) for each in (ball, other))
     >>> mv.corresponding_vertices(first, second)[:4]
@@ -389,7 +383,6 @@ def match_functions(
 
     Examples
     --------
-    >>> import trimesh
     >>> box = trimesh.creation.box((1, 2, 3)).subdivide().subdivide()
     >>> turn = trimesh.transformations.rotation_matrix(1.0, [0.0, 0.0, 1.0])
     >>> turned = box.copy().apply_transform(turn)

@@ -141,8 +141,6 @@ def spectral_geometry_filter(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> low = mv.spectral_geometry_filter(ball, mv.low_pass_bank(7.0), max_eigenvalue=10.0)
     >>> low.shape
     (642, 1)
@@ -226,8 +224,6 @@ def compute_hks(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> hks = mv.compute_hks(ball, 40.0, t_min=0.5, t_max=50.0, n_components=3)
     >>> hks[0].round(2)
     array([0.19, 0.08, 0.08])
@@ -312,8 +308,6 @@ def compute_geometry_vectors(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> bands = mv.compute_geometry_vectors(ball, max_eigenvalue=40.0, n_components=8)
     >>> bands.shape
     (642, 8)

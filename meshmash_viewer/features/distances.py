@@ -230,8 +230,6 @@ class GeodesicSolver:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> solver = mv.GeodesicSolver(mv.Mesh(ball.vertices, ball.faces))
     >>> north, south = ball.vertices[:, 2].argmax(), ball.vertices[:, 2].argmin()
     >>> float((solver.from_vertex(north)[south] / np.pi).round(1))
@@ -284,8 +282,6 @@ def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> float((mv.geodesic_distance(ball, 0).max() / np.pi).round(1))
     1.0
     """
@@ -343,10 +339,6 @@ def distance_features(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> both = mv.distance_features(ball, [0, 1], "biharmonic", pairs)
     >>> both.values.shape, float(both.values[0, 0])
     ((642, 2), 0.0)

@@ -47,10 +47,6 @@ class MapSpectrum:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> height = mv.map_spectrum(pairs, ball.vertices[:, 2])
     >>> f"{height.share(4):.3f}"
     '1.000'
@@ -224,10 +220,6 @@ def dominant_bands(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> height = mv.map_spectrum(pairs, ball.vertices[:, 2])
     >>> len(mv.dominant_bands(height, pairs.rows))
     642

@@ -51,10 +51,6 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> ones = np.ones(len(ball.vertices))
     >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, ones)
     >>> bool(np.isclose(coefficients[0] ** 2, ball.area))
@@ -95,10 +91,6 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> height = ball.vertices[:, 2]
     >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, height)
     >>> back = mv.reconstruct(pairs.eigenvectors, coefficients)

@@ -72,10 +72,6 @@ class Features:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]), unit="mm")
     >>> hks.columns, hks.unit, hks.values.shape
     (('hks_t=5.00e-01', 'hks_t=1.00e+00'), 'mm⁻²', (642, 2))
@@ -299,10 +295,6 @@ def compute_features(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]))
     >>> hks.values[0].round(3)
     array([0.189, 0.113])

@@ -146,10 +146,6 @@ class Truncation:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.1, 1.0]), warn=False)
     >>> bool(hks.truncation.estimate[0] > 0.01 > hks.truncation.estimate[1])
     True

@@ -114,8 +114,6 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     --------
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> with TemporaryDirectory() as folder:
     ...     file = Path(folder) / "height.npy"
     ...     np.save(file, ball.vertices[:, 2])

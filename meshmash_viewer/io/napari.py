@@ -44,8 +44,6 @@ def to_napari(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> data, options, kind = mv.to_napari(ball, ball.vertices[:, 2])
     >>> kind, len(data)
     ('surface', 3)

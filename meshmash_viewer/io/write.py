@@ -96,10 +96,6 @@ def write_features(
     --------
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]))
     >>> mesh = mv.Mesh(ball.vertices, ball.faces)
     >>> with TemporaryDirectory() as folder:
@@ -150,10 +146,6 @@ def write_eigenpairs(
     --------
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> mesh = mv.Mesh(ball.vertices, ball.faces)
     >>> with TemporaryDirectory() as folder:
     ...     file = Path(folder) / "ball.npz"
@@ -212,10 +204,6 @@ def write_map_spectrum(
     --------
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> height = mv.map_spectrum(pairs, ball.vertices[:, 2])
     >>> mesh = mv.Mesh(ball.vertices, ball.faces)
     >>> with TemporaryDirectory() as folder:

@@ -57,10 +57,6 @@ class Decomposition:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
-    >>> pairs = mv.solve(L, M, 16)
     >>> pairs.eigenvalues[:4].round(1)
     array([0., 2., 2., 2.])
     >>> pairs.certificate.complete, bool(pairs.residuals.max() < 1e-9)
@@ -253,9 +249,6 @@ def solve(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
     >>> pairs = mv.solve(L, M, max_eigenvalue=7.0)
     >>> pairs.eigenvalues.round(1)
     array([0., 2., 2., 2., 6., 6., 6., 6., 6.])
@@ -305,9 +298,6 @@ def iterate(
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> L, M = mv.cotangent_laplacian(ball)
     >>> sum(len(batch.eigenvalues) for batch in mv.iterate(L, M, 16))
     16
     """

@@ -70,7 +70,6 @@ class MeshStitcher(Sequence[Piece]):
 
     Examples
     --------
-    >>> import trimesh
     >>> stitcher = mv.MeshStitcher(trimesh.creation.icosphere(3), n_jobs=1)
     >>> pieces = stitcher.split_mesh(max_vertex_threshold=300, t_max=0.1)
     >>> hks = stitcher.apply(mv.compute_hks, count="auto", t_min=0.05, t_max=0.1)

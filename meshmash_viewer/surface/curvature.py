@@ -52,8 +52,6 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> float(np.median(mv.mean_curvature(ball)).round(2))
     1.0
     """
@@ -116,8 +114,6 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
 
     Examples
     --------
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
     >>> float(np.median(mv.gaussian_curvature(ball)).round(2))
     1.0
     """
