@@ -201,6 +201,8 @@ COMMANDS: tuple[Command, ...] = (
             "Paint the distance in feature space from the vertex pinned last", ("S",),
             needs="spectrum", separated=True),
     # -- Help
+    Command("command_palette", "Find a command…", "Help",
+            "Find any command, setting or field by its name or what it is for", ("Ctrl+K",)),
     Command("help", "Help and shortcuts", "Help", "All commands, keys and mouse gestures",
             ("F1",), toolbar="Help", icon="help", separated=True),
     Command("system_report", "Copy system report", "Help",

@@ -479,6 +479,12 @@ class Commands:
 
         ask(HelpDialog(self._window))
 
+    def command_palette(self) -> None:
+        """Open the search box over commands and settings."""
+        from meshmash_viewer.app.dialogs.command_palette import CommandPalette
+
+        CommandPalette(self._window, self._actions).show()
+
     def system_report(self) -> None:
         """Copy the report of the machine, for a bug report, to the clipboard."""
         from meshmash_viewer.app.view.picture import graphics

@@ -1,0 +1,243 @@
+"""Search box over all commands, settings, families and mouse gestures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt
+from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSlider,
+    QAbstractSpinBox,
+    QComboBox,
+    QDialog,
+    QDockWidget,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QMainWindow,
+    QScrollArea,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.actions import COMMANDS, MOUSE_HELP, Actions
+from meshmash_viewer.app.controls.layout import column
+from meshmash_viewer.app.keys import native_keys, native_text
+
+#: Other words by which commands are looked for.
+SYNONYMS = {
+    "open_mesh": "load import file",
+    "open_sample": "example demo",
+    "compare_with": "second mesh side by side",
+    "add_map": "overlay values scalars load",
+    "export": "save write csv table features download",
+    "save_picture": "image screenshot figure png photo",
+    "gallery": "overview contact sheet thumbnails",
+    "save_movie": "video animation film gif mp4",
+    "save_scene": "gltf html web blender",
+    "copy_picture": "image clipboard screenshot",
+    "copy_script": "python code reproduce",
+    "quit": "exit close",
+    "undo": "revert back",
+    "redo": "again repeat",
+    "compute": "solve decompose run start eigenfunctions spectrum",
+    "compute_in_pieces": "large stitch split",
+    "cancel": "stop abort interrupt",
+    "clear_cache": "delete free disk storage",
+    "reset_camera": "home fit center centre view all",
+    "nodal_lines": "contours isolines zero level",
+    "theme_system": "theme dark light mode appearance colour color",
+    "theme_light": "theme white mode appearance colour color",
+    "theme_dark": "theme night black mode appearance colour color",
+    "full_screen": "maximize",
+    "reset_layout": "restore panels default docks",
+    "play": "animate",
+    "flip": "invert negate",
+    "pin_index": "go to find vertex jump",
+    "clear_pins": "remove delete markers",
+    "help": "manual keys shortcuts",
+    "system_report": "bug versions debug",
+}
+#: Other words of gestures, by what they do in `actions.MOUSE_HELP`.
+_GESTURES = {"Turn": "rotate orbit spin", "Shift": "pan move translate drag", "Roll": "rotate tilt"}
+_SETTINGS = QLineEdit, QAbstractSpinBox, QComboBox, QAbstractButton, QAbstractSlider
+_MAX_ROWS, _WIDTH = 12, 560
+#: Commands that were run last, the newest first.
+_recent: list[str] = []
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row: its text, where it belongs, its keys, words that find it, and what Enter does."""
+
+    key: str
+    text: str
+    place: str
+    keys: str
+    words: str
+    run: Callable[[], object]
+    enabled: bool = True
+
+    def rank(self, wanted: list[str]) -> int | None:
+        """Return how well words match, 0 best; None if one of them does not."""
+        text, words = self.text.casefold(), self.words.casefold()
+        if not all(word in text or word in words for word in wanted):
+            return None
+        if text.startswith(" ".join(wanted)):
+            return 0
+        starts = {part for each in (text, words) for part in each.split()}
+        if all(any(part.startswith(word) for part in starts) for word in wanted):
+            return 1 if all(word in text for word in wanted) else 2
+        return 3
+
+
+class CommandPalette(QDialog):
+    """Runs the chosen command, or puts the focus on the chosen setting.
+
+    Parameters
+    ----------
+    window : QMainWindow
+    actions : Actions
+        Its commands.
+    """
+
+    def __init__(self, window: QMainWindow, actions: Actions) -> None:
+        super().__init__(window, Qt.WindowType.Popup)
+        self.setObjectName("command_palette")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        hint = "Find a command, a setting or a field"
+        self.search = theme.named(QLineEdit(placeholderText=hint), "palette_search", hint)
+        self.list = theme.named(QTreeWidget(), "palette_list", "What was found")
+        self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.list.setColumnCount(3)
+        self.list.setHeaderHidden(True)
+        self.list.setRootIsDecorated(False)
+        self.list.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.list.header().setStretchLastSection(False)
+        self.list.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.nothing = theme.named(QLabel("Nothing found"), "palette_nothing", role="muted")
+        self.setLayout(column(self.search, self.list, self.nothing, margins=(8, 8, 8, 8)))
+        self._entries = [*_commands(actions), *_gestures(actions), *_settings(window)]
+        self._shown: list[Entry] = []
+        self.search.textChanged.connect(self._find)
+        self.search.installEventFilter(self)
+        self.list.itemClicked.connect(lambda: self.accept())
+        self._find("")
+        self.setFixedWidth(min(_WIDTH, window.width() - 40))
+        corner = QPoint((window.width() - self.width()) // 2, window.height() // 10)
+        self.move(window.mapToGlobal(corner))
+        self.search.setFocus()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Move the choice by the arrow keys, and run it by Enter."""
+        if watched is self.search and isinstance(event, QKeyEvent):
+            if event.type() != QEvent.Type.KeyPress:
+                return False
+            step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()))
+            if step is not None and self._shown:
+                self._choose((self._chosen() + step) % len(self._shown))
+                return True
+            if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+                self.accept()
+                return True
+        return super().eventFilter(watched, event)
+
+    def accept(self) -> None:
+        """Run the chosen row; one that is not available now stays."""
+        at = self._chosen()
+        if not 0 <= at < len(self._shown) or not self._shown[at].enabled:
+            return
+        entry = self._shown[at]
+        _recent[:] = [entry.key, *(key for key in _recent if key != entry.key)][:_MAX_ROWS]
+        super().accept()
+        entry.run()
+
+    def _find(self, text: str) -> None:
+        wanted = text.casefold().split()
+        ranked = [(entry.rank(wanted), entry) for entry in self._entries]
+        found = [
+            (_recency(entry), rank, not entry.enabled, at)
+            for at, (rank, entry) in enumerate(ranked)
+            if rank is not None
+        ]
+        self._shown = [self._entries[key[-1]] for key in sorted(found)[:_MAX_ROWS]]
+        self.list.clear()
+        for entry in self._shown:
+            item = QTreeWidgetItem(self.list, [entry.text, entry.place, entry.keys])
+            for cell in (1, 2):
+                item.setForeground(cell, QColor(theme.palette().muted))
+            item.setDisabled(not entry.enabled)
+            if not entry.enabled:
+                item.setToolTip(0, "Not available now")
+        self._choose(0)
+        self.list.setVisible(bool(self._shown))
+        self.nothing.setVisible(not self._shown)
+        self.list.setFixedHeight(len(self._shown) * max(self.list.sizeHintForRow(0), 1) + 4)
+        self.adjustSize()
+
+    def _chosen(self) -> int:
+        return self.list.indexOfTopLevelItem(self.list.currentItem())
+
+    def _choose(self, at: int) -> None:
+        if (item := self.list.topLevelItem(at)) is not None:
+            self.list.setCurrentItem(item)
+
+
+def _recency(entry: Entry) -> int:
+    return _recent.index(entry.key) if entry.key in _recent else len(_recent)
+
+
+def _commands(actions: Actions) -> Iterator[Entry]:
+    for each in COMMANDS:
+        if each.name == "command_palette":
+            continue
+        action = actions[each.name]
+        place = f"{each.menu} › {each.submenu}" if each.submenu else each.menu
+        words = " ".join((each.tooltip, each.name.replace("_", " "), SYNONYMS.get(each.name, "")))
+        keys = native_keys(*each.sequences()[:1])
+        yield Entry(
+            each.name, action.text().rstrip("…"), place, keys, words, action.trigger,
+            action.isEnabled(),
+        )  # fmt: skip
+
+
+def _gestures(actions: Actions) -> Iterator[Entry]:
+    for gesture, what in MOUSE_HELP:
+        words = f"{gesture} {_GESTURES.get(what, '')}"
+        yield Entry(
+            gesture, what, "Mouse over the render", native_text(gesture), words,
+            actions["help"].trigger,
+        )  # fmt: skip
+
+
+def _settings(window: QMainWindow) -> Iterator[Entry]:
+    for dock in window.findChildren(QDockWidget):
+        for control in dock.findChildren(QWidget):
+            name = control.accessibleName()
+            if not (name and isinstance(control, _SETTINGS) and control.isEnabled()):
+                continue
+            if control.focusPolicy() != Qt.FocusPolicy.NoFocus and control.isVisibleTo(dock):
+                place = dock.windowTitle()
+                key = f"{dock.objectName()}.{control.objectName()}"
+                yield Entry(key, name, place, "", place, partial(_go_to, control, dock))
+
+
+def _go_to(control: QWidget, dock: QDockWidget) -> None:
+    """Bring a control to the front and give it the focus."""
+    dock.show()
+    dock.raise_()
+    area = control.parentWidget()
+    while area is not None and not isinstance(area, QScrollArea):
+        area = area.parentWidget()
+    if area is not None:
+        area.ensureWidgetVisible(control)
+    control.setFocus(Qt.FocusReason.ShortcutFocusReason)
+    if isinstance(control, QLineEdit):
+        control.selectAll()
