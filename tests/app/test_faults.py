@@ -283,10 +283,10 @@ def test_profiles_are_read_no_longer_once_the_window_is_closed(
             leave.wait(0.5)
             return np.zeros((8, 10))
 
-    reader.want(Slow(), (3,))
+    reader.ask((Slow(), (3,)))
     assert entered.wait(10)
     window.close()
-    assert reader.thread_.isFinished()
+    assert reader.isFinished()
     window.deleteLater()
 
 

@@ -1,9 +1,26 @@
-"""A plot lays out what is new in one turn of the event loop and paints in a later one."""
+"""Plots label their axes, and lay out and paint what is new in separate turns of the loop."""
 
 from __future__ import annotations
 
+import pytest
+
 from meshmash_viewer.app.listening import catch_up
-from meshmash_viewer.app.plots.plot import Plot
+from meshmash_viewer.app.plots.plot import Plot, ScientificAxis
+
+
+@pytest.mark.parametrize(
+    ("values", "spacing", "texts"),
+    [
+        ([0.0, 1e-8, 2e-8], 1e-8, ["0", "1×10⁻⁸", "2×10⁻⁸"]),
+        ([0.0, 5e-9, 1e-8, 1.5e-8], 5e-9, ["0", "5×10⁻⁹", "1×10⁻⁸", "1.5×10⁻⁸"]),
+        ([-1e-5, 0.0, 1e-5], 1e-5, ["-1×10⁻⁵", "0", "1×10⁻⁵"]),
+        ([0.0, 50.0, 100.0], 50.0, ["0", "50", "100"]),
+        ([0.0, 2e6], 2e6, ["0", "2×10⁶"]),
+        ([], 1.0, []),
+    ],
+)
+def test_ticks_are_powers_of_ten(qapp, values, spacing, texts) -> None:
+    assert ScientificAxis("left").tickStrings(values, 1.0, spacing) == texts
 
 
 def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:

@@ -1,14 +1,13 @@
-"""Numbers at the ticks of axes and sliders, written as people write them: 2×10⁻⁸."""
+"""Powers of ten as marks along a range, written 2×10⁻⁸."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from meshmash_viewer.units import superscript
 
-__all__ = ["Mark", "decade_marks", "linear_texts", "log_share", "power_text"]
+__all__ = ["Mark", "decade_marks", "log_share", "power_text"]
 
 
 class Mark(NamedTuple):
@@ -24,36 +23,6 @@ def power_text(exponent: int, factor: int = 1) -> str:
         return f"{factor * 10.0**exponent:.10g}"
     power = "10" + superscript(exponent)
     return power if factor == 1 else f"{factor}×{power}"
-
-
-def linear_texts(values: Sequence[float], spacing: float) -> list[str]:
-    """Write evenly spaced ticks with only the digits that distinguish them.
-
-    Parameters
-    ----------
-    values : sequence of float
-    spacing : float
-        Distance of neighbouring ticks.
-    """
-    if not len(values):
-        return []
-    largest = max(abs(value) for value in values)
-    if not (largest > 0.0 and spacing > 0.0):
-        return ["0"] * len(values)
-    exponent = math.floor(math.log10(largest) + 1e-9)
-    if -3 <= exponent <= 4:
-        exponent = 0
-    step = spacing / 10.0**exponent
-    digits = max(0, -math.floor(math.log10(step) + 1e-9))
-    digits += abs(round(step, digits) - step) > 0.05 * step  # a quarter takes one more
-    power = "×10" + superscript(exponent) if exponent else ""
-    texts = []
-    for value in values:
-        if abs(value) < 1e-6 * spacing:
-            texts.append("0")
-        else:
-            texts.append(f"{value / 10.0**exponent:.{digits}f}{power}".replace("-", "−"))
-    return texts
 
 
 def log_share(value: float, low: float, high: float) -> float:

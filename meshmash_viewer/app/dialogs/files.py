@@ -1,8 +1,8 @@
-"""Dialogs that ask for a file: base classes of those that save one, and opening maps."""
+"""Dialogs that ask for a file: base classes of those that save one, and functions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -24,6 +24,7 @@ from meshmash_viewer.app.controls.layout import Part, column
 from meshmash_viewer.app.controls.spin import typed_fields
 from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
+from meshmash_viewer.model.document import Document
 
 
 class SaveDialog(QDialog):
@@ -159,3 +160,18 @@ def ask_for_maps(parent: QWidget, folder: Path) -> list[Path]:
         f"Values per vertex ({patterns});;Meshes with such values ({meshes});;All files (*)",
     )
     return [Path(name) for name in chosen]
+
+
+def ask_to_save(
+    parent: QWidget, document: Document, what: str, name: str, kind: str, endings: Iterable[str]
+) -> Path | None:
+    """Ask for a file next to the open mesh, named after it; None if the dialog is cancelled."""
+    folder = document.path.parent if document.path else Path()
+    mesh = document.mesh.name if document.mesh is not None else ""
+    path, _ = QFileDialog.getSaveFileName(
+        parent,
+        f"Export {what}",
+        str(folder / f"{mesh or 'mesh'}_{name}"),
+        f"{kind} ({' '.join(f'*{ending}' for ending in endings)})",
+    )
+    return Path(path) if path else None

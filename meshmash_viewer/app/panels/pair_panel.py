@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QFileDialog,
-    QLabel,
-    QPushButton,
-    QScrollArea,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QLabel, QScrollArea, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, keep_room, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, column, row
+from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
@@ -66,15 +58,14 @@ class PairPanel(QWidget):
         self.refresh()
 
     def _build(self) -> None:
-        self.name_label = theme.named(QLabel(), "pair_name_label", role="heading")
-        self.open_button = theme.named(
-            QPushButton("Compare with…"), "pair_open_button", "Open a second mesh next to this one"
+        self.name_label = make.label("pair_name_label", role="heading")
+        self.open_button = make.button(
+            "Compare with…", "pair_open_button", "Open a second mesh next to this one",
+            self.open_requested,
+        )  # fmt: skip
+        self.close_button = make.button(
+            "Close", "pair_close_button", "Close the second mesh", self.close_requested
         )
-        self.open_button.clicked.connect(self.open_requested)
-        self.close_button = theme.named(
-            QPushButton("Close"), "pair_close_button", "Close the second mesh"
-        )
-        self.close_button.clicked.connect(self.close_requested)
         self.hint = note("pair_hint")
         self.remark = note("pair_remark", role="warning")
         self.figures = Facts(_FIGURES)
@@ -88,42 +79,33 @@ class PairPanel(QWidget):
         self._curves = tuple(pg.PlotCurveItem() for _ in range(2))
         for curve in self._curves:
             self.plot.addItem(curve)
-        self.legend = theme.named(QLabel(wordWrap=True), "pair_legend", role="muted")
-        self.feature_combo = theme.named(
-            QComboBox(), "pair_feature_combo", "Feature in which vertices are matched"
-        )
-        for name, family in MATCHED_IN.items():
-            self.feature_combo.addItem(family.short, name)
-        self.feature_combo.activated.connect(self._choose_feature)
+        self.legend = make.label("pair_legend", role="muted", wordWrap=True)
+        self.feature_combo = make.combo(
+            "pair_feature_combo", "Feature in which vertices are matched", self._choose_feature,
+            {name: family.short for name, family in MATCHED_IN.items()},
+        )  # fmt: skip
         self.matches = Facts(_MATCHES)
-        self.carry_check = theme.named(
-            QCheckBox("Colours of the first, by the match"),
-            "pair_carry_check",
+        self.carry_check = make.check(
+            "Colours of the first, by the match", "pair_carry_check",
             "Show the colours of the first mesh on the second, each vertex as its match",
+            self._carry,
+        )  # fmt: skip
+        self.save_button = make.button(
+            "Export match…", "pair_save_button", "Save the match of all vertices", self._save
         )
-        self.carry_check.toggled.connect(self._carry)
-        self.save_button = theme.named(
-            QPushButton("Export match…"), "pair_save_button", "Save the match of all vertices"
-        )
-        self.save_button.clicked.connect(self._save)
         self.links = {
-            name: theme.named(QCheckBox(text), f"pair_link_{name}", f"Link: {text}")
+            name: make.check(text, f"pair_link_{name}", f"Link: {text}", partial(self._link, name))
             for name, text in LINKS.items()
         }
-        for name, check in self.links.items():
-            check.toggled.connect(partial(self._link, name))
-        self.undo_button = theme.named(
-            QPushButton("Undo repair"), "second_undo_repair_button",
-            "Undo the last repair of the second mesh", role="link",
+        self.undo_button = make.button(
+            "Undo repair", "second_undo_repair_button",
+            "Undo the last repair of the second mesh", self._undo, role="link",
         )  # fmt: skip
-        self.undo_button.clicked.connect(self._undo)
         keep_room(self.undo_button)
-        self.map_button = theme.named(
-            QPushButton("Add map…"), "second_map_button",
-            "Add values per vertex of the second mesh from files",
-            tip="Or drop the files on the second mesh",
+        self.map_button = make.button(
+            "Add map…", "second_map_button", "Add values per vertex of the second mesh from files",
+            self.maps_requested, tip="Or drop the files on the second mesh",
         )  # fmt: skip
-        self.map_button.clicked.connect(self.maps_requested)
         self._health: HealthTable | None = None
         self._second = QVBoxLayout()
         first, second, third, fourth = self.links.values()
@@ -133,16 +115,16 @@ class PairPanel(QWidget):
                 self.figures,
                 self.legend,
                 self.plot,
-                theme.with_role(QLabel("Vertices"), "heading"),
-                row(theme.with_role(QLabel("Matched by"), "muted"), (self.feature_combo,)),
+                make.heading("Vertices"),
+                row(make.muted("Matched by"), (self.feature_combo,)),
                 self.matches,
                 self.carry_check,
                 row(self.save_button, None),
-                theme.with_role(QLabel("Linked"), "heading"),
+                make.heading("Linked"),
                 row((first,), (second,)),
                 third,
                 fourth,
-                row((theme.with_role(QLabel("Second mesh"), "heading"),), self.undo_button),
+                row((make.heading("Second mesh"),), self.undo_button),
                 self._second,
                 row(self.map_button, None),
             )
@@ -179,22 +161,14 @@ class PairPanel(QWidget):
         if self._pair is not None:
             self._pair.second.undo_repair()
 
-    def _choose_feature(self, index: int) -> None:
+    def _choose_feature(self, name: str) -> None:
         if self._pair is not None:
-            self._pair.matched_in = self.feature_combo.itemData(index)
+            self._pair.matched_in = name
 
     def _save(self) -> None:
-        document = self._document
-        folder = document.path.parent if document.path else Path()
-        name = document.mesh.name if document.mesh is not None else ""
-        path, _ = QFileDialog.getSaveFileName(
-            self,
-            "Export match",
-            str(folder / f"{name or 'mesh'}_match.npz"),
-            f"Tables ({' '.join(f'*{ending}' for ending in WRITERS)})",
-        )
-        if path:
-            self.save_requested.emit(Path(path))
+        path = ask_to_save(self, self._document, "match", "match.npz", "Tables", WRITERS)
+        if path is not None:
+            self.save_requested.emit(path)
 
     # -- from the model -----------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 import pyqtgraph as pg
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 
@@ -46,72 +46,17 @@ _CHUNK = 8
 _Request: TypeAlias = tuple[Eigenpairs, tuple[int, ...]]
 
 
-class _ProfileReader(QObject):
-    """Caches the values read from the current spectrum, and reads missing ones.
-
-    A vertex's values are a column of the rows, one value a page: cheap in memory, slow from disk.
-
-    Signals
-    -------
-    changed()
-        More values are there.
-    """
-
-    changed = Signal()
-
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._wanted: Eigenpairs | None = None
-        self._spectrum: Eigenpairs | None = None
-        self._values: dict[int, npt.NDArray[np.float64]] = {}
-        self._asked: tuple[int, ...] = ()
-        self.thread_ = LatestThread(self._read, self._take, parent=self)
-
-    def want(self, spectrum: Eigenpairs | None, vertices: tuple[int, ...]) -> None:
-        """Set what is shown; old values stay until new ones are read."""
-        if spectrum is not self._wanted:
-            self._wanted, self._asked = spectrum, ()
-            self.thread_.drop()
-        if spectrum is None or not vertices:
-            self._values.clear()
-            self._spectrum = None
-            return
-        known = self._values.keys() if self._spectrum is spectrum else set()
-        missing = tuple(vertex for vertex in vertices if vertex not in known)
-        if not set(missing) <= set(self._asked):
-            self._asked = missing
-            self.thread_.ask((spectrum, missing))
-
-    def _read(self, request: _Request, cancel: CancelCallback) -> npt.NDArray[np.float64]:
-        spectrum, vertices = request
-        values = np.empty((len(spectrum), len(vertices)))
-        for start in range(0, len(spectrum), _CHUNK):
-            if cancel():
-                raise Cancelled
-            stop = min(start + _CHUNK, len(spectrum))
-            for column, vertex in enumerate(vertices):
-                values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
-        return values
-
-    def values(self, vertex: int) -> npt.NDArray[np.float64] | None:
-        """Values at a vertex, shape (k,); of fewer pairs while newer ones are being read."""
-        return self._values.get(vertex)
-
-    def close(self) -> None:
-        """Cancel reading, and wait until the spectrum is not used any more."""
-        self.want(None, ())
-        self.thread_.close()
-
-    def _take(self, request: _Request, values: npt.NDArray[np.float64] | Exception) -> None:
-        spectrum, vertices = request
-        if spectrum is not self._wanted:
-            return
-        if isinstance(values, Exception):
-            self._asked = ()
-            raise values
-        self._spectrum = spectrum
-        self._values.update(zip(vertices, values.T, strict=True))
-        self.changed.emit()
+def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.float64]:
+    """Eigenfunctions at vertices, shape (k, m): one value a page, slow from a disk."""
+    spectrum, vertices = request
+    values = np.empty((len(spectrum), len(vertices)))
+    for start in range(0, len(spectrum), _CHUNK):
+        if cancel():
+            raise Cancelled
+        stop = min(start + _CHUNK, len(spectrum))
+        for column, vertex in enumerate(vertices):
+            values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
+    return values
 
 
 class ProfilePanel(PlotPanel):
@@ -134,8 +79,11 @@ class ProfilePanel(PlotPanel):
         self._drawn: tuple[Eigenpairs, Family] | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
-        self._reader = _ProfileReader(self)
-        self._reader.changed.connect(self._refresh)
+        #: Eigenfunctions at pinned vertices, and what was requested last; old values stay until
+        #: new ones have been read.
+        self._values: dict[int, npt.NDArray[np.float64]] = {}
+        self._requested: _Request | None = None
+        self._reader = LatestThread(_values_at, self._take, parent=self)
         self._build()
         follow((document.spectrum_changed, document.pins_changed), self._refresh)
         follow(document.display.events, self._refresh_display)
@@ -147,7 +95,7 @@ class ProfilePanel(PlotPanel):
     @property
     def idle(self) -> bool:
         """Whether the profiles of all pins have been read."""
-        return not self._reader.thread_.working
+        return not self._reader.working
 
     def _build(self) -> None:
         self.view_choice = make.combo(
@@ -175,8 +123,9 @@ class ProfilePanel(PlotPanel):
         self.legend.pointed.connect(self._tell_pointed)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Read nothing any more."""
+        """Read nothing any more, and use the spectrum no more."""
         self._reader.close()
+        self._requested = None
         super().closeEvent(event)
 
     # -- from the person --------------------------------------------------------------------
@@ -261,10 +210,15 @@ class ProfilePanel(PlotPanel):
         for pin in [pin for pin in self._curves if pin not in pins or not there]:
             for item in self._curves.pop(pin):
                 self.plot.removeItem(item)
-        self._reader.want(spectrum, tuple(pin.vertex for pin in pins))
         if spectrum is None or not there:
+            self._reader.drop()
+            self._requested, self._values = None, {}
             self._drawn = self._profile = None  # which hold a mesh that may not be shown any more
             return
+        request = spectrum, tuple(pin.vertex for pin in pins)
+        if request != self._requested:
+            self._requested = request
+            self._reader.ask(request)
         bottom, left, _ = self._family.logarithmic
         self.plot.set_log(bottom, left)
         self.plot.set_labels(*self._family.axes(self._document.unit))
@@ -272,11 +226,20 @@ class ProfilePanel(PlotPanel):
         places = np.zeros(0) if self._profile is None else self._profile.dots.places
         self.plot.set_whole(bool(np.all(places == np.round(places))))
         for pin in pins:
-            values = self._reader.values(pin.vertex)
+            values = self._values.get(pin.vertex)
             if values is not None:
                 self._draw(pin, values[: len(spectrum)], self._profile)
         self._drawn = self._key()
         self._mark(spectrum)
+
+    def _take(self, request: _Request, values: npt.NDArray[np.float64] | Exception) -> None:
+        if request != self._requested:
+            return
+        if isinstance(values, Exception):
+            self._requested = None
+            raise values
+        self._values = dict(zip(request[1], values.T, strict=True))
+        self._refresh()
 
     def _refresh_display(self) -> None:
         spectrum = self._document.spectrum

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QFileDialog, QWidget
+from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
@@ -21,6 +20,7 @@ from meshmash_viewer.app.controls.facts import (
 )
 from meshmash_viewer.app.controls.layout import PANEL, column, row
 from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.shape_source import DrawnShape
 from meshmash_viewer.io.write import MESH_WRITERS
@@ -122,17 +122,10 @@ class ShapePanel(QWidget):
         self._change(pairs=pairs, shown=True)
 
     def _save(self) -> None:
-        document = self._document
-        folder = document.path.parent if document.path else Path()
-        name = document.mesh.name if document.mesh is not None else ""
-        path, _ = QFileDialog.getSaveFileName(
-            self,
-            "Export shape",
-            str(folder / f"{name or 'mesh'}_{self.spin.value()}_eigenfunctions.ply"),
-            f"Meshes ({' '.join(f'*{ending}' for ending in MESH_WRITERS)})",
-        )
-        if path:
-            self.save_requested.emit(Path(path))
+        name = f"{self.spin.value()}_eigenfunctions.ply"
+        path = ask_to_save(self, self._document, "shape", name, "Meshes", MESH_WRITERS)
+        if path is not None:
+            self.save_requested.emit(path)
 
     # -- from the model ---------------------------------------------------------------------
 

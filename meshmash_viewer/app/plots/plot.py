@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -12,8 +13,12 @@ from PySide6.QtGui import QBrush, QColor, QFont, QPen, QResizeEvent
 from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.scale_marks import linear_texts, power_text
+from meshmash_viewer.app.controls.scale_marks import power_text
 from meshmash_viewer.app.listening import later
+from meshmash_viewer.units import superscript
+
+#: Exponent of a number, "e-08".
+_EXPONENT = re.compile(r"e([-+]\d+)")
 
 
 def color(name: str, alpha: float = 1.0) -> QColor:
@@ -51,24 +56,23 @@ def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) 
 
 
 class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
-    """An axis with labels such as 2×10⁻⁸, which pyqtgraph would rescale or round to 0."""
+    """An axis with labels such as 2×10⁻⁸."""
 
     def __init__(self, orientation: str) -> None:
         super().__init__(orientation)
-        self.enableAutoSIPrefix(False)
+        self.enableAutoSIPrefix(False)  # units such as nm⁻² have none
         #: Whether ticks are integers.
         self.whole = False
         #: Number of powers of ten from 0 to 1; 0 for a linear axis.
         self.decades = 0
 
-    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
-        """Labels of evenly spaced ticks."""
-        if self.logMode:
-            return self._log_texts(values)
-        if self.decades:
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Labels of ticks."""
+        if self.decades and not self.logMode:
             powers = [self.decades * (value - 1.0) for value in values]
-            return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else None for p in powers]
-        return list(linear_texts([value * scale for value in values], spacing * scale))
+            return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else "" for p in powers]
+        texts: list[str] = super().tickStrings(values, scale, spacing)
+        return [_EXPONENT.sub(lambda found: f"×10{superscript(int(found[1]))}", t) for t in texts]
 
     def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
         """Spacings of ticks, the largest first, each with an offset."""
@@ -77,31 +81,6 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             return spacing
         steps = {max(round(step), 1) for step, _ in spacing}
         return [(float(step), 0.0) for step in sorted(steps, reverse=True)]
-
-    def tickValues(self, low: float, high: float, size: float) -> list[tuple[float, list[float]]]:
-        """Ticks by spacing; on a logarithmic axis decades, and 2 to 9 between them."""
-        if not self.logMode:
-            return list(super().tickValues(low, high, size)[:2])
-        first, last = math.floor(low), math.ceil(high)
-        room = 45.0 if self.orientation in ("bottom", "top") else 26.0
-        stride = max(1, math.ceil((last - first) / max(size / room, 1.0)))
-
-        def inside(factors: tuple[int, ...]) -> list[float]:
-            places = (p + math.log10(f) for p in range(first - 1, last + 1) for f in factors)
-            return [place for place in places if low <= place <= high]
-
-        whole = [place for place in inside((1,)) if round(place) % stride == 0]
-        return [(1.0, whole), (0.3, inside((2, 5))), (0.1, inside((3, 4, 6, 7, 8, 9)))]
-
-    def _log_texts(self, values: list[float]) -> list[str | None]:
-        low, high = self.range
-        factors = (1,) if high - low > 2.2 else (1, 2, 5)
-        texts: list[str | None] = []
-        for value in values:
-            power = math.floor(value + 1e-9)
-            factor = round(10.0 ** (value - power))
-            texts.append(power_text(power, factor) if factor in factors else None)
-        return texts
 
 
 class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
