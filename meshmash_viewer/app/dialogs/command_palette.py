@@ -183,7 +183,7 @@ class CommandPalette(QDialog):
         self.adjustSize()
 
     def _chosen(self) -> int:
-        return self.list.indexOfTopLevelItem(self.list.currentItem())
+        return self.list.currentIndex().row()
 
     def _choose(self, at: int) -> None:
         if (item := self.list.topLevelItem(at)) is not None:
