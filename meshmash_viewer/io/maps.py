@@ -10,18 +10,17 @@ import numpy as np
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.formats.annotation import freesurfer_annotation
 from meshmash_viewer.io.formats.neuroimaging import (
+    freesurfer_kind,
     freesurfer_label,
     freesurfer_values,
     gifti_maps,
-    is_freesurfer_patch,
-    is_freesurfer_values,
     mgh_maps,
 )
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.guarded import LimitExceeded, read_guarded
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
-from meshmash_viewer.io.read import READERS, Reader, check_file, checked_maps, left_out
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, checked_maps, maps_alone
+from meshmash_viewer.io.read import READERS, Reader, check_file
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
@@ -72,7 +71,7 @@ def is_map_file(path: str | Path) -> bool:
         if name.endswith(".gii"):
             with path.open("rb") as file:  # the points come first
                 return b"NIFTI_INTENT_POINTSET" not in file.read(1_000_000)
-        return path.suffix.lower() not in _OF_MESHES and is_freesurfer_values(path)
+        return path.suffix.lower() not in _OF_MESHES and freesurfer_kind(path) == "values"
     except OSError:
         return False  # reading it as a mesh then raises the reason
 
@@ -164,9 +163,9 @@ def _reader(path: Path) -> Reader:
         return gifti_maps
     if ending in _OF_MESHES:
         return READERS[ending]
-    if name.endswith(_VALUES) or is_freesurfer_values(path):
+    if name.endswith(_VALUES) or freesurfer_kind(path) == "values":
         return freesurfer_values
-    if is_freesurfer_patch(path):
+    if freesurfer_kind(path) == "patch":
         raise InputError("is a FreeSurfer patch, a part of a surface without values")
     raise InputError(
         f"has an ending ({printable(ending, 40) or 'none'}) of no known format of maps"
@@ -176,7 +175,7 @@ def _reader(path: Path) -> Reader:
 def _fitting(
     maps: tuple[RawMap, ...], mesh: Mesh, path: Path
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Maps of as many numbers as the mesh has vertices, or its file; a clause on each bad one.
+    """Return maps with one value per vertex of the mesh or its file, and clauses on bad ones.
 
     Raises
     ------
@@ -185,11 +184,11 @@ def _fitting(
     """
     lengths = {mesh.n_vertices, mesh.n_file_vertices}
     fitting = [each for each in maps if each.last >= 0 or len(each.values) in lengths]
-    found, faults = checked_maps(fitting or maps, max(lengths), path)
+    found, faults, clauses = checked_maps(fitting or maps, max(lengths), path)
     if not fitting:
         if volume := maps[0].volume:
             raise InputError(f"has shape {volume}, which is a volume and not values of a surface")
         mesh.with_maps(*found)
     if not found or not fitting:
         raise faults[0]
-    return named_apart(found), tuple(map(left_out, faults))
+    return named_apart(found), clauses

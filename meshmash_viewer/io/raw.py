@@ -1,19 +1,23 @@
-"""Content of mesh files before any check, which readers return."""
+"""Content of mesh files before any check, which readers return, and its conversion to maps."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh
-from meshmash_viewer.vertex_map import Label
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Maps that are taken of one file.
 MOST_MAPS = 64
+#: Colour of a label that has none of its own.
+_INSIDE = "#d55e00"
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,44 @@ class RawMap:
         """The last vertex that it names; -1 where it names none."""
         named = self.values if self.indices else self.rows
         return -1 if named is None else int(named.max())
+
+    def checked(self, n_vertices: int, path: Path | None = None) -> VertexMap:
+        """Convert to a map of a mesh with n vertices.
+
+        Raises
+        ------
+        InputError
+            See `VertexMap`, or if it names a vertex that does not exist.
+        """
+        name, origin = self.name or (path.name if path else ""), str(path or "")
+        if self.last >= n_vertices:
+            raise InputError(
+                f"Map {name!r} names vertex {self.last:,}, and the mesh has {n_vertices:,}"
+                " vertices: give the one that was made for this surface."
+            )
+        if self.rows is not None:
+            values = np.full(n_vertices, np.nan)
+            values[self.rows] = self.values
+            return VertexMap(name, values, path=origin)
+        if self.indices:
+            inside = np.zeros(n_vertices, dtype=np.int64)
+            inside[self.values] = 1
+            return VertexMap(name, inside, (Label(1, name, _INSIDE),), path=origin)
+        return VertexMap(name, self.values, self.labels, path=origin)
+
+
+def checked_maps(
+    maps: Iterable[RawMap], n_vertices: int, path: Path | None = None
+) -> tuple[list[VertexMap], list[InputError], tuple[str, ...]]:
+    """Convert to maps; return these, the faults of the others, and a clause on each fault."""
+    found, faults = [], []
+    for each in maps:
+        try:
+            found.append(each.checked(n_vertices, path))
+        except InputError as fault:
+            faults.append(fault)
+    clauses = (str(fault).removeprefix("Map ").removesuffix(".") for fault in faults)
+    return found, faults, tuple(f"has a map that is left out: {clause}" for clause in clauses)
 
 
 def are_ascending_indices(values: npt.NDArray[Any]) -> bool:

@@ -6,8 +6,7 @@ import contextlib
 import gzip
 import warnings
 import zlib
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeAlias
@@ -16,37 +15,33 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
-from meshmash_viewer.io.formats.gltf import read_gltf
+from meshmash_viewer.io.formats.gltf import gltf_limits, read_gltf
 from meshmash_viewer.io.formats.neuroimaging import (
     FREESURFER_ENDINGS,
-    is_freesurfer_surface,
+    freesurfer_kind,
     read_freesurfer,
     read_gifti,
 )
-from meshmash_viewer.io.formats.npz import read_npz
+from meshmash_viewer.io.formats.npz import npz_limits, read_npz
 from meshmash_viewer.io.formats.obj import read_obj
 from meshmash_viewer.io.formats.off import read_off
 from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
-from meshmash_viewer.io.raw import RawMap, RawMesh, raw_mesh
+from meshmash_viewer.io.raw import RawMesh, checked_maps, raw_mesh
 from meshmash_viewer.mesh import Mesh, scaled_vertices
 from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.structures import structure_of_file
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
-from meshmash_viewer.vertex_map import Label, VertexMap
 
 __all__ = [
     "READABLE_ENDINGS",
     "READERS",
     "Reader",
     "check_file",
-    "checked_maps",
-    "left_out",
     "mesh_name",
     "read_mesh",
-    "vertex_map",
 ]
 
 Reader: TypeAlias = Callable[[Path], RawMesh]
@@ -67,11 +62,22 @@ READERS: dict[str, Reader] = {
 }
 READERS |= plug_ins("readers", READERS)
 
+
+def limits_of_size(path: Path) -> ReadLimits:
+    """Return the limits for a file that is not compressed as a whole."""
+    return ReadLimits.of(path.stat().st_size)
+
+
 #: Formats that are packed or refer to other files are not found gzipped.
 _NEVER_GZIPPED = (".npz", ".gltf", ".glb")
 
-#: Colour of a label that has none of its own.
-_INSIDE = "#d55e00"
+#: Limits of formats whose libraries crash or never end on some broken files, or whose files may
+#: unpack to much more than their size; None where a file is harmless.
+_LIMITS: dict[Reader, Callable[[Path], ReadLimits | None]] = {
+    **dict.fromkeys((read_vtp, read_legacy_vtk, read_gifti), limits_of_size),
+    read_gltf: gltf_limits,
+    read_npz: npz_limits,
+}
 
 #: Every ending that `read_mesh` takes.
 READABLE_ENDINGS: tuple[str, ...] = (
@@ -127,26 +133,24 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     ending = _ending(path)
     ReadLimits.of(0)  # raises if the environment variable is no number
     try:
-        with warnings.catch_warnings(), _unpacked(path, ending) as (plain, limits):
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the fault is raised below, in one sentence
-            reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
-            guarded = limits is not None
-            raw = read_guarded(reader, plain, limits) if guarded else raw_mesh(reader(plain))
+            raw = _read_raw(path, ending)
             _check_content(raw)
-            stated, (maps, faults) = raw.unit or "", _own_maps(raw)
+            n = len(raw.vertices)
+            maps = [each for each in raw.maps if each.last >= 0 or len(each.values) == n]
+            known, _, unusable = checked_maps(maps, n)
             mesh = Mesh(
                 scaled_vertices(raw.vertices, voxel) if voxel != NO_VOXEL else raw.vertices,
                 raw.faces,
-                unit=stated if given_unit is None else given_unit,
+                unit=raw.unit or "" if given_unit is None else given_unit,
                 name=mesh_name(path),
                 voxel=voxel,
-                maps=maps,
+                maps=tuple(known),
                 structure=raw.structure or structure_of_file(path.name),
             )
     except LimitExceeded as fault:
         raise InputError(f"{path} {fault}") from fault
-    except InputError as fault:
-        raise InputError(f"{path} {_way_out(str(fault), ending)}") from fault
     except PermissionError as fault:
         raise _no_permission(path) from fault
     except MemoryError as fault:
@@ -155,61 +159,20 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             " reduce the mesh first."
         ) from fault
     except Exception as fault:  # libraries raise any exception on a broken file
-        raise InputError(f"{path} {_way_out(str(unreadable(fault)), ending)}") from fault
-    for remark in (*raw.remarks, *faults):
+        clause = str(fault if isinstance(fault, InputError) else unreadable(fault))
+        raise InputError(f"{path} {_with_remedy(clause, ending)}") from fault
+    for remark in (*raw.remarks, *unusable):
         warnings.warn(f"{path} {remark}.", MeshWarning, stacklevel=2)
     return mesh
 
 
-def _own_maps(raw: RawMesh) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Return the maps of a mesh file, and a clause on each that is not usable."""
-    n = len(raw.vertices)
-    known = [each for each in raw.maps if each.last >= 0 or len(each.values) == n]
-    found, faults = checked_maps(known)
-    return found, tuple(map(left_out, faults))
-
-
-def checked_maps(
-    maps: Iterable[RawMap], n_vertices: int = 0, path: str | Path = ""
-) -> tuple[tuple[VertexMap, ...], list[InputError]]:
-    """Convert values at n vertices to maps; return these, and the faults of the others."""
-    found, faults = [], []
-    for each in maps:
-        try:
-            named = replace(each, name=each.name or Path(path).name)
-            found.append(vertex_map(named, n_vertices, str(path)))
-        except InputError as fault:
-            faults.append(fault)
-    return tuple(found), faults
-
-
-def left_out(fault: InputError) -> str:
-    """Return a clause on an unusable map, from the message of `VertexMap`."""
-    return f"has a map that is left out: {str(fault).removeprefix('Map ').removesuffix('.')}"
-
-
-def vertex_map(raw: RawMap, n_vertices: int, path: str = "") -> VertexMap:
-    """Convert values at n vertices to a checked map.
-
-    Raises
-    ------
-    InputError
-        See `VertexMap`, or if a label names a vertex that is not there.
-    """
-    if raw.last >= n_vertices:
-        raise InputError(
-            f"Map {raw.name!r} names vertex {raw.last:,}, and the mesh has {n_vertices:,} vertices:"
-            " give the one that was made for this surface."
-        )
-    if raw.rows is not None:
-        values = np.full(n_vertices, np.nan)
-        values[raw.rows] = raw.values
-        return VertexMap(raw.name, values, path=path)
-    if not raw.indices:
-        return VertexMap(raw.name, raw.values, raw.labels, path=path)
-    inside = np.zeros(n_vertices, dtype=np.int64)
-    inside[raw.values] = 1
-    return VertexMap(raw.name, inside, (Label(1, raw.name, _INSIDE),), path=path)
+def _read_raw(path: Path, ending: str) -> RawMesh:
+    """Unpack a file if it is a gzip, and call its reader, in a child process where necessary."""
+    reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
+    with _unpacked(path, ending) as (plain, limits):
+        if limits is None and reader in _LIMITS:
+            limits = _LIMITS[reader](plain)
+        return raw_mesh(reader(plain)) if limits is None else read_guarded(reader, plain, limits)
 
 
 def mesh_name(path: str | Path) -> str:
@@ -226,7 +189,7 @@ def mesh_name(path: str | Path) -> str:
 def _ending(path: Path) -> str:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     ending = "".join(suffixes[-2:]) if suffixes[-1:] == [".gz"] else "".join(suffixes[-1:])
-    if ending not in READABLE_ENDINGS and not _is_freesurfer(path, ending):
+    if ending not in READABLE_ENDINGS and not _is_freesurfer(path):
         known = " ".join(key for key in READERS if key not in FREESURFER_ENDINGS)
         raise InputError(
             f"{path} has an ending ({printable(ending, 40) or 'none'}) of no known mesh format;"
@@ -235,10 +198,9 @@ def _ending(path: Path) -> str:
     return ending
 
 
-def _is_freesurfer(path: Path, ending: str) -> bool:
+def _is_freesurfer(path: Path) -> bool:
     try:
-        with gzip.open(path) if ending.endswith(".gz") else path.open("rb") as file:
-            return is_freesurfer_surface(file.read(3))
+        return bool(freesurfer_kind(path))
     except (OSError, EOFError, zlib.error):
         return False
 
@@ -301,21 +263,26 @@ def _check_content(raw: RawMesh) -> None:
         raise InputError("has no triangle with three different corners")
 
 
-def _way_out(fault: str, ending: str) -> str:
+def _with_remedy(fault: str, ending: str) -> str:
     """Complete the clause of a reader with the remedy; messages of `Mesh` have one."""
     if "not installed" in fault:
         return f"{fault}."
     if fault.endswith("."):
         return f"is no usable mesh: {fault[0].lower()}{fault[1:]}"
-    if "point cloud" in fault:
-        return f"{fault}; export it as a surface with triangles."
-    if any(word in fault for word in ("out of range", "finite", "three different corners")):
-        return f"{fault}; repair or export the mesh again."
-    if "cut short" in fault:
-        return f"{fault}; copy or export it again."
-    if "cannot be unpacked into" in fault:
-        return f"{fault}; free the disk, or unpack the file yourself."
-    return f"{fault}; check that it is {_kind(ending.removesuffix('.gz'))}, or export it again."
+    kind = _kind(ending.removesuffix(".gz"))
+    remedies = (remedy for part, remedy in _REMEDIES.items() if part in fault)
+    return f"{fault}; {next(remedies, f'check that it is {kind}, or export it again')}."
+
+
+#: Remedies for faults, by a part of their clause.
+_REMEDIES = {
+    "point cloud": "export it as a surface with triangles",
+    "out of range": "repair or export the mesh again",
+    "finite": "repair or export the mesh again",
+    "three different corners": "repair or export the mesh again",
+    "cut short": "copy or export it again",
+    "cannot be unpacked into": "free the disk, or unpack the file yourself",
+}
 
 
 def _kind(ending: str) -> str:

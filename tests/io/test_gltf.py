@@ -14,7 +14,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.errors import InputError, MeshWarning
-from meshmash_viewer.io.formats.gltf import gltf_mesh
+from meshmash_viewer.io.formats.gltf import read_gltf
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import Mesh
 
@@ -95,12 +95,12 @@ def glb(*chunks: tuple[bytes, bytes | bytearray]) -> bytes:
 
 
 def read(scene: Scene, tmp_path: Path, ending: str = ".gltf") -> Mesh:
-    raw = gltf_mesh(scene.write(tmp_path / f"scene{ending}"))
+    raw = read_gltf(scene.write(tmp_path / f"scene{ending}"))
     return Mesh(raw.vertices, raw.faces)
 
 
 def remarks(scene: Scene, tmp_path: Path) -> tuple[str, ...]:
-    return gltf_mesh(scene.write(tmp_path / "scene.gltf")).remarks
+    return read_gltf(scene.write(tmp_path / "scene.gltf")).remarks
 
 
 def volume(mesh: Mesh) -> float:
@@ -283,7 +283,7 @@ def test_names_of_files(uri: str, name: str, tmp_path: Path) -> None:
     buffers = [{"uri": uri, "byteLength": len(scene.data)}]
     path = tmp_path / "scene.gltf"
     path.write_text(json.dumps({**scene.json, "buffers": buffers}))
-    raw = gltf_mesh(path)
+    raw = read_gltf(path)
     is_tetrahedron(Mesh(raw.vertices, raw.faces))
 
 
@@ -306,7 +306,7 @@ def test_data_in_the_description(head: str, tmp_path: Path) -> None:
         path = tmp_path / "scene.gltf"
         buffers = [{"uri": head + body, "byteLength": len(scene.data)}]
         path.write_text(json.dumps({**scene.json, "buffers": buffers}), encoding="utf-8-sig")
-        raw = gltf_mesh(path)
+        raw = read_gltf(path)
         is_tetrahedron(Mesh(raw.vertices, raw.faces))
 
 
@@ -320,7 +320,7 @@ def test_a_binary_scene_with_other_parts(name, extra, after, tmp_path: Path) -> 
     chunks = [(b"JSON", text), *([(extra, bytes(8))] if extra else []), (b"BIN\0", scene.data)]
     path = tmp_path / name
     path.write_bytes(glb(*chunks) + after)
-    raw = gltf_mesh(path)
+    raw = read_gltf(path)
     is_tetrahedron(Mesh(raw.vertices, raw.faces))
 
 
@@ -330,7 +330,7 @@ def test_a_buffer_that_is_cut_short(tmp_path: Path) -> None:
     path = scene.write(tmp_path / "scene.glb")
     path.write_bytes(path.read_bytes()[:-8])
     with pytest.raises(InputError, match="shorter than its parts"):
-        gltf_mesh(path)
+        read_gltf(path)
 
 
 # -- places ------------------------------------------------------------------------------------
@@ -499,7 +499,7 @@ def test_instances_have_values_of_their_own(tmp_path: Path) -> None:
     scene = Scene()
     shifts = scene.array(np.array([[0.0, 0, 0], [30, 0, 0]]))
     instanced(scene, TRANSLATION=shifts, _ID=scene.array(np.array([7, 9]), "u2"))
-    (found,) = gltf_mesh(scene.write(tmp_path / "scene.gltf")).maps
+    (found,) = read_gltf(scene.write(tmp_path / "scene.gltf")).maps
     assert found.name == "ID"
     np.testing.assert_array_equal(found.values, [7.0] * 4 + [9.0] * 4)
 
@@ -555,7 +555,7 @@ def test_data_that_is_only_packed_is_named(tmp_path: Path) -> None:
         view["extensions"] = {"EXT_meshopt_compression": {"buffer": 1}}
     path.write_text(json.dumps({**scene.json, "buffers": [{"byteLength": len(scene.data)}]}))
     with pytest.raises(InputError, match="requires EXT_meshopt_compression"):
-        gltf_mesh(path)
+        read_gltf(path)
 
 
 def packed_scene(packed: bytes, **attributes: int) -> Scene:
@@ -583,7 +583,7 @@ def test_draco(tmp_path: Path) -> None:
         preserve_order=True, generic_attributes={0: depth},
     )  # fmt: skip
     scene = packed_scene(packed, POSITION=1, _DEPTH=0)
-    raw = gltf_mesh(scene.write(tmp_path / "scene.gltf"))
+    raw = read_gltf(scene.write(tmp_path / "scene.gltf"))
     mesh = Mesh(raw.vertices, raw.faces)
     assert (mesh.n_vertices, mesh.n_faces, mesh.n_components) == (8, 8, 2)
     assert mesh.area == pytest.approx(2.0 * AREA, rel=1e-4)
@@ -672,7 +672,7 @@ def test_an_attribute_of_many_columns_is_as_many_maps(tmp_path: Path) -> None:
     first = scene.primitive(_FLOW=scene.array(VERTICES), _SIZE=scene.array(VERTICES[:, 0], "u1"))
     scene.node(mesh=scene.mesh(first))
     scene.node(mesh=scene.tetrahedron())
-    maps = gltf_mesh(scene.write(tmp_path / "scene.glb")).maps
+    maps = read_gltf(scene.write(tmp_path / "scene.glb")).maps
     assert [each.name for each in maps] == ["FLOW 0", "FLOW 1", "FLOW 2", "SIZE"]
     for each, column in zip(maps, [*VERTICES.T, VERTICES[:, 0]], strict=True):
         np.testing.assert_array_equal(each.values, [*column, *[np.nan] * 4])

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats.gltf_file import DRACO, INSTANCING, Entry, GltfFile, scaled
-from meshmash_viewer.io.guarded import ReadLimits, read_guarded
+from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.joining import join_vertices
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
 from meshmash_viewer.mesh import FloatArray, IntArray
@@ -47,21 +47,16 @@ def read_gltf(path: Path) -> RawMesh:
     InputError
         If the file is no glTF, requires what is not understood, or shows no triangle.
     """
-    try:
-        file = GltfFile(path)
-        limits = ReadLimits.of(file.size, unpacked=file.unpacked_size)
-    except (TypeError, AttributeError) as fault:
-        raise InputError(f"has a scene that is not glTF ({printable(fault, 80)})") from fault
-    # One array can be named by a thousand meshes, and one mesh placed by a thousand nodes.
-    return read_guarded(gltf_mesh, path, limits)
+    return _Scene(GltfFile(path)).mesh()
 
 
-def gltf_mesh(path: Path) -> RawMesh:
-    """Read a scene, however large its meshes become; only `read_guarded` calls this."""
-    try:
-        return _Scene(GltfFile(path)).mesh()
-    except (TypeError, AttributeError, KeyError) as fault:
-        raise InputError(f"has a scene that is not glTF ({printable(fault, 80)})") from fault
+def gltf_limits(path: Path) -> ReadLimits:
+    """Return the limits for a scene.
+
+    One array can be named by a thousand meshes, and one mesh placed by a thousand nodes.
+    """
+    file = GltfFile(path)
+    return ReadLimits.of(file.size, unpacked=file.unpacked_size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +65,7 @@ class _Part:
 
     vertices: FloatArray
     faces: IntArray
-    #: Values of its attributes, shape (n, width) each.
+    #: Joints and weights, shape (n, 4) each, and columns of other attributes, shape (n, 1) each.
     values: dict[str, npt.NDArray[Any]]
 
 
@@ -96,17 +91,16 @@ class _Scene:
         self._left_out["elsewhere"] = unseen
         if not placed:
             raise InputError(self._nothing())
-        starts = np.cumsum([0, *(len(each.vertices) for each in placed)])
-        maps = [RawMap(name, values) for name, values in _columns(placed, starts.tolist()).items()]
+        whole = _concatenated(placed)
+        # attributes of the format itself have names without an underscore
+        maps = [
+            RawMap(name[1:], values[:, 0])
+            for name, values in whole.values.items()
+            if name.startswith("_")
+        ]
         self._left_out["maps"] = max(len(maps) - MOST_MAPS, 0)
-        return RawMesh(
-            np.concatenate([each.vertices for each in placed]),
-            np.concatenate(
-                [each.faces + start for each, start in zip(placed, starts, strict=False)]
-            ),
-            maps=tuple(maps[:MOST_MAPS]),
-            remarks=tuple(self._remarks()),
-        )
+        remarks = tuple(self._remarks())
+        return RawMesh(whole.vertices, whole.faces, maps=tuple(maps[:MOST_MAPS]), remarks=remarks)
 
     def _remarks(self) -> Iterator[str]:
         for key, count in self._left_out.items():
@@ -183,8 +177,7 @@ class _Scene:
         }
         if len({len(each) for each in arrays.values()}) != 1:
             raise InputError(f"has instances whose attributes ({INSTANCING}) differ in number")
-        values = {name: each for name, each in arrays.items() if name.startswith("_")}
-        return _placements(arrays), values
+        return _placements(arrays), _columns(arrays)
 
     def _posed(self, part: _Part, index: object) -> _Part:
         """A mesh whose vertices follow the joints of a skin, in the pose that the nodes have."""
@@ -214,8 +207,10 @@ class _Scene:
         if key not in self._parts:
             primitives = self._file.entry("meshes", index)["primitives"]
             found = [self._primitive(each, weights) for each in primitives]
-            parts = [each for each in found if each is not None]
-            self._parts[key] = _joined(parts)
+            whole = _concatenated([each for each in found if each is not None])
+            vertices, faces, kept = join_vertices(whole.vertices, whole.faces)
+            values = {name: each[kept] for name, each in whole.values.items()}
+            self._parts[key] = _Part(vertices, faces, values)
         return self._parts[key]
 
     def _primitive(self, primitive: Entry, weights: list[float]) -> _Part | None:
@@ -246,7 +241,8 @@ class _Scene:
             raise InputError("has an attribute that has not one value for each vertex")
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(places):
             raise InputError("has a face whose vertex index is out of range")
-        return _Part(places, faces, arrays)
+        skin = {name: each for name, each in arrays.items() if name.startswith(_SKIN)}
+        return _Part(places, faces, skin | _columns(arrays))
 
     def _triangles(self, mode: object, indices: object, n_vertices: int) -> IntArray:
         """Corners of the triangles of a primitive, shape (m, 3)."""
@@ -295,25 +291,31 @@ class _Scene:
         return arrays, np.asarray(faces).astype(np.int64).reshape(-1, 3)
 
 
-def _joined(parts: list[_Part]) -> _Part:
-    """The primitives of a mesh as one, its vertices joined."""
-    if not parts:
-        return _Part(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), {})
-    starts = np.cumsum([0, *(len(each.vertices) for each in parts)])
+def _concatenated(parts: list[_Part]) -> _Part:
+    """Join parts; vertices that lack a value have NaN, those that lack a joint have weight 0."""
+    starts = np.cumsum([0, *(len(each.vertices) for each in parts)]).tolist()
     values: dict[str, npt.NDArray[Any]] = {}
-    for part, start in zip(parts, starts.tolist(), strict=False):
+    for part, start in zip(parts, starts, strict=False):
         for name, each in part.values.items():
-            width = each.shape[1]
             missing = 0.0 if name.startswith(_SKIN) else np.nan
-            whole = values.setdefault(name, np.full((starts[-1], width), missing))
-            if whole.shape[1] != width:
-                raise InputError(f"has an attribute {printable(name, 40)} of two widths")
+            whole = values.setdefault(name, np.full((starts[-1], each.shape[1]), missing))
             whole[start : start + len(each)] = each
-    vertices, faces, kept = join_vertices(
-        np.concatenate([each.vertices for each in parts]),
-        np.concatenate([each.faces + at for each, at in zip(parts, starts, strict=False)]),
+    faces = [each.faces + start for each, start in zip(parts, starts, strict=False)]
+    return _Part(
+        np.concatenate([np.zeros((0, 3)), *(each.vertices for each in parts)]),
+        np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces]),
+        values,
     )
-    return _Part(vertices, faces, {name: each[kept] for name, each in values.items()})
+
+
+def _columns(arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+    """The columns of the file's own attributes, whose names begin with an underscore."""
+    return {
+        name if values.shape[1] == 1 else f"{name} {at}": values[:, at, None]
+        for name, values in arrays.items()
+        if name.startswith("_")
+        for at in range(values.shape[1])
+    }
 
 
 def _copies(part: _Part, matrices: FloatArray, values: dict[str, npt.NDArray[Any]]) -> _Part:
@@ -328,22 +330,6 @@ def _copies(part: _Part, matrices: FloatArray, values: dict[str, npt.NDArray[Any
     own = {name: np.tile(each, (len(matrices), 1)) for name, each in part.values.items()}
     shared = {name: np.repeat(each, count, axis=0) for name, each in values.items()}
     return _Part(vertices.reshape(-1, 3), faces.reshape(-1, 3), shared | own)
-
-
-def _columns(parts: list[_Part], starts: list[int]) -> dict[str, FloatArray]:
-    """Values of the file's own attributes at all vertices, NaN where a mesh lacks one."""
-    # those of the format's own have other names: a map's begins with an underscore
-    columns: dict[str, FloatArray] = {}
-    for part, start in zip(parts, starts, strict=False):
-        for attribute, values in part.values.items():
-            if not attribute.startswith("_"):
-                continue
-            name, width = attribute[1:], values.shape[1]
-            for at, column in enumerate(values.T):
-                each = name if width == 1 else f"{name} {at}"
-                whole = columns.setdefault(each, np.full(starts[-1], np.nan))
-                whole[start : start + len(column)] = column
-    return columns
 
 
 def _matrix(node: Entry) -> FloatArray:

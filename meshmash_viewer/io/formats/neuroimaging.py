@@ -5,14 +5,13 @@ from __future__ import annotations
 import gzip
 import re
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.guarded import read_guarded
 from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import Label
@@ -37,26 +36,13 @@ _TRIANGLES, _QUADS, _SHORT_QUADS = b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\
 
 
 def read_gifti(path: Path) -> RawMesh:
-    """Read the point set and triangles of a GIFTI surface, by nibabel in a process of its own.
+    """Read the point set and triangles of a GIFTI surface.
 
     Raises
     ------
     InputError
         If one of the two is absent, or an array is not what its attributes say.
     """
-    _refuse_dimensions(path)
-    return read_guarded(gifti_surface, path)
-
-
-def _refuse_dimensions(path: Path) -> None:
-    """All of which nibabel would look for."""
-    many = re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", path.read_bytes())
-    if many is not None:
-        raise InputError(f"has an array of {printable(many[1].decode(), 20)} dimensions")
-
-
-def gifti_surface(path: Path) -> RawMesh:
-    """Read a GIFTI surface however much it unpacks to; only `read_guarded` calls this."""
     image = _gifti(path)
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
     triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
@@ -93,8 +79,7 @@ def _structure(described: Any) -> str:
 
 def gifti_maps(path: Path) -> RawMesh:
     """Read the arrays of a GIFTI file with one number a vertex, labels with their table."""
-    _refuse_dimensions(path)
-    return _only(_gifti_maps(_gifti(path)), "one number a vertex")
+    return maps_alone(_gifti_maps(_gifti(path)))
 
 
 def _gifti(path: Path) -> Any:
@@ -102,10 +87,13 @@ def _gifti(path: Path) -> Any:
 
     from nibabel.gifti import parse_gifti_fast
 
+    content = path.read_bytes()
+    if many := re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", content):  # nibabel looks for all
+        raise InputError(f"has an array of {printable(many[1].decode(), 20)} dimensions")
     untyped: Any = parse_gifti_fast
     parser = untyped.GiftiImageParser()
     try:
-        with path.open("rb") as file:
+        with path.open("rb") as file:  # its name is where external data are looked for
             parser.parse(fptr=file)
     except ExpatError as fault:
         raise InputError(f"is not the XML of a GIFTI file ({printable(fault)})") from fault
@@ -127,15 +115,12 @@ def _gifti_maps(image: Any) -> Iterator[RawMap]:
         data = array.data
         if intent in ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE") or data is None:
             continue
-        name = dict(array.meta or {}).get("Name") or _stem(image, at)
+        alone = len(image.darrays) == 1
+        name = dict(array.meta or {}).get("Name") or ("" if alone else f"map {at}")
         labels = table if intent == "NIFTI_INTENT_LABEL" else ()
         columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
         for column in columns:
             yield RawMap(name, np.ascontiguousarray(column), labels)
-
-
-def _stem(image: Any, at: int) -> str:
-    return "" if len(image.darrays) == 1 else f"map {at}"
 
 
 def _hexadecimal(rgba: Any) -> str:
@@ -148,10 +133,10 @@ def freesurfer_values(path: Path) -> RawMesh:
     """Read a FreeSurfer file of one number a vertex, such as ``lh.curv`` or ``lh.thickness``."""
     from nibabel.freesurfer.io import read_morph_data
 
-    if not is_freesurfer_values(path):
+    if freesurfer_kind(path) != "values":
         raise InputError("does not begin like a FreeSurfer file of one number a vertex")
     read: Any = read_morph_data
-    return _only([RawMap("", np.asarray(read(str(path)), dtype=np.float32))], "")
+    return maps_alone([RawMap("", np.asarray(read(str(path)), dtype=np.float32))])
 
 
 def freesurfer_label(path: Path) -> RawMesh:
@@ -162,7 +147,7 @@ def freesurfer_label(path: Path) -> RawMesh:
     inside = np.atleast_1d(np.asarray(read(str(path)), dtype=np.int64))
     if not len(inside) or inside.min() < 0:
         raise InputError("names no vertex")
-    return _only([RawMap("", inside, indices=True)], "")
+    return maps_alone([RawMap("", inside, indices=True)])
 
 
 def mgh_maps(path: Path) -> RawMesh:
@@ -183,21 +168,10 @@ def mgh_maps(path: Path) -> RawMesh:
     frames = data.reshape((-1, n_frames), order="F").T
     volume = sides if sum(side > 1 for side in sides) > 1 else ()
     names = [f"frame {at}" for at in range(n_frames)] if n_frames > 1 else [""]
-    return _only(
-        (
-            RawMap(name, np.array(each, np.float64), volume=volume)
-            for name, each in zip(names, frames, strict=True)
-        ),
-        "",
+    return maps_alone(
+        RawMap(name, np.array(each, np.float64), volume=volume)
+        for name, each in zip(names, frames, strict=True)
     )
-
-
-def _only(maps: Iterable[RawMap], what: str) -> RawMesh:
-    """What a file of maps alone comes to."""
-    found = tuple(maps)
-    if not found:
-        raise InputError(f"holds nothing with {what}")
-    return maps_alone(found)
 
 
 def read_freesurfer(path: Path) -> RawMesh:
@@ -210,27 +184,26 @@ def read_freesurfer(path: Path) -> RawMesh:
     """
     from nibabel.freesurfer.io import read_geometry
 
+    kind = freesurfer_kind(path)
+    if kind == "patch":
+        raise InputError(
+            "A FreeSurfer patch names vertices of a surface and has no triangles of its own: open"
+            " the surface that it was cut from."
+        )
+    if kind == "values":
+        raise InputError("holds one number a vertex, such as a curvature or thickness, no surface")
+    if not kind:
+        raise InputError("does not begin like a FreeSurfer surface")
     with path.open("rb") as file:
         magic = file.read(3)
         if magic == _TRIANGLES:
             file.readline(), file.readline()  # who made it, and an empty line
             n_vertices, n_faces = struct.unpack(">ii", file.read(8).ljust(8, b"\xff"))
-            needed = file.tell() + 12 * n_vertices + 12 * n_faces
-        elif magic in (_QUADS, _SHORT_QUADS):
+        else:
             header = file.read(6).ljust(6, b"\0")
             n_vertices, n_faces = (int.from_bytes(part) for part in (header[:3], header[3:]))
-            needed = 9 + (12 if magic == _QUADS else 6) * n_vertices + 12 * n_faces
-        else:
-            raise InputError("does not begin like a FreeSurfer surface")
-        size = path.stat().st_size
-    if is_freesurfer_patch(path):
-        raise InputError(
-            "A FreeSurfer patch names vertices of a surface and has no triangles of its own: open"
-            " the surface that it was cut from."
-        )
-    if magic == _SHORT_QUADS and needed != size and _is_curvature(path, size):
-        raise InputError("holds one number a vertex, such as a curvature or thickness, no surface")
-    if min(n_vertices, n_faces) < 0 or needed > size:
+        needed = file.tell() + (6 if magic == _SHORT_QUADS else 12) * n_vertices + 12 * n_faces
+    if min(n_vertices, n_faces) < 0 or needed > path.stat().st_size:
         raise InputError(
             f"promises {n_vertices} vertices and {n_faces} faces, for which it has not enough"
             " bytes, so it was cut short"
@@ -244,33 +217,14 @@ def read_freesurfer(path: Path) -> RawMesh:
     )
 
 
-def _is_curvature(path: Path, size: int) -> bool:
-    """Whether it is a file of values, which begins as a surface of quadrangles may."""
-    with path.open("rb") as file:
-        header = file.read(15)
-    if len(header) < 15:
-        return False
-    n_vertices, _, n_values = struct.unpack(">iii", header[3:])
-    return bool(size == 15 + 4 * n_vertices * n_values)
-
-
-def is_freesurfer_values(path: Path) -> bool:
-    """Whether a file is of one number a vertex, by how it begins and by its size."""
-    with path.open("rb") as file:
-        begins = file.read(3) == _SHORT_QUADS
-    return begins and _is_curvature(path, path.stat().st_size)
-
-
-def is_freesurfer_patch(path: Path) -> bool:
-    """Whether a file is a part of a surface, flattened or not: -1, and 16 bytes a vertex."""
-    with path.open("rb") as file:
-        header = file.read(8)
-    if len(header) < 8:
-        return False
-    magic, n_vertices = struct.unpack(">ii", header)
-    return bool(magic == -1 and path.stat().st_size == 8 + 16 * n_vertices)
-
-
-def is_freesurfer_surface(beginning: bytes) -> bool:
-    """Whether a file begins with one of the numbers that FreeSurfer marks surfaces with."""
-    return beginning[:3] in (_TRIANGLES, _QUADS, _SHORT_QUADS)
+def freesurfer_kind(path: Path) -> str:
+    """Return "surface", "values" or "patch" (a part of a surface) by how a file begins, or ""."""
+    with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
+        header, size = file.read(15), path.stat().st_size
+    magic, n_vertices, _, n_values = struct.unpack(">3siii", header.ljust(15, b"\0"))
+    if header.startswith(b"\xff\xff\xff\xff"):
+        (n_placed,) = struct.unpack(">i", header[4:8].ljust(4, b"\0"))
+        return "patch" if size == 8 + 16 * n_placed else "surface"
+    if magic == _SHORT_QUADS and size == 15 + 4 * n_vertices * n_values:
+        return "values"
+    return "surface" if magic in (_TRIANGLES, _QUADS, _SHORT_QUADS) else ""

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.guarded import ReadLimits, read_guarded
+from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, are_ascending_indices
 from meshmash_viewer.mesh import IntArray
@@ -35,17 +35,6 @@ def read_npz(path: Path) -> RawMesh:
         If the file is no NPZ archive, or the arrays are absent or misshapen.
     """
     with _archive(path) as archive:
-        held = archive.zip.infolist()
-    unpacked = sum(member.file_size for member in held if member.filename not in _NOT_READ)
-    size = path.stat().st_size
-    if ReadLimits.are_needed(size, unpacked):
-        return read_guarded(npz_mesh, path, ReadLimits.of(size, unpacked=unpacked))
-    return npz_mesh(path)
-
-
-def npz_mesh(path: Path) -> RawMesh:
-    """Read the arrays of an archive; how large they are has been checked."""
-    with _archive(path) as archive:
         vertices, faces = (_array(archive, name) for name in ("vertices", "faces"))
         try:
             said = str(_array(archive, "meta"))
@@ -60,6 +49,17 @@ def npz_mesh(path: Path) -> RawMesh:
     triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
     unit, structure = stated_unit(said), stated_structure(said)
     return RawMesh(vertices, triangles, unit, maps, structure=structure)
+
+
+def npz_limits(path: Path) -> ReadLimits | None:
+    """Return the limits for an archive that unpacks to much; None for others."""
+    with _archive(path) as archive:
+        held = archive.zip.infolist()
+    unpacked = sum(member.file_size for member in held if member.filename not in _NOT_READ)
+    size = path.stat().st_size
+    if not ReadLimits.are_needed(size, unpacked):
+        return None
+    return ReadLimits.of(size, unpacked=unpacked)
 
 
 def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:

@@ -1,7 +1,7 @@
-"""VTP and legacy VTK files, by VTK's own readers in a process of their own.
+"""VTP and legacy VTK files, by VTK's own readers.
 
-On some broken files VTK does not fail but ends its process, goes round for ever or takes all
-memory, so that must not be our process.
+On some broken files VTK does not fail but ends its process, loops forever or exhausts the memory:
+`meshmash_viewer.io.read` calls these functions in a child process.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from meshmash_viewer.io.formats.vtk_maps import (
     vtk_maps,
     with_names_apart,
 )
-from meshmash_viewer.io.guarded import read_guarded
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.io.text import unmarked
@@ -38,13 +37,15 @@ def read_vtp(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file.
     """
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
     content = path.read_bytes()
-    if b"<VTKFile" not in content[:10_000]:
+    reader = vtkXMLPolyDataReader()
+    if b"<VTKFile" not in content[:10_000] or not reader.CanReadFile(str(path)):
         raise InputError("is not a VTK XML PolyData file")
     most = _VALUES_PER_BYTE * len(content)
     _check_counts(content, b"NumberOf", rb'NumberOf(\w+)\s*=\s*"\s*(\d+)', most)
-    del content
-    return read_guarded(vtk_xml_surface, path)
+    return _from_polydata(_output(reader, path))
 
 
 def read_legacy_vtk(path: Path) -> RawMesh:
@@ -55,13 +56,31 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file, or it holds another kind of data.
     """
+    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+
     content = unmarked(path.read_bytes())
     if not content.startswith(b"# vtk DataFile"):
         raise InputError('does not begin with "# vtk DataFile"')
     for name in _LEGACY_COUNTS:
         _check_counts(content, b"\n" + name, rb"\n(\w+)[ \t]+(\d+)", len(content))
-    del content
-    return read_guarded(vtk_legacy_surface, path)
+    content = with_names_apart(content)
+    reader: Any = vtkGenericDataObjectReader()
+    for kind in _ATTRIBUTES:
+        getattr(reader, f"ReadAll{kind}On")()
+    reader.ReadFromInputStringOn()
+    reader.SetBinaryInputString(content, len(content))
+    output = _output(reader, path)
+    if output is None:
+        raise InputError("holds no data set that VTK can read")
+    if output.IsA("vtkUnstructuredGrid"):
+        surface = vtkGeometryFilter()
+        surface.SetInputData(output)
+        surface.Update()
+        output = surface.GetOutput()
+    if not output.IsA("vtkPolyData"):
+        raise InputError(f"holds a {output.GetClassName()} where a surface should be")
+    return _from_polydata(output, colors_of_labels(content))
 
 
 def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:
@@ -77,43 +96,6 @@ def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> No
                 " which a file of its size cannot hold"
             )
         place = content.find(begin, place + len(begin))
-
-
-def vtk_xml_surface(path: Path) -> RawMesh:
-    """Read a VTP file with VTK; only `read_guarded` calls this, in a process of its own."""
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
-    reader = vtkXMLPolyDataReader()
-    if not reader.CanReadFile(str(path)):
-        raise InputError("is not a VTK XML PolyData file")
-    return _from_polydata(_output(reader, path))
-
-
-def vtk_legacy_surface(path: Path) -> RawMesh:
-    """Read a legacy file with VTK; only `read_guarded` calls this, in a process of its own."""
-    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-
-    reader: Any = vtkGenericDataObjectReader()
-    for kind in _ATTRIBUTES:
-        getattr(reader, f"ReadAll{kind}On")()
-    whole = path.read_bytes()
-    content = with_names_apart(unmarked(whole))
-    if content is not whole:
-        reader.ReadFromInputStringOn()
-        reader.SetBinaryInputString(content, len(content))
-    output = _output(reader, path)
-    if output is None:
-        raise InputError("holds no data set that VTK can read")
-    if output.IsA("vtkUnstructuredGrid"):
-        from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
-
-        surface = vtkGeometryFilter()
-        surface.SetInputData(output)
-        surface.Update()
-        output = surface.GetOutput()
-    if not output.IsA("vtkPolyData"):
-        raise InputError(f"holds a {output.GetClassName()} where a surface should be")
-    return _from_polydata(output, colors_of_labels(content))
 
 
 def _output(reader: Any, path: Path) -> Any:
