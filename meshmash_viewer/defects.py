@@ -12,7 +12,8 @@ from importlib import metadata
 
 from meshmash_viewer.folders import log_folder
 
-_PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PySide6-Essentials")
+#: Packages whose versions a report lists.
+PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PySide6-Essentials")
 
 
 def report_defect(fault: BaseException) -> str:
@@ -40,10 +41,15 @@ def report_defect(fault: BaseException) -> str:
     return f"a defect of the program ({what}{at}); please report it."
 
 
+def package_version(package: str) -> str:
+    """Return the version of a package, or "not installed"."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
 def versions() -> str:
     """Return the versions that a bug report needs, in one line."""
-    parts = []
-    for package in _PACKAGES:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            parts.append(f"{package.removesuffix('-Essentials')} {metadata.version(package)}")
+    parts = [f"{name.removesuffix('-Essentials')} {package_version(name)}" for name in PACKAGES]
     return " · ".join([*parts, f"Python {platform.python_version()}", platform.platform()])

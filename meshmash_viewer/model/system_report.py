@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from importlib import metadata
 
+from meshmash_viewer.defects import PACKAGES, package_version
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES  # noqa: F401  loads their plug-ins
 from meshmash_viewer.io import read, writers  # noqa: F401
@@ -12,12 +12,8 @@ from meshmash_viewer.io.cache import EigenpairCache
 from meshmash_viewer.model import cost
 from meshmash_viewer.plug_ins import known_plug_ins
 
-#: Packages whose versions are listed.
-_PACKAGES = (
-    "meshmash-viewer",
-    *("numpy", "scipy", "numba", "robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow"),
-    *("vtk", "pyvista", "pyvistaqt", "PySide6_Essentials", "pyqtgraph"),
-)
+#: Packages listed besides those of `meshmash_viewer.defects`.
+_MORE = ("robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow", "pyvistaqt", "pyqtgraph")
 
 
 def system_report(graphics: str) -> str:
@@ -33,12 +29,7 @@ def system_report(graphics: str) -> str:
     cache = EigenpairCache()
     stores = len(cache.stores())
     kept = f"{cost.written_bytes(cache.size())} of {stores} decompositions in {cache.root}"
-    versions = []
-    for name in _PACKAGES:
-        try:
-            versions.append((name, metadata.version(name)))
-        except metadata.PackageNotFoundError:
-            versions.append((name, "not installed"))
+    versions = [(name, package_version(name)) for name in (*PACKAGES, *_MORE)]
     more = [("Graphics", graphics), ("Eigenpairs kept", kept), *versions]
     for each in known_plug_ins():
         with suppress(InputError):
