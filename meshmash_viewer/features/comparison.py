@@ -160,8 +160,7 @@ class Comparison:
     ) -> tuple[tuple[int, float], ...]:
         """Return vertices of the second most similar to one of the first, with their scores.
 
-        The match comes first. See `distinct_matches` for `places` of the second, `radius` and
-        `count`.
+        The match comes first; see `distinct_matches`, with the `places` of the second.
         """
         mine, others = self.features
         distances = np.linalg.norm(others - mine[vertex], axis=1).astype(np.float64)

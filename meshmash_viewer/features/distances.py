@@ -43,10 +43,8 @@ def diffusion_distance(
 
     Parameters
     ----------
-    eigenvalues : array_like, shape (k,)
-        Per squared unit; zeros are left out.
-    eigenvectors : array_like, shape (n, k)
-        M-orthonormal columns.
+    eigenvalues, eigenvectors : array_like, shapes (k,) and (n, k)
+        Per squared unit, zeros are left out; M-orthonormal columns.
     vertex : int
         Vertex from which distances are measured.
     time : float
@@ -185,11 +183,7 @@ class RowsFrom:
 
 
 def _distance(
-    kind: str,
-    eigenvalues: npt.ArrayLike,
-    eigenvectors: npt.ArrayLike,
-    vertex: int,
-    time: float = 1.0,
+    kind: str, eigenvalues: npt.ArrayLike, eigenvectors: Any, vertex: int, time: float = 1.0
 ) -> FloatArray:
     values = as_spectrum(eigenvalues)
     columns = np.asarray(eigenvectors)
@@ -216,12 +210,8 @@ def _check_vertex(vertex: int, n: int) -> None:
 class GeodesicSolver:
     """Geodesic distances by the heat method [1]_, factored once for a mesh.
 
-    The robust Laplacian of the heat method's implementation is used.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        May be non-manifold and have several components.
+    `mesh` may be non-manifold and have several components; the robust Laplacian of the heat
+    method's implementation is used.
 
     References
     ----------
@@ -315,7 +305,6 @@ def distance_features(
 
     Parameters
     ----------
-    mesh : MeshLike
     vertices : int or array_like of int, shape (f,)
         Vertices from which distances are measured.
     measure : {"geodesic", "biharmonic", "commute", "diffusion"}

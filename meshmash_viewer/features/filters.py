@@ -164,9 +164,9 @@ def wave_kernel_bank(
     Raises
     ------
     InputError
-        If the spectrum has no two different eigenvalues above zero, `n_energies` < 1, an energy is
-        repeated or its exponential not finite, the deviation is not positive or too large for the
-        range, or it is missing with a single energy.
+        If the spectrum has no two different eigenvalues above zero, an energy is repeated or its
+        exponential not finite, or the deviation is not positive, too large for the range, or
+        missing with a single energy.
 
     References
     ----------
@@ -423,9 +423,8 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
             f"{high:g}."
         )
     degree = min(_DEGREE, n_components - 1)
-    # SciPy extrapolates the outermost polynomials beyond the knots. An additional interval at each
-    # end with zero coefficients makes the extrapolation zero. Intervals are open at their right
-    # end, so the range ends one rounding unit after e_max.
+    # An additional interval at each end with zero coefficients makes SciPy's extrapolation zero.
+    # Intervals are open at their right end, so the range ends one rounding unit after e_max.
     end = float(np.nextafter(high, np.inf))
     inner = _clamped_knots(low, end, n_components, degree)
     outer = np.full(degree + 1, 1.0)

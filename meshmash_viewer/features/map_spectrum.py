@@ -150,10 +150,9 @@ def inner_products(
     last: int,
     cancel: CancelCallback | None = None,
 ) -> FloatArray:
-    """Compute products of the eigenvectors from `first` to `last` (exclusive) with weighted values.
+    """Compute products of eigenvectors `first` to `last` (exclusive) with weighted values.
 
-    These have shape (n,) or (m, n), and are 0 at vertices not `used`; the products have shape
-    (last - first,) or (m, last - first).
+    These have shape (n,) or (m, n), and are 0 at vertices not `used`.
     """
     products = np.zeros((*weighted.shape[:-1], last - first))
     for low in range(first, last, _ROWS):
@@ -206,7 +205,6 @@ def dominant_bands(
 
     Parameters
     ----------
-    spectrum : MapSpectrum
     rows : array_like, shape (>= k, n)
         Eigenvectors, one a row.
     cancel : callable, optional

@@ -123,10 +123,8 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> F
 
     Parameters
     ----------
-    mesh : MeshLike
-        The mesh that was decomposed.
-    decomposition : Decomposition
-        Its eigenpairs.
+    mesh, decomposition : MeshLike, Decomposition
+        The mesh, and its eigenpairs.
     n : int
         Number of eigenpairs to use, zero eigenvalues included.
 
@@ -183,9 +181,8 @@ def spectral_distance(
     Parameters
     ----------
     mesh_a, mesh_b : MeshLike
-        The meshes, each with at least `n_components` referenced vertices.
     n_components : int
-        Number of eigenvalues to compare, zeros included.
+        Number of eigenvalues to compare, zeros included; each mesh needs as many vertices.
     normalize : bool
         True: multiply eigenvalues by the area of their mesh, so that the distance is dimensionless
         and independent of size and unit. False: compare them as they are, per squared unit; both
@@ -311,7 +308,6 @@ def feature_distance(
     Parameters
     ----------
     features : Features or array_like, shape (n, f)
-        The features.
     vertex : int
         Index of the one to compare with.
     standardize : bool

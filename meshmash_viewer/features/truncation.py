@@ -8,8 +8,8 @@ that the whole remainder is at one eigenvalue.
 The *estimate* distributes the remainder by the local Weyl law: on a surface ``Σ φ_k(v)²`` grows by
 ``dλ / 4π`` at every vertex, so the error is about ``∫ h(λ) dλ / 4π`` from λ_K to
 ``λ_K + 4π r(v)``, where the remainder is used up. It never exceeds the bound. It is too high on
-meshes so uneven that vertices deviate from the law at different eigenvalues (by a factor of 3 to 4
-on a machined part of long thin triangles), and too low on a boundary.
+very uneven meshes (by a factor of 3 to 4 on a machined part of long thin triangles), and too low on
+a boundary.
 """
 
 from __future__ import annotations
@@ -274,9 +274,8 @@ def mean_shares(
     """Estimate the missing share of each column from the lowest k eigenvalues alone, shape (f,).
 
     The mean of ``φ_k²`` over the surface is one over its area, so the mean of a column and its
-    estimated remainder need no eigenvectors. It is fast enough for a display that changes while
-    times or bands are chosen. For normalised filters it is the share of the weight of each.
-    `known_to` is that of `measure_truncation`.
+    estimated remainder need no eigenvectors. For normalised filters it is the share of the weight
+    of each. `known_to` is that of `measure_truncation`.
     """
     tail = bank.tail
     n_left = n_vertices - len(eigenvalues)

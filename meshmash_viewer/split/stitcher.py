@@ -51,7 +51,6 @@ class MeshStitcher(Sequence[Piece]):
     Parameters
     ----------
     mesh : MeshLike
-        Any accepted form of a mesh.
     n_jobs : int
         Number of processes as in joblib: -1 is one for each core, 1 uses this process only. Within
         ``joblib.parallel_config`` the backend selected there is used, which may be a cluster.
