@@ -243,6 +243,7 @@ def _refresh() -> None:
             # with a style sheet, widgets use the palette of the application, not of the window
             basics = f"QWidget {{ color: {colors.text}; }} QDialog, QTabBar QToolButton "
             basics += f"{{ background: {colors.window}; }} "
+            basics += f"QMainWindow QTabBar {{ background: {colors.window}; }} "
             basics += f"QWidget:disabled {{ color: {colors.disabled}; }} "
             sheet = basics + sheet
         target.setPalette(_qt_palette(_State.dark))
