@@ -16,12 +16,10 @@ from PySide6.QtWidgets import (
     QComboBox,
     QLineEdit,
     QPushButton,
-    QTabBar,
     QWidget,
 )
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.annotations import margins
@@ -196,15 +194,3 @@ def test_units_in_their_list_have_room(qtbot: QtBot, window: MainWindow) -> None
         assert place.width() >= letters.horizontalAdvance(combo.itemText(index)) + 6
         assert rows.viewport().rect().contains(place), "all of them are in view"
     combo.hidePopup()
-
-
-def test_the_tabs_of_panels_follow_the_theme(window: MainWindow) -> None:
-    bars = [bar for bar in window.findChildren(QTabBar) if bar.isVisible()]
-    assert bars
-    for mode, dark in ((theme.Mode.DARK, True), (theme.Mode.LIGHT, False)):
-        theme.set_mode(mode)
-        QTest.qWait(300)
-        for bar in bars:
-            at = bar.mapToGlobal(QPoint(bar.width() - 4, bar.height() // 3))
-            pixel = window.screen().grabWindow(0, at.x(), at.y(), 1, 1).toImage().pixelColor(0, 0)
-            assert (pixel.lightness() < 100) == dark
