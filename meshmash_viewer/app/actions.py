@@ -41,34 +41,11 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
 class Command:
     """A command of the window.
 
-    Parameters
-    ----------
-    name : str
-        In snake_case; also the action's ``objectName``.
-    text : str
-        On the menu.
-    menu : str
-        One of `MENUS`.
-    tooltip : str
-        One sentence.
-    shortcuts : tuple of str
-        Portable key sequences; the first one is shown.
-    standard : QKeySequence.StandardKey, optional
-        Those that the operating system has for it come first.
-    checkable : bool
-    toolbar : str
-        Short text on the toolbar; empty where it has no place there.
-    icon : str
-        A name of `icons.PATHS`.
-    separated : bool
-        Whether a line goes before it on the menu (and on the toolbar).
-    needs : str
-        What must be there: "", "mesh", "render", "spectrum", "exact spectrum", "second mesh"
-        (`Commands.there`).
-    submenu : str
-        Name of a submenu that holds it.
-    does : tuple of str and object
-        Name and argument of the method, where it is not the one of this name.
+    `shortcuts` are portable, the first one is shown, and those of the operating system
+    (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
+    `icons.PATHS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
+    "exact spectrum" or "second mesh" (`Commands.there`), `does` the name and the argument of the
+    method, if it is not the one of this `name`.
     """
 
     name: str
@@ -212,13 +189,7 @@ COMMANDS: tuple[Command, ...] = (
 
 
 class Actions:
-    """The commands as actions of one window.
-
-    Parameters
-    ----------
-    window : QMainWindow
-        Gets the actions, so that their shortcuts work wherever the focus is within it.
-    """
+    """The commands as actions of a window, with shortcuts that work anywhere within it."""
 
     def __init__(self, window: QMainWindow) -> None:
         self._actions: dict[str, QAction] = {}

@@ -50,20 +50,13 @@ class _Run:
 
 
 class SeriesPainter(QObject):
-    """Draws series one after another: fields and files in a thread, frames in the main thread.
+    """Draws series one after another: fields and files in a thread, frames in the main thread."""
 
-    Signals
-    -------
-    drawn(int, object)
-        Number of a picture, and what the sink returned for it.
-    finished()
-        All pictures have been drawn, and the sink has been left.
-    failed(Failure)
-        The series failed; not emitted if it was stopped.
-    """
-
+    #: Number of a picture, and what the sink returned for it.
     drawn = Signal(int, object)
+    #: All pictures have been drawn, and the sink has been left.
     finished = Signal()
+    #: `Failure` of a series that was not stopped.
     failed = Signal(object)
     _due = Signal(object, object, object)
     _took = Signal(object, int, object)

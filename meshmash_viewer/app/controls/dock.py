@@ -14,10 +14,7 @@ __all__ = ["Dock"]
 
 
 class _Title(QWidget):
-    """A title bar that leaves its panel where it is when it is clicked twice.
-
-    It would float there without a frame, over its neighbour; dragged out, it is where one wants it.
-    """
+    """A title bar that ignores double clicks, which would let the panel float without a frame."""
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         """Keep it from the dock."""
@@ -25,15 +22,7 @@ class _Title(QWidget):
 
 
 class Dock(QDockWidget):
-    """A panel that can be moved, dragged out by its title, and closed.
-
-    Parameters
-    ----------
-    name : str
-        Its ``objectName`` is ``<name>_dock``.
-    title : str
-    window : QMainWindow
-    """
+    """A panel ``<name>_dock`` that can be moved, dragged out by its title, and closed."""
 
     def __init__(self, name: str, title: str, window: QMainWindow) -> None:
         super().__init__(title, window)

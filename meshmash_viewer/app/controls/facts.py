@@ -69,13 +69,7 @@ def reserved_note(
 
 
 class Facts(QWidget):
-    """Rows of a name and a value that can be selected and copied.
-
-    Parameters
-    ----------
-    rows : dict of str to str
-        Object name of the value to the text before it.
-    """
+    """Rows of a name and a value that can be copied; `rows` are names by object name of values."""
 
     def __init__(self, rows: dict[str, str]) -> None:
         super().__init__()

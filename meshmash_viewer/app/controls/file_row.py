@@ -18,17 +18,7 @@ __all__ = ["FileRow"]
 
 
 class FileRow(QWidget):
-    """Where something will be written.
-
-    Parameters
-    ----------
-    path : Path
-        Suggested file.
-    pattern : str
-        Of the file dialog: "PNG picture (*.png)".
-    ending : str
-        That the file will have.
-    """
+    """Where a file with an `ending` is written; `pattern` is one of Qt: "PNG picture (*.png)"."""
 
     changed = Signal()
 

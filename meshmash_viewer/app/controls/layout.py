@@ -33,14 +33,9 @@ def grid(
     *rows: tuple[QWidget | QLayout | None, ...],
     spacing: tuple[int, int] = (theme.GAP, theme.GAP // 2),
 ) -> QGridLayout:
-    """Put rows of parts under each other, of which the second grows; one alone has all the room.
+    """Put rows of parts under each other, with a second column that grows.
 
-    Parameters
-    ----------
-    rows : tuple of tuple
-        None leaves a place empty.
-    spacing : (int, int)
-        Distance of columns, and of rows.
+    A part alone spans all columns, None leaves a cell empty; `spacing` is that of columns and rows.
     """
     box = QGridLayout()
     box.setContentsMargins(0, 0, 0, 0)

@@ -9,19 +9,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias, TypeVar
 
-from PySide6.QtCore import QSize, Qt, SignalInstance
+from PySide6.QtCore import QSize, Qt, Signal, SignalInstance
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import (
     QAbstractButton,
+    QButtonGroup,
     QCheckBox,
     QComboBox,
     QFrame,
     QLabel,
     QPushButton,
     QToolButton,
+    QWidget,
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.controls.spin import WholeField
 
 __all__ = [
@@ -132,3 +135,31 @@ def dot(color: str) -> QIcon:
     picture = QPixmap(12, 12)
     picture.fill(QColor(color))
     return QIcon(picture)
+
+
+class Segments(QWidget):
+    """A row of buttons ``<name>_<key>`` of which one is on; `choices` are texts by key."""
+
+    #: The user chose this key.
+    chosen = Signal(str)
+
+    def __init__(self, name: str, spoken: str, choices: dict[str, str]) -> None:
+        super().__init__()
+        theme.named(self, name, spoken)
+        group = QButtonGroup(self)
+        self._buttons: dict[str, QPushButton] = {}
+        for key, text in choices.items():
+            self._buttons[key] = button(
+                text,
+                f"{name}_{key}",
+                f"{spoken}: {text}",
+                lambda _on=False, key=key: self.chosen.emit(key),
+                role="segment",
+                checkable=True,
+            )
+            group.addButton(self._buttons[key])
+        self.setLayout(row(*self._buttons.values(), spacing=4))
+
+    def show_key(self, key: str) -> None:
+        """Turn a key on without emitting `chosen`."""
+        self._buttons[key].setChecked(True)

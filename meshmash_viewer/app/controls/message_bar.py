@@ -23,13 +23,7 @@ _TIGHTEST = 140
 
 
 class MessageBar(QFrame):
-    """One notice at a time, floating at the top of its parent.
-
-    Parameters
-    ----------
-    parent : QWidget
-        The widget that it floats over; it follows its size.
-    """
+    """One notice at a time, floating at the top of its parent."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -104,15 +98,7 @@ class MessageBar(QFrame):
             notice.undo()
 
     def keep_clear(self, title: QSize, bar: int) -> None:
-        """Leave parts of the parent alone, so that they can still be read.
-
-        Parameters
-        ----------
-        title : QSize
-            In its upper left corner.
-        bar : int
-            Width at its right, some way below its upper edge.
-        """
+        """Leave the title in the upper left corner and a bar of a width at the right readable."""
         if (title, bar) != (self._title, self._bar):
             self._title, self._bar = title, bar
             if self.isVisible():

@@ -31,43 +31,25 @@ class NumberField(QAbstractSpinBox):
     step : callable, optional
         The number that is some steps from another; without it there are no arrows.
     live : bool
-        Whether each number on the way to the one that is typed is given, too.
+        Emit each number on the way to the one that is typed, too.
     nearest : bool
-        Whether the nearest number within bounds takes the place of one beyond them, rather than the
-        one before.
+        Take the nearest number within bounds for one beyond them, rather than the previous one.
     whole : bool
-        Whether it counts, and is written with all its digits.
+        Count, and write all digits.
     share : bool
-        Whether it is a share, which may be typed in percent.
+        Read percent, too.
     tip : str
-        Its tooltip; the number with more digits where there is none.
-
-    Attributes
-    ----------
-    bounds : tuple of float
-        Least and largest number that is taken.
-    fault : callable
-        What is wrong with a number, in one sentence; empty if it is taken.
-    just_refused : bool
-        Whether what was typed has been refused by the event that is being handled: a press of a
-        button that takes the focus, say.
-
-    Signals
-    -------
-    edited(float)
-        A person gave a number that is allowed.
-    refused(str)
-        One sentence: what was wrong with the text; empty once it is corrected.
-    begun()
-        A person begins to type; what a live field then gives may be withdrawn.
-    withdrawn()
-        What it has given since is not what they mean.
+        Tooltip; by default the number with more digits.
     """
 
+    #: The user gave a number that is allowed.
     edited = Signal(float)
-    begun = Signal()
-    withdrawn = Signal()
+    #: What is wrong with the text, in one sentence; empty once it is corrected.
     refused = Signal(str)
+    #: The user begins to type; numbers of a live field may be withdrawn from now on.
+    begun = Signal()
+    #: The numbers emitted since `begun` are void.
+    withdrawn = Signal()
 
     def __init__(
         self,
@@ -82,8 +64,12 @@ class NumberField(QAbstractSpinBox):
         tip: str = "",
     ) -> None:
         super().__init__()
+        #: Smallest and largest number that is taken.
         self.bounds = -math.inf, math.inf
+        #: What is wrong with a number, in one sentence; empty if it is taken.
         self.fault: Callable[[float], str] = lambda _number: ""
+        #: Whether the event that is being handled, such as the press of a button, has led to a
+        #: refusal.
         self.just_refused = False
         theme.named(self, name, spoken, tip=tip)
         self._step, self._live, self._nearest = step, live, nearest

@@ -16,25 +16,13 @@ __all__ = ["RangeBox"]
 class RangeBox(QWidget):
     """A check for automatic, and a field for each end, which always show the range in force.
 
-    A whole new range is typed in either order: an end beyond the other waits for it.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Object names of the check and of the fields for the low and the high end.
-    texts : tuple of str
-        What is before each of them.
-    noun : str
-        What is ranged over, with its article left out: "time", "eigenvalue".
-
-    Signals
-    -------
-    automatic_chosen(bool)
-    range_given(float, float)
-        The second is above the first.
+    A whole new range is typed in either order: an end beyond the other waits for it. `names` and
+    `texts` are object names and labels of the check, the low and the high end; `noun` is the
+    quantity, "time".
     """
 
     automatic_chosen = Signal(bool)
+    #: Low and high end, in this order.
     range_given = Signal(float, float)
 
     def __init__(self, names: tuple[str, str, str], texts: tuple[str, str, str], noun: str) -> None:

@@ -35,13 +35,8 @@ _KEYS = (
 class StepSlider(QSlider):
     """A horizontal slider.
 
-    Qt's own moves three steps a notch, pages where it is clicked, and cannot say that a part of
-    its range is in doubt: `set_hatched` does that, `set_marks` labels places along it.
-
-    Parameters
-    ----------
-    own_keys : bool
-        Whether arrows and pages are its own while it has the focus, not commands for the field.
+    Qt's own moves three steps a notch, and pages where it is clicked. With `own_keys`, arrows and
+    pages are its own while it has the focus, not commands for the field.
     """
 
     def __init__(self, own_keys: bool = False) -> None:
@@ -156,14 +151,9 @@ class StepSlider(QSlider):
 
 
 class LogSlider(StepSlider):
-    """A slider for a positive number, in log scale, with marks at powers of ten.
+    """A slider for a positive number, in log scale, with marks at powers of ten."""
 
-    Signals
-    -------
-    given(float)
-        A person moved it to this number.
-    """
-
+    #: The user moved it to this number.
     given = Signal(float)
 
     def __init__(self) -> None:

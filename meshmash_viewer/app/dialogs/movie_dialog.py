@@ -73,13 +73,13 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.width_spin = self._pixels("movie_width_spin", "Width", 1280)
         self.height_spin = self._pixels("movie_height_spin", "Height", 720)
         self.rate_spin = DecimalField(
-            minimum=0.5, maximum=120.0, decimals=1, suffix=" frames/s", value=TURN_RATE
-        )
-        theme.named(self.rate_spin, "movie_rate_spin", "Frames per second")
+            minimum=0.5, maximum=120.0, decimals=1, suffix=" frames/s", value=TURN_RATE,
+            objectName="movie_rate_spin", accessibleName="Frames per second",
+        )  # fmt: skip
         self.seconds_spin = DecimalField(
-            minimum=0.05, maximum=3600.0, decimals=2, suffix=" s", value=TURN_SECONDS
-        )
-        theme.named(self.seconds_spin, "movie_seconds_spin", "Length in seconds")
+            minimum=0.05, maximum=3600.0, decimals=2, suffix=" s", value=TURN_SECONDS,
+            objectName="movie_seconds_spin", accessibleName="Length in seconds",
+        )  # fmt: skip
         self.length_label = theme.named(QLabel(), "movie_length_label", "Length", role="value")
         self.accept_button = theme.named(QPushButton("Save"), "movie_save_button", role="primary")
         self._inputs = (

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QDialog, QLabel, QProgressBar
+from PySide6.QtWidgets import QDialog, QLabel, QProgressBar, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.column_range import ColumnRange
-from meshmash_viewer.app.controls.facts import keep_room
+from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.facts import keep_room, show_quietly
+from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.spin import WholeField
 from meshmash_viewer.app.listening import stop_listening
 from meshmash_viewer.app.series_painter import SeriesPainter, Sink
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -24,18 +26,48 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
 
 
+class ColumnRange(QWidget):
+    """First and last column and the step, as controls named ``<owner>_first_spin`` and so on."""
+
+    changed = Signal()
+
+    def __init__(self, owner: str) -> None:
+        super().__init__()
+        self.first_spin = self._spin(f"{owner}_first_spin", "First column", 0)
+        self.last_spin = self._spin(f"{owner}_last_spin", "Last column", 0)
+        self.step_spin = self._spin(f"{owner}_step_spin", "Every how many columns", 1)
+        to, every = QLabel("to"), QLabel("every")
+        self.setLayout(row(self.first_spin, to, self.last_spin, every, self.step_spin, None))
+
+    def _spin(self, name: str, spoken: str, least: int) -> WholeField:
+        return make.spin(name, spoken, self.changed, minimum=least, keyboardTracking=True)
+
+    @property
+    def columns(self) -> range:
+        """The chosen columns."""
+        first, last = sorted((self.first_spin.value(), self.last_spin.value()))
+        return range(first, last + 1, self.step_spin.value())
+
+    @property
+    def most(self) -> int:
+        """Number of columns that can be chosen."""
+        return self.last_spin.maximum() + 1
+
+    def choose(self, columns: range, most: int) -> None:
+        """Choose some of `most` columns, without emitting `changed`."""
+        show_quietly(self.first_spin, columns[0], most - 1)
+        show_quietly(self.last_spin, columns[-1], most - 1)
+        show_quietly(self.step_spin, columns.step, max(most - 1, 1), least=1)
+
+
 class SeriesDialog(QDialog):
     """Draws a draft once the choices have stopped changing, and a file on request.
 
     Subclasses call `_set_up`, make `remark_label`, and implement `_draw_draft`, `_show_draft`,
     `_show_saving` and `_finish`.
-
-    Signals
-    -------
-    saved(Path)
-        The file has been written.
     """
 
+    #: Path of the file that has been written.
     saved = Signal(object)
     remark_label: QLabel
 

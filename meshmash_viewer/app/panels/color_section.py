@@ -59,15 +59,7 @@ SEQUENTIAL = {
 
 @lru_cache(maxsize=64)
 def swatch_icon(name: str, width: int = 56, height: int = 12) -> QIcon:
-    """A strip of a colour map, from its low end to its high one, as the icon of an entry.
-
-    Parameters
-    ----------
-    name : str
-        Of a matplotlib colour map.
-    width, height : int
-        In logical pixels; drawn at twice that.
-    """
+    """A strip of one of matplotlib's colour maps as an icon; sizes are in logical pixels."""
     from matplotlib import colormaps
 
     colors = colormaps[name](np.linspace(0.0, 1.0, 2 * width), bytes=True)

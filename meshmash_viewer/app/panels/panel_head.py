@@ -16,13 +16,7 @@ from meshmash_viewer.model.document import Document
 class PanelHead(QWidget):
     """Controls on the left, then labels; the last label is at the right end.
 
-    Labels that do not fit are left out from the last on, whole: half a sentence is no use.
-
-    Parameters
-    ----------
-    controls : tuple of QWidget
-    labels : tuple of QLabel
-        Most important first.
+    Labels, most important first, are hidden from the last on where they do not fit.
     """
 
     def __init__(self, controls: tuple[QWidget, ...], labels: tuple[QLabel, ...]) -> None:

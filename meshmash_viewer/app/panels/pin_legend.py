@@ -15,14 +15,9 @@ from meshmash_viewer.model.pins import Pin
 
 
 class PinLegend(QScrollArea):
-    """One line per pin: its colour, number and vertex, and a button that removes it.
+    """One line per pin: its colour, number and vertex, and a button that removes it."""
 
-    Signals
-    -------
-    pointed(int)
-        Vertex of the pin under the pointer, -1 for none.
-    """
-
+    #: Vertex of the pin under the pointer, -1 for none.
     pointed = Signal(int)
 
     def __init__(self, document: Document) -> None:

@@ -60,14 +60,9 @@ def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.floa
 
 
 class ProfilePanel(PlotPanel):
-    """Bottom panel; shows the family of fields on the render until someone chooses otherwise.
+    """Bottom panel; shows the family of fields on the render until the user chooses another."""
 
-    Signals
-    -------
-    pin_pointed(int)
-        Vertex of the pin that is pointed at in the list or on the plot, -1 for none.
-    """
-
+    #: Vertex of the pin that is pointed at in the list or on the plot, -1 for none.
     pin_pointed = Signal(int)
 
     def __init__(self, document: Document) -> None:

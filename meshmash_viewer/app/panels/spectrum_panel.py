@@ -9,7 +9,6 @@ from PySide6.QtCore import Qt
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import format_wavelength, show_quietly
-from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
@@ -26,7 +25,7 @@ class SpectrumPanel(PlotPanel):
     def __init__(self, document: Document) -> None:
         super().__init__(document, "spectrum", "Spectrum")
         choices = {"eigenvalues": "Eigenvalues", "responses": "Filters"}
-        self.view_choice = Segments("spectrum_view", "What the spectrum shows", choices)
+        self.view_choice = make.Segments("spectrum_view", "What the spectrum shows", choices)
         self.view_choice.chosen.connect(self._show_view)
         self.log_check = make.check(
             "Log λ", "spectrum_log_check", "Eigenvalues in log scale", self._set_log

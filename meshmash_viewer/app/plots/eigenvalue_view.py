@@ -24,19 +24,14 @@ class EigenvalueView:
     """Contents of the spectrum plot for eigenfunctions.
 
     A click or a drag of the marker selects an eigenfunction; zero modes are hollow.
-
-    Attributes
-    ----------
-    log : bool
-        Whether the left axis is logarithmic.
-    heights : (float, float) or None
-        Range of the left axis, None for an automatic one.
     """
 
+    #: Range of the left axis, None for an automatic one.
     heights: ClassVar[tuple[float, float] | None] = None
 
     def __init__(self, document: Document) -> None:
         self._document = document
+        #: Whether the left axis is logarithmic.
         self.log = False
         self.weyl = pg.PlotCurveItem()
         self.points = pg.ScatterPlotItem(pxMode=True)

@@ -87,16 +87,11 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     """A plot in the theme's colours.
 
     The wheel zooms, a drag pans, and the button "Fit" shows everything.
-
-    Signals
-    -------
-    clicked(float, float)
-        Position in plot coordinates.
-    hovered(float, float)
-        Likewise; NaN when the pointer has left.
     """
 
+    #: Position in plot coordinates.
     clicked = Signal(float, float)
+    #: Likewise; NaN when the pointer has left.
     hovered = Signal(float, float)
 
     def __init__(self, name: str, accessible_name: str) -> None:

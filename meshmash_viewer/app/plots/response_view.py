@@ -33,19 +33,14 @@ class ResponseView:
 
     Handles move the filter of the field, and the limits of the range if the family has one; a
     click chooses the filter there. Ticks at the bottom are eigenvalues.
-
-    Attributes
-    ----------
-    log : bool
-        Whether the bottom axis is logarithmic.
-    heights : (float, float)
-        Range of the left axis, the same for all responses.
     """
 
+    #: Range of the left axis, the same for all responses.
     heights: ClassVar[tuple[float, float] | None] = (_RUG - 0.03, _TOP)
 
     def __init__(self, document: Document) -> None:
         self._document = document
+        #: Whether the bottom axis is logarithmic.
         self.log = False
         self._response_text = ""
         self.rug = pg.PlotCurveItem(connect="pairs")

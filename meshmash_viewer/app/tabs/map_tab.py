@@ -12,7 +12,6 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import column, row
-from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.dialogs.files import ask_for_maps
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
@@ -60,7 +59,7 @@ class MapTab(FieldStepper):
             "Remove", "map_remove_button", "Take the map away from the mesh", self._remove
         )
         self.facts = Facts(_FACTS)
-        self.views = Segments("map_view", "What is shown of the map", VIEWS)
+        self.views = make.Segments("map_view", "What is shown of the map", VIEWS)
         self.views.chosen.connect(lambda key: self._change(view=key))
         self.shares = Facts(_SHARES)
         self.hint = note("map_hint")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import note, show_note
-from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.tabs.field_stepper import PinChooser
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.similarity import Similarity
@@ -22,7 +21,7 @@ class SimilarityTab(PinChooser):
     )
 
     def _build(self) -> None:
-        self.basis = Segments(
+        self.basis = make.Segments(
             "similarity_basis",
             "Features to measure in",
             {name: family.short for name, family in FEATURES.items()},
