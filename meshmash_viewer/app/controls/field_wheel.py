@@ -15,7 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["FieldWheel"]
+__all__ = ["FieldWheel", "scroll_area"]
 
 _FIELDS = (QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 _NOTCH = 120  # eighths of a degree, as Qt counts
@@ -46,7 +46,7 @@ class FieldWheel(QObject):
                 field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             if isinstance(field, _FIELDS) and not isinstance(field, QScrollBar):
                 field.installEventFilter(self)
-                if (area := _scroll_area(field)) is not None:
+                if (area := scroll_area(field)) is not None:
                     area.viewport().installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -55,7 +55,7 @@ class FieldWheel(QObject):
             self._scrolled, self._turned = None, 0
         if not (isinstance(event, QWheelEvent) and isinstance(watched, QWidget)):
             return False
-        area = _scroll_area(watched)
+        area = scroll_area(watched)
         if not isinstance(watched, _FIELDS):  # what the area shows, which is being scrolled
             self._scrolled = area
             self._since.start()
@@ -87,7 +87,8 @@ class FieldWheel(QObject):
         return False
 
 
-def _scroll_area(widget: QWidget) -> QAbstractScrollArea | None:
+def scroll_area(widget: QWidget) -> QAbstractScrollArea | None:
+    """The innermost area that a widget scrolls in."""
     parent = widget.parentWidget()
     while parent is not None and not isinstance(parent, QAbstractScrollArea):
         parent = parent.parentWidget()

@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QFrame,
     QLabel,
     QPushButton,
+    QScrollArea,
     QToolButton,
     QWidget,
 )
@@ -128,6 +129,15 @@ def spin(
     if act is not None:
         made.valueChanged.connect(act)
     return made
+
+
+def scroll(content: QWidget) -> QScrollArea:
+    """An area in which the contents of a panel scroll; it takes no focus, but follows theirs."""
+    area = QScrollArea(widgetResizable=True)
+    area.setFrameShape(QFrame.Shape.NoFrame)
+    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    area.setWidget(theme.named(content, "panel_content"))
+    return area
 
 
 def dot(color: str) -> QIcon:

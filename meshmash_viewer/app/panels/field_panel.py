@@ -9,7 +9,6 @@ from PySide6.QtWidgets import (
     QListView,
     QListWidget,
     QListWidgetItem,
-    QScrollArea,
     QStackedWidget,
     QWidget,
 )
@@ -78,11 +77,7 @@ class FieldPanel(QWidget):
         self._stack = QStackedWidget()
         self._pages = {name: tab_of(family)(document) for name, family in FAMILIES.items()}
         for page in self._pages.values():
-            area = QScrollArea(widgetResizable=True)
-            area.setFrameShape(QFrame.Shape.NoFrame)
-            area.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
-            area.setWidget(theme.named(page, "panel_content"))
-            self._stack.addWidget(area)
+            self._stack.addWidget(make.scroll(page))
         self.list.currentRowChanged.connect(self._choose_kind)
         self.hint = note("field_hint")
         self.hint.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.GAP)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.layout import Part, grid, row
+from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
@@ -86,32 +86,29 @@ class HealthTable(QWidget):
         self._prefix, self._whose = ("second_", " of the second mesh") if second else ("", "")
         self.setObjectName(f"{self._prefix}health_table")
         self._document = document
-        self._marks: dict[str, QLabel] = {}
-        self._counts: dict[str, QLabel] = {}
-        self._buttons: dict[str, QPushButton] = {}
+        #: Mark, count, and button if there is a repair, of each row.
+        self._rows = [(each, QLabel(), *self._controls(each)) for each in _ROWS]
         rows = []
-        for each in _ROWS:
-            mark, text = QLabel(), QLabel(each.text)
+        for each, mark, count, button in self._rows:
+            text = QLabel(each.text)
             mark.setFixedSize(14, 18)
-            right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-            name = f"{self._prefix}health_{each.attribute}"
-            count = make.label(name, f"{each.text}{self._whose}", "–", alignment=right)
             for label in (mark, text, count):
                 label.setToolTip(each.tooltip)
-            self._marks[each.attribute] = mark
-            self._counts[each.attribute] = count
             # text and button share a cell, so that the longest of each need not stand side by side
-            cell: list[Part] = [text, None]
-            if each.repair:
-                cell.append(self._repair_button(each))
-            rows.append((mark, row(*cell), count))
+            rows.append((mark, row(text, None, *([] if button is None else [button])), count))
         self.setLayout(grid(*rows, spacing=(theme.GAP, 1)))
         follow(document.mesh_changed, self.refresh)
         follow(document.job_changed, self._refresh_buttons)
         theme.notifier().changed.connect(self.refresh)
         self.refresh()
 
-    def _repair_button(self, each: _Row) -> QPushButton:
+    def _controls(self, each: _Row) -> tuple[QLabel, QPushButton | None]:
+        """The number of a row, and the button that repairs it."""
+        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        name = f"{self._prefix}health_{each.attribute}"
+        count = make.label(name, f"{each.text}{self._whose}", "–", alignment=right)
+        if not each.repair:
+            return count, None
         label = REPAIRS[each.repair].label
         button = make.button(
             each.verb,
@@ -122,14 +119,12 @@ class HealthTable(QWidget):
             tip=f"{label} (can be undone)",
         )
         button.hide()
-        self._buttons[each.attribute] = button
-        return button
+        return count, button
 
     def refresh(self) -> None:
         """Show the counts of the open mesh."""
         ready, colors = self._document.ready, theme.palette()
-        for each in _ROWS:
-            mark, count = self._marks[each.attribute], self._counts[each.attribute]
+        for each, mark, count, _ in self._rows:
             if ready is None:
                 mark.clear()
                 count.setText("–")
@@ -145,10 +140,9 @@ class HealthTable(QWidget):
         self._refresh_buttons()
 
     def _refresh_buttons(self) -> None:
-        ready = self._document.ready
-        idle = self._document.job is None
-        for each in _ROWS:
-            if each.repair:
+        ready, idle = self._document.ready, self._document.job is None
+        for each, _, _, button in self._rows:
+            if button is not None:
                 todo = REPAIRS[each.repair].count(ready.health) if ready else 0
-                self._buttons[each.attribute].setVisible(todo > 0)
-                self._buttons[each.attribute].setEnabled(idle)
+                button.setVisible(todo > 0)
+                button.setEnabled(idle)

@@ -11,7 +11,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QProgressBar,
-    QScrollArea,
     QSizePolicy,
     QStackedLayout,
     QWidget,
@@ -59,7 +58,7 @@ class MeshPanel(QWidget):
         )
         keep_room(self.undo_button)
         margins = theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN
-        self._content = theme.named(QWidget(), "panel_content")
+        self._content = QWidget()
         self._content.setLayout(
             column(
                 *self._build_facts(),
@@ -75,9 +74,7 @@ class MeshPanel(QWidget):
                 margins=margins,
             )
         )
-        scroll = QScrollArea(widgetResizable=True)
-        scroll.setWidget(self._content)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
+        scroll = make.scroll(self._content)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setLayout(column((scroll,), make.line(), self._build_foot(), spacing=0))
         self._content.installEventFilter(self)

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
@@ -129,7 +129,7 @@ class PairPanel(QWidget):
                 row(self.map_button, None),
             )
         )
-        whole = theme.named(QWidget(), "panel_content")
+        whole = QWidget()
         whole.setLayout(
             column(
                 self.name_label,
@@ -141,9 +141,7 @@ class PairPanel(QWidget):
                 margins=PANEL,
             )
         )
-        scroll = QScrollArea(widgetResizable=True)
-        scroll.setWidget(whole)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll = make.scroll(whole)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setLayout(column(scroll))
 

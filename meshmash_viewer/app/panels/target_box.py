@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer import units
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
+from meshmash_viewer.app.controls.field_wheel import scroll_area
 from meshmash_viewer.app.controls.layout import grid
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later
@@ -202,13 +203,11 @@ class TargetBox(QWidget):
             later(self._bring_into_view)
 
     def _bring_into_view(self) -> None:
-        parent = self.parentWidget()
-        while parent is not None and not isinstance(parent, QScrollArea):
-            parent = parent.parentWidget()
-        if parent is not None:
+        area = scroll_area(self)
+        if isinstance(area, QScrollArea):
             if (layout := self.window().layout()) is not None:
                 layout.activate()
-            parent.ensureWidgetVisible(self.fault, 0, theme.GAP)
+            area.ensureWidgetVisible(self.fault, 0, theme.GAP)
 
     def _keep(self) -> None:
         self._kept = self._document.target

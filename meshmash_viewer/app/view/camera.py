@@ -115,23 +115,26 @@ class View:
         return cls(focus, axes, half_size)
 
 
+def _sampled_triangles(mesh: Mesh) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Some 50,000 of the faces: corners, shape (m, 3, 3), normals of twice the area, and areas."""
+    corners = mesh.vertices[mesh.faces[:: max(1, mesh.n_faces // 50_000)]]
+    edges = corners[:, 1:] - corners[:, :1]
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    return corners, normals, 0.5 * np.linalg.norm(normals, axis=1)
+
+
 def _compactness(mesh: Mesh) -> float:
     """Isoperimetric quotient 36 pi V² / A³: 1 for a ball, near 0 for a neurite or a sheet."""
-    # estimated from a sample of the faces: two million of them take a while
-    faces = mesh.faces[:: max(1, mesh.n_faces // 50_000)]
-    corners = mesh.vertices[faces] - mesh.vertices[faces[0, 0]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * float(np.linalg.norm(normals, axis=1).sum())
-    volume = float(np.einsum("ij,ij->", corners[:, 0], normals)) / 6.0
-    share = len(faces) / mesh.n_faces
+    corners, normals, areas = _sampled_triangles(mesh)
+    area = float(areas.sum())
+    volume = float(np.einsum("ij,ij->", corners[:, 0] - corners[0, 0], normals)) / 6.0
+    share = len(corners) / mesh.n_faces
     return 36.0 * np.pi * volume**2 / area**3 * share if area > 0.0 else 0.0
 
 
 def _stands_on(mesh: Mesh, axis: int) -> bool:
     """Whether more than 2 % of the area lies at the lower end along an axis, as of a base."""
-    corners = mesh.vertices[mesh.faces[:: max(1, mesh.n_faces // 50_000)]]
-    edges = corners[:, 1:] - corners[:, :1]
-    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    corners, _, areas = _sampled_triangles(mesh)
     top = corners[:, :, axis].max(axis=1)
     low, high = float(corners[:, :, axis].min()), float(top.max())
     return bool(areas[top < low + 0.01 * (high - low)].sum() > 0.02 * areas.sum())
