@@ -66,11 +66,11 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         #: Number of powers of ten from 0 to 1; 0 for a linear axis.
         self.decades = 0
 
-    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Labels of ticks."""
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
+        """Labels of ticks, None for a tick without."""
         if self.decades and not self.logMode:
             powers = [self.decades * (value - 1.0) for value in values]
-            return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else "" for p in powers]
+            return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else None for p in powers]
         texts: list[str] = super().tickStrings(values, scale, spacing)
         return [_EXPONENT.sub(lambda found: f"×10{superscript(int(found[1]))}", t) for t in texts]
 
