@@ -77,7 +77,7 @@ class Tour:
         """Wait until what is wanted is on the screen, nodal lines and profiles included."""
         pause(250)
         if self.document.spectrum is not None:
-            self.wait(lambda: self.window.field_source.idle)
+            self.wait(lambda: self.window.controller.idle)
         self.wait(lambda: self.window.scene.at_rest)
         self.wait(lambda: self.window.profile_panel.idle)
         pause(700)
@@ -401,7 +401,7 @@ class Tour:
 
     def shown(self) -> tuple[np.ndarray, float]:
         """Values on the render, and the upper end of their colours."""
-        field = self.window.field_source.field
+        field = self.window.controller.field
         return field.values[np.isfinite(field.values)], field.limits(self.display.limits)[1]
 
 

@@ -29,7 +29,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QListWidget, QWidget
 
 import meshmash_viewer.app.view.picture as picture_module
-from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, collect_garbage_when_idle
 from meshmash_viewer.app.view.render_widget import RenderWidget
@@ -54,7 +54,7 @@ ROUNDS, STOLEN = 25, 0.01
 class Awaited:
     """Whether a render has shown another field since."""
 
-    def __init__(self, canvas: RenderWidget, source: FieldSource) -> None:
+    def __init__(self, canvas: RenderWidget, source: Controller) -> None:
         self.canvas, self.shown = canvas, False
         self._source, self._field, self._drawn = source, source.field, False
         # The window's own slot is connected before this one: the frame is done, but Qt has
@@ -90,7 +90,7 @@ class Session:
         self.drawing.watch(self.window.scene.plotter.ren_win)
         self.document = self.window.document
         self.display = self.document.display
-        self.source = self.window.field_source
+        self.source = self.window.controller
         self.canvas = self.window.findChild(RenderWidget)
         #: What a tick waits for: renders, and what computes their fields.
         self.renders = [(self.canvas, self.source)]
@@ -375,7 +375,7 @@ class Session:
         beside = window.comparing.second_view
         yield lambda: beside.idle and beside.pair.comparison is not None
         self.drawing.watch(beside.scene.plotter.ren_win)
-        self.renders.append((beside.scene.plotter, beside.field_source))
+        self.renders.append((beside.scene.plotter, beside.controller))
         yield from self.ticks(("step", "leap", "hks", "band", "wks", "filter"))
 
     def heat_at(self, i: int) -> tuple[tuple[str, float], ...]:

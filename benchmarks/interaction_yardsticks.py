@@ -12,7 +12,7 @@ from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.hks import HeatKernelSignature
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.field_source import FieldSource
+    from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.model.document import Document
 
 
@@ -22,7 +22,7 @@ def time_at(document: Document, share: float) -> float:
     return float(low * (high / low) ** share)
 
 
-def compressed(document: Document, source: FieldSource) -> dict[str, float]:
+def compressed(document: Document, source: Controller) -> dict[str, float]:
     """The table of the heat kernel signature against the direct sum."""
     kept, spectrum = source.live.table(HeatKernelSignature.name), document.spectrum
     assert kept is not None
@@ -64,7 +64,7 @@ def readd(document: Document) -> float:
     return 1e3 * median(took)
 
 
-def floor(source: FieldSource) -> float:
+def floor(source: Controller) -> float:
     """Writing a field into an array that is there (ms)."""
     target = source.field.values.copy()
     values = np.zeros_like(target)

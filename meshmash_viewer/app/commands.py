@@ -31,8 +31,8 @@ from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.comparing import Comparing
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+    from meshmash_viewer.app.second_view import Comparing
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 #: Keys that a focused field uses itself.
@@ -230,8 +230,7 @@ class Commands:
 
     @property
     def _pair(self) -> Pair | None:
-        view = None if self.comparing is None else self.comparing.second_view
-        return None if view is None else view.pair
+        return None if self.comparing is None else self.comparing.pair
 
     def _ask_for_mesh(self, title: str) -> Path | None:
         # FreeSurfer surfaces have endings of many kinds

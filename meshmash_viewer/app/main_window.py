@@ -37,14 +37,12 @@ from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
-from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
-from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
@@ -98,8 +96,8 @@ class MainWindow(QMainWindow):
 
         self.loaded = False
         self._closed = False
-        #: The field that was drawn last, and its limits.
-        self._drawn: tuple[Field, tuple[float, float]] | None = None
+        #: Whether the field that was drawn last is signed; None without a field.
+        self._signed: bool | None = None
         self.stage = Stage()
         self.setCentralWidget(self.stage)
         self.mesh_panel = MeshPanel(self.document)
@@ -173,13 +171,13 @@ class MainWindow(QMainWindow):
         """Build the render and the plots; importing their libraries takes a moment."""
         if self.loaded or self._closed:
             return
-        from meshmash_viewer.app.comparing import Comparing
+        from meshmash_viewer.app.controller import Controller
         from meshmash_viewer.app.panels.field_panel import FieldPanel
         from meshmash_viewer.app.panels.pair_panel import PairPanel
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
         from meshmash_viewer.app.panels.shape_panel import ShapePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
-        from meshmash_viewer.app.row_check import RowCheck
+        from meshmash_viewer.app.second_view import Comparing
         from meshmash_viewer.app.shape_source import ShapeSource
         from meshmash_viewer.app.view.mesh_view import MeshView
 
@@ -195,45 +193,36 @@ class MainWindow(QMainWindow):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         theme.pad_fields(self)
         self._field_wheel.watch(self)
-        self.field_source = FieldSource(self.document, self)
-        self.field_source.field_ready.connect(self._on_field)
-        self.field_source.awaited.connect(self.scene.set_awaited)
-        self.field_source.failed.connect(
-            lambda text: self.document.notify(Notice(text, Severity.ERROR))
-        )
+        self.controller = Controller(self.document, self.scene, self)
+        self.controller.drawn.connect(self._on_drawn)
         self.shape_source = ShapeSource(self.document, self)
         self.shape_source.shape_ready.connect(self._show_shape)
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
         self.comparing = Comparing(
-            self.document, self.stage, self.scene, self.field_source, self.last_look, self
+            self.document, self.stage, self.scene, self.controller, self.last_look, self
         )
         self.commands.comparing = self.comparing
         self.comparing.changed.connect(self._on_pair_changed)
-        self.comparing.shown.connect(self._follow_second)
         self.pair_panel.open_requested.connect(self.commands.compare_with)
         self.pair_panel.close_requested.connect(self.commands.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
         self.pair_panel.maps_requested.connect(self.commands.add_map_to_second)
-        self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
         self.scene.vertex_hovered.connect(self._point_at_pin)
         self.profile_panel.pin_pointed.connect(self.scene.point_at)
         self.scene.stepped.connect(self.commands.step)
-        display = self.document.display
-        for event in ("policies", "diverging_colormap", "sequential_colormap", "nodal_lines"):
-            listen(getattr(display.events, event), self._show_field)
         self.loaded = True
         self.stage.welcome.set_loading("")
         if self.settings.layout is None:
             self.arrangement.reset()
         self.scene.set_theme(theme.is_dark())
-        self._on_mesh_changed()
-        self._on_pins_changed()
+        self.controller.show_mesh()
+        self.shape_source.refresh()
         self._show_stage()
         self.commands.refresh()
-        self.field_source.refresh()
+        self.controller.refresh()
         self.commands.look()
         for each in known_plug_ins():
             if each.fault:
@@ -269,9 +258,9 @@ class MainWindow(QMainWindow):
         while not (
             self.document.job is None
             and self.background_io.idle
-            and self.field_source.idle
+            and self.controller.idle
             and self.shape_source.idle
-            and self.comparing.idle
+            and (self.comparing.second_view is None or self.comparing.second_view.idle)
         ):
             if deadline.hasExpired():
                 raise TimeoutError(f"The window is still busy after {seconds:g} s.")
@@ -284,7 +273,6 @@ class MainWindow(QMainWindow):
     def _listen_to_document(self) -> None:
         document = self.document
         listen(document.mesh_changed, self._on_mesh_changed)
-        listen(document.pins_changed, self._on_pins_changed)
         listen(document.job_changed, self._on_job_changed)
         document.noticed.connect(self.stage.message_bar.show_notice)
         events = document.display.events
@@ -314,14 +302,6 @@ class MainWindow(QMainWindow):
             self.settings.add_recent(ready.path)
             self.last_look.restore()
         self.hover_label.setText(self._mesh_summary())
-        if self.loaded and ready is not None:
-            # the same coordinates in another unit are looked at from where one is
-            camera = self.scene.camera() if self._same_place(ready.mesh) else None
-            self.scene.set_mesh(ready.mesh, ready.normals)
-            self.shape_source.refresh()
-            if camera is not None:
-                self.scene.set_camera(camera)
-            self._show_field()
 
     def _show_stage(self) -> None:
         """Show the render or the welcome, and which meshes were opened last."""
@@ -337,51 +317,18 @@ class MainWindow(QMainWindow):
                 lambda _checked=False, path=path: self.commands.open_path(path)
             )
 
-    def _same_place(self, mesh: Mesh) -> bool:
-        before = self.scene.mesh
-        return before is not None and before.vertices is mesh.vertices
-
-    def _on_pins_changed(self) -> None:
-        if self.loaded:
-            self.scene.set_pins(self.document.pins)
-
-    def _on_field(self) -> None:
-        if not self.comparing.first_waits():
-            self._show_field()
-
-    def _show_field(self) -> None:
-        """Draw the last field, with the limits of the current policy."""
-        field, mesh, display = self.field_source.field, self.document.mesh, self.document.display
-        if field is None or mesh is None or len(field.values) != mesh.n_vertices:
-            self._drawn = None
-            self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
-            self.field_panel.set_field(None, (0.0, 1.0))
-            self._set_swing(None)
-            later(self._clear_title)
-            return
-        limits, colormap = field.colors(display)
-        limits = self.comparing.common_limits or limits
-        if self._drawn is None or self._drawn[0].signed != field.signed:
-            later(self._refresh_actions)
-        self._drawn = field, limits
-        self.scene.set_field(field, limits, colormap)
+    def _on_drawn(self, field: Field | None, limits: tuple[float, float]) -> None:
+        """Show the field that was drawn in the panels, and vibrate by it."""
         self.field_panel.set_field(field, limits)
-        self._set_swing(field)
-        self.spectrum_panel.follow_field()
-        later(self._clear_title)
-
-    def _follow_second(self) -> None:
-        """Draw the field if it has waited for the second mesh, or its common limits changed."""
-        field = self.field_source.field
-        if field is not None and self._drawn is not None:
-            own, _ = field.colors(self.document.display)
-            if self._drawn != (field, self.comparing.common_limits or own):
-                self._show_field()
-
-    def _set_swing(self, field: Field | None) -> None:
-        """Set the field of the vibration."""
         self.shape_source.set_field(field)
         self.shape_panel.set_field(field)
+        if field is not None:
+            self.spectrum_panel.follow_field()
+        signed = None if field is None else field.signed
+        if signed is not self._signed:
+            self._signed = signed
+            later(self._refresh_actions)
+        later(self._clear_title)
 
     def _show_shape(self, drawn: DrawnShape) -> None:
         """Draw the vertices at the computed positions."""
@@ -408,7 +355,7 @@ class MainWindow(QMainWindow):
         unit = ready.mesh.unit
         place = ", ".join(f"{x:.6g}" for x in ready.mesh.vertices[vertex])
         parts = [ready.mesh.named_vertex(vertex).capitalize()]
-        field = self.field_source.field
+        field = self.controller.field
         if field is not None and vertex < len(field.values):
             value = float(field.values[vertex])
             if field.labels and value == value:
@@ -457,7 +404,8 @@ class MainWindow(QMainWindow):
         self.actions_.refresh_icons()
         if self.loaded:
             self.scene.set_theme(theme.is_dark())
-            self.comparing.set_theme()
+            if self.comparing.second_view is not None:
+                self.comparing.second_view.scene.set_theme(theme.is_dark())
 
     def say_refusal(self, sentence: str) -> None:
         """Show or remove the reason why a field rejects its text; see `spin.show_refusal`."""
@@ -545,10 +493,9 @@ class MainWindow(QMainWindow):
             self.background_io.close()
             if self.loaded:
                 self.comparing.end()
-                self.field_source.close()
+                self.controller.close()
                 self.shape_source.close()
                 self.profile_panel.close()
-                self.row_check.close()
                 self.scene.close()
             self.closed.emit()
         super().closeEvent(event)

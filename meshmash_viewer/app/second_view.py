@@ -1,30 +1,42 @@
-"""The second mesh of a comparison: its render, and its background tasks."""
+"""The second mesh of a comparison: its render, its tasks, and its links with the first."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from PySide6.QtCore import QSize, Qt, Signal, Slot
+from PySide6.QtCore import QObject, QSize, Qt, Signal
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
-from meshmash_viewer.app.row_check import RowCheck
+from meshmash_viewer.app.sessions import Restoration
+from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.io.session import Session
+from meshmash_viewer.model import stepping
+from meshmash_viewer.model.document import Document, Notice
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.pair import ComparisonRequest, Pair
-from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.model.pair import LINKS, ComparisonRequest, Pair
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.colors import ColorMap
+
+#: The field of the second as it is shown next to the first, and limits for both.
+_Linked: TypeAlias = tuple[Field, tuple[float, float]] | None
 
 
 class SecondView(QWidget):
@@ -32,11 +44,12 @@ class SecondView(QWidget):
 
     Parameters
     ----------
-    first : Document
+    document : Document
+        The first.
     scene : MeshView
-        The render of the first.
-    source : FieldSource
-        The fields of the first.
+        Its render.
+    controller : Controller
+        Its controller.
 
     Attributes
     ----------
@@ -44,32 +57,28 @@ class SecondView(QWidget):
         The links, and the comparison.
     """
 
-    #: The user has pressed the close button.
+    #: The user has pressed the close button, or the mesh could not be read.
     close_requested = Signal()
-    #: The mesh could not be read.
-    unread = Signal()
-    #: It has been drawn, possibly with other common limits.
-    shown = Signal()
 
-    def __init__(self, first: Document, scene: MeshView, source: FieldSource) -> None:
+    def __init__(self, document: Document, scene: MeshView, controller: Controller) -> None:
         super().__init__()
         theme.named(self, "second_view", "Second mesh")
         self.document = Document()
-        self.document.seconds_rate = first.seconds_rate
-        self._first_scene, self._first_source = scene, source
+        self.document.seconds_rate = document.seconds_rate
         self.scene = MeshView(self.document)
         theme.named(self.scene, "second_scene", "Render of the second mesh")
         self.tasks = Tasks(self.document, self)
         self.background_io = BackgroundIO(self.document, self)
-        self.field_source = FieldSource(self.document, self)
-        self.row_check = RowCheck(self.document, self)
-        self.pair = Pair(first, self.document)
-        self._turning = self._waiting = False
-        #: The field that was drawn last, and the limits that it shared with the first.
-        self._drawn: tuple[Field | None, tuple[float, float] | None] = None, None
+        self.controller = Controller(self.document, self.scene, self)
+        self.pair = Pair(document, self.document)
+        self._first_scene, self._first = scene, controller
+        self._turning = False
+        #: A field that is not drawn yet, since that of the other mesh is about to come.
+        self._waiting: Controller | None = None
+        #: What `_linked` was computed from, and its result.
+        self._known: tuple[tuple[Any, ...], _Linked] = (), None
+        self._thread = LatestThread(ComparisonRequest.answered, self._accept, parent=self)
         self._build()
-        self._thread = LatestThread(self._compare, self._accept, parent=self)
-        self.pair.comparison_requested.connect(self._thread.ask)
         self._connect()
         self.scene.set_theme(theme.is_dark())
 
@@ -92,24 +101,15 @@ class SecondView(QWidget):
         layout.addWidget(self.scene, 1)
 
     def _connect(self) -> None:
-        document = self.document
-        listen(document.mesh_changed, self._on_mesh_changed)
-        listen(document.pins_changed, self._on_pins_changed)
-        for signal in (document.job_changed, document.spectrum_changed, self.pair.changed):
-            follow(signal, self._say_status)
-        listen(self.pair.changed, self.show_field)
-        for event in ("policies", "diverging_colormap", "sequential_colormap", "nodal_lines"):
-            listen(getattr(document.display.events, event), self.show_field)
+        document, pair = self.document, self.pair
+        pair.comparison_requested.connect(self._thread.ask)
+        self._first.link = self.controller.link = self
+        listen(document.mesh_changed, self._turn_second)
+        follow((document.job_changed, document.spectrum_changed, pair.changed), self._say_status)
+        listen(pair.changed, self._draw)
         document.noticed.connect(self._on_notice)
         follow(document.job_changed, self._on_job_changed)  # its notice goes first
-        self.field_source.field_ready.connect(self._on_field)
-        for source in (self.field_source, self._first_source):
-            source.awaited.connect(self._wait_no_longer)
-            source.failed.connect(self._wait_no_longer)
-        self.field_source.awaited.connect(self.scene.set_awaited)
-        self.field_source.failed.connect(lambda text: document.notify(Notice(text, Severity.ERROR)))
-        self._first_source.field_ready.connect(self._first_shown)
-        self.scene.vertex_clicked.connect(self.pair.pin_second)
+        self.scene.vertex_clicked.connect(pair.pin_second)
         self.scene.stepped.connect(self._step)
         self.scene.camera_changed.connect(self._turned)
         self._first_scene.camera_changed.connect(self._turn_second)
@@ -120,34 +120,27 @@ class SecondView(QWidget):
         return (
             self.document.job is None
             and self.background_io.idle
-            and self.field_source.idle
+            and self.controller.idle
             and not self._thread.working
             and not self.pair.comparing
         )
 
     def shut(self) -> None:
         """Stop all its tasks; it cannot be shown again."""
+        self._first.link = None
         self.pair.close()
         self.pair.comparison_requested.disconnect(self._thread.ask)
         stop_listening(self)
         self.document.noticed.disconnect(self._on_notice)
-        self._first_source.field_ready.disconnect(self._first_shown)
-        self._first_source.awaited.disconnect(self._wait_no_longer)
-        self._first_source.failed.disconnect(self._wait_no_longer)
         self._first_scene.camera_changed.disconnect(self._turn_second)
         self._thread.close()
         self.tasks.close()
         self.background_io.close()
-        self.row_check.close()
-        self.field_source.close()
+        self.controller.close()
         self.scene.close()
 
-    # -- comparing ----------------------------------------------------------------------------
+    # -- from the documents -------------------------------------------------------------------
 
-    def _compare(self, request: ComparisonRequest, cancel: CancelCallback) -> Comparison:
-        return request.answered(cancel)
-
-    @Slot(object, object)
     def _accept(self, request: ComparisonRequest, answer: Comparison | Exception) -> None:
         if isinstance(answer, Exception):
             self.pair.give_up(request)
@@ -155,21 +148,9 @@ class SecondView(QWidget):
         else:
             self.pair.accept(request, answer)
 
-    # -- from the documents -------------------------------------------------------------------
-
-    def _on_mesh_changed(self) -> None:
-        ready = self.document.ready
-        if ready is not None:
-            self.scene.set_mesh(ready.mesh, ready.normals)
-            self._turn_second()
-            self.show_field()
-
-    def _on_pins_changed(self) -> None:
-        self.scene.set_pins(self.document.pins)
-
     def _on_job_changed(self) -> None:
         if self.document.job is None and self.document.ready is None:
-            self.unread.emit()
+            self.close_requested.emit()
 
     def _on_notice(self, notice: Notice) -> None:
         """Show a notice in the message bar of the window."""
@@ -192,64 +173,48 @@ class SecondView(QWidget):
             text = f"{len(spectrum):,} pairs" + (" · complete" if spectrum.complete else "")
         self.status_label.setText(f"{name}  ·  {text}" if text else name)
 
-    def first_waits(self) -> bool:
-        """Whether the new field of the first is drawn later, together with that of the second."""
-        return self._waits_for(self.field_source)
+    # -- drawing ------------------------------------------------------------------------------
 
-    def _waits_for(self, other: FieldSource) -> bool:
-        """Whether a new field waits for that of the other mesh, with which it shares its limits.
+    def draw(self, source: Controller) -> None:
+        """Draw the fields of both meshes after that of one has changed.
 
-        It waits once only, so that two fields never wait for each other forever.
+        Fields that share their limits are drawn together: one waits once for the other, unless
+        that takes long.
         """
-        self._waiting = not self._waiting and other.comes and self._with_shared_limits() is not None
-        return self._waiting
+        other = self.controller if source is self._first else self._first
+        waits = self._waiting is None and other.comes and not other.late
+        self._waiting = source if waits and self._linked() is not None else None
+        if self._waiting is None:
+            self._draw()
 
-    def _wait_no_longer(self, why: str) -> None:
-        """Draw the field without waiting: the other one takes long, or cannot be computed."""
-        if why and self._waiting:
-            self._waiting = False
-            self.show_field()
+    def _draw(self) -> None:
+        self._first.draw()
+        self.controller.draw()
 
-    def _on_field(self, _field: Field | None) -> None:
-        if not self._waits_for(self._first_source):
-            self.show_field()
+    def adapted(
+        self, source: Controller, field: Field, limits: tuple[float, float], colormap: ColorMap
+    ) -> tuple[Field, tuple[float, float], ColorMap]:
+        """Return the field of one mesh as it is shown next to the other."""
+        linked, first = self._linked(), self._first.field
+        if linked is None:
+            return field, limits, colormap
+        if source is self._first:
+            return field, linked[1], colormap
+        if self.pair.carries and first is not None:
+            colormap = first.colors(self.pair.first.display)[1]
+        return linked[0], linked[1], colormap
 
-    def _first_shown(self, _field: Field | None) -> None:
-        now = self.field_source.field, self.common_limits
-        if not self._waiting and (self.pair.carries or now != self._drawn):
-            self.show_field()
-
-    @property
-    def common_limits(self) -> tuple[float, float] | None:
-        """Limits that the colours of both meshes share; None where each has its own."""
-        shared = self._with_shared_limits()
-        return None if shared is None else shared[1]
-
-    def _with_shared_limits(self) -> tuple[Field, tuple[float, float]] | None:
-        first, second = self._first_source.field, self.field_source.field
-        carried = self.pair.carries and self.pair.comparison is not None
-        if first is None or second is None or carried:
+    def _linked(self) -> _Linked:
+        """Return `Pair.shown_field` of the last fields, computed once."""
+        first, second = self._first.field, self.controller.field
+        if first is None or second is None:
             return None
-        return self.pair.with_shared_limits(first, second)
-
-    def show_field(self, _field: Field | None = None) -> None:
-        """Draw the field: its own, or that of the first transferred by the match."""
-        mesh, display = self.document.mesh, self.document.display
-        field, found = self.field_source.field, self.pair.comparison
-        shared = self._with_shared_limits()
-        first = self._first_source.field
-        self._drawn = field, None if shared is None else shared[1]
-        self.shown.emit()
-        if self.pair.carries and found is not None and first is not None:
-            limits, colormap = first.colors(self.pair.first.display)
-            field = first.carried(found.back.indices)
-        elif field is not None and mesh is not None and len(field.values) == mesh.n_vertices:
-            limits, colormap = field.colors(display)
-            field, limits = shared or (field, limits)
-        else:
-            self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
-            return
-        self.scene.set_field(field, limits, colormap)
+        pair = self.pair
+        policies = pair.first.display.policies
+        state = first, second, pair.links, policies, pair.carries, pair.comparison
+        if state != self._known[0]:
+            self._known = state, pair.shown_field(first, second)
+        return self._known[1]
 
     # -- from the user ------------------------------------------------------------------------
 
@@ -273,7 +238,71 @@ class SecondView(QWidget):
     def _step(self, steps: int) -> None:
         """Step the first mesh, which this one follows, or this one if positions are not linked."""
         linked = "position" in self.pair.links
-        document = self.pair.first if linked else self.document
-        spectrum, shown = document.spectrum, document.display.family
-        if spectrum is not None and len(spectrum):
-            document.display.put(shown.step(spectrum, steps))
+        stepping.step(self.pair.first if linked else self.document, steps)
+
+
+class Comparing(QObject):
+    """Opens and closes the second mesh of a window: `second_view`, or None.
+
+    `changed` carries the `Pair`, or None when the second mesh was closed.
+    """
+
+    changed = Signal(object)
+
+    def __init__(
+        self,
+        document: Document,
+        stage: Stage,
+        scene: MeshView,
+        controller: Controller,
+        last_look: LastLook,
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._first = document, scene, controller
+        self._stage, self._last_look = stage, last_look
+        self._restoration: Restoration | None = None
+        self.second_view: SecondView | None = None
+
+    @property
+    def pair(self) -> Pair | None:
+        """Both documents with their links; None without a second mesh."""
+        return None if self.second_view is None else self.second_view.pair
+
+    def open(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
+        """Read a second mesh, with files of maps; an open one stays if that fails.
+
+        Its unit and repairs are those of the last time, unless `unit` is given.
+        """
+        view, state = self._make_view(LINKS), self._last_look.state(path)
+        view.document.open_mesh(path, **{**state, "unit": unit or state["unit"]}, maps=maps)
+
+    def restore(self, session: Session) -> None:
+        """Read the second mesh of a session, with its repairs, maps and links."""
+        view = self._make_view(session.links)
+        path = Path(session.mesh_path)
+        self._restoration = Restoration(view.document, path, session)
+        self._restoration.begin()
+
+    def _make_view(self, links: Collection[str]) -> SecondView:
+        """Return the view of the second mesh, made if needed, with only these links active."""
+        view = self.second_view
+        if view is None:
+            view = self.second_view = SecondView(*self._first)
+            view.close_requested.connect(self.end)
+            self._last_look.watch(view.document, view)
+            self._stage.add_second(view)
+            self.changed.emit(view.pair)
+        for name in LINKS:
+            view.pair.link(name, name in links)
+        return view
+
+    def end(self) -> None:
+        """Close the second mesh."""
+        if self.second_view is not None:
+            view, self.second_view, self._restoration = self.second_view, None, None
+            view.shut()
+            self.changed.emit(None)
+            self._first[2].draw()
+            view.setParent(None)
+            view.deleteLater()

@@ -199,6 +199,17 @@ class Pair:
                 self._pinned[number] = index
                 self.first.toggle_pin(match, number)
 
+    def shown_field(self, first: Field, second: Field) -> tuple[Field, tuple[float, float]] | None:
+        """Return the field that the second shows, and colour limits for both fields.
+
+        That is the field of the first, transferred by the match, if the second carries it; else see
+        `with_shared_limits`.
+        """
+        if self.carries and self.comparison is not None:
+            limits, _ = first.colors(self.first.display)
+            return first.carried(self.comparison.back.indices), limits
+        return self.with_shared_limits(first, second)
+
     def with_shared_limits(
         self, first: Field, second: Field
     ) -> tuple[Field, tuple[float, float]] | None:

@@ -70,7 +70,7 @@ def open_window(qapp: QApplication, qtbot: QtBot) -> Iterator[Callable[..., Main
         window.show()
         window.activateWindow()
         qtbot.waitUntil(window.isActiveWindow, timeout=60_000)
-        qtbot.waitUntil(lambda: window.field_source.idle, timeout=60_000)
+        qtbot.waitUntil(lambda: window.controller.idle, timeout=60_000)
         return window
 
     yield open_one

@@ -147,7 +147,7 @@ def test_lines_are_at_round_distances_from_the_pin(
     assert document.display.nodal_lines
     renderer = window.scene.renderer
     qtbot.waitUntil(lambda: bool(renderer.caption.lines), timeout=60_000)
-    field = window.field_source.field
+    field = window.controller.field
     assert field is not None
     spacing = field.spacing
     step = spacing / 10.0 ** np.floor(np.log10(spacing))

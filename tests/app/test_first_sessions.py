@@ -153,7 +153,7 @@ class Person:
 
     def compared(self) -> bool:
         (pin,) = self.document.pins
-        field = self.window.field_source.field
+        field = self.window.controller.field
         chosen = self.document.display[Similarity]
         return field.family.name == "similarity" and chosen.vertex == pin.vertex
 

@@ -100,7 +100,7 @@ def compute(window: MainWindow, count: int = 30) -> None:
     wait_for(
         lambda: document.job is None and bool(document.spectrum and document.spectrum.complete)
     )
-    wait_for(lambda: window.field_source.idle)
+    wait_for(lambda: window.controller.idle)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def ball(one_ball: MainWindow) -> MainWindow:
     one_ball.stage.message_bar.dismiss()
     one_ball.activateWindow()
     one_ball.setFocus()
-    wait_for(lambda: one_ball.isActiveWindow() and one_ball.field_source.idle)
+    wait_for(lambda: one_ball.isActiveWindow() and one_ball.controller.idle)
     return one_ball
 
 
@@ -386,7 +386,7 @@ def test_another_unit_keeps_spectrum_and_camera(qtbot: QtBot, ball: MainWindow) 
     assert ball.document.mesh.unit == "mm"
     assert ball.document.spectrum.rows is spectrum.rows
     assert ball.scene.camera() == before
-    qtbot.waitUntil(lambda: power_unit("mm", -2) in ball.field_source.field.quantity)
+    qtbot.waitUntil(lambda: power_unit("mm", -2) in ball.controller.field.quantity)
     edit.selectAll()
     QTest.keyClicks(edit, "8 furlongs")
     QTest.keyClick(edit, Qt.Key.Key_Return)
@@ -456,9 +456,9 @@ def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: 
         document.display.change(Eigenfunctions, index=index)
         document.display.kind = kind
         QTest.qWait(20)
-        wait_for(lambda: ball.field_source.idle)
+        wait_for(lambda: ball.controller.idle)
         caption = ball.scene.renderer.caption
-        assert caption.title == ball.field_source.field.title
+        assert caption.title == ball.controller.field.title
         title = QRect(QPoint(0, 0), ball.scene.title_size)
         assert title.width() > text_size(caption.title, 15, True)[0] + 16
         assert title.width() > text_size(caption.quantity, 12, False)[0] + 16
@@ -529,7 +529,7 @@ def test_keys_go_through_the_eigenfunctions(qtbot: QtBot, ball: MainWindow) -> N
     ):
         QTest.keyClick(ball, key)
         assert display[Eigenfunctions].index == index
-    qtbot.waitUntil(lambda: ball.field_source.field.family.index == 19, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: ball.controller.field.family.index == 19, timeout=PATIENCE)
     QTest.keyClick(ball, Qt.Key.Key_N)
     assert display.nodal_lines
     assert ball.actions_["nodal_lines"].isChecked()
@@ -626,7 +626,7 @@ def test_lines_can_be_left_out_wherever_they_are_drawn(
         lines.trigger()
         wait_for(lambda on=signed: (drawing.caption.lines == 0.0) is on)
     document.display.kind = "eigenfunction"
-    wait_for(lambda: window.field_source.idle)
+    wait_for(lambda: window.controller.idle)
     assert lines.isEnabled()
     assert flip.isEnabled()
     document.display.kind = "similarity"  # without a vertex the eigenfunction stays
@@ -911,7 +911,7 @@ def test_close_while_nothing_runs_is_quick(qtbot: QtBot) -> None:
 def test_a_known_mesh_opens_with_its_last_field(
     qtbot: QtBot, ball: MainWindow, tmp_path: Path
 ) -> None:
-    display, source = ball.document.display, ball.field_source
+    display, source = ball.document.display, ball.controller
     known = ball.document.path
     display.change(Eigenfunctions, index=7)
     display.kind = "hks"
@@ -940,7 +940,7 @@ def test_nothing_of_a_mesh_is_held_once_another_is_open(
     document.toggle_pin(3)
     for kind in FAMILIES:
         display.kind = kind
-        wait_for(lambda: window.field_source.idle)
+        wait_for(lambda: window.controller.idle)
     display.kind, display.shape = "eigenfunction", Shape(shown=True, pairs=9)
     display.vibrating = True
     QTest.qWait(200)

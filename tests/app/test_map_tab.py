@@ -54,7 +54,7 @@ def drop(window: MainWindow, *paths: Path) -> None:
 
 def rest(window: MainWindow) -> None:
     wait_for(lambda: window.document.job is None and window.background_io.idle)
-    wait_for(lambda: window.field_source.idle and not window.field_source.field.draft)
+    wait_for(lambda: window.controller.idle and not window.controller.field.draft)
 
 
 def part(window: MainWindow, kind: type, name: str) -> QWidget:
@@ -100,7 +100,7 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
     rest(window)
     assert document.spectrum is None
     assert document.display[OwnMaps] == OwnMaps(), "controls that are built choose nothing"
-    np.testing.assert_array_equal(window.field_source.field.values, DEPTH.astype(np.float32))
+    np.testing.assert_array_equal(window.controller.field.values, DEPTH.astype(np.float32))
     document.target = Target("count", 40)
     QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
     wait_for(lambda: bool(document.spectrum and document.spectrum.complete))
@@ -127,14 +127,14 @@ def test_files_are_dropped_on_the_mesh(window: MainWindow, folder: Path) -> None
     spectrum, camera = window.document.spectrum, window.scene.camera()
     drop(window, folder / "lh.thickness", folder / "more.npz")
     assert names(window) == ["depth", "lh.thickness", "more", *CURVATURES]
-    np.testing.assert_allclose(window.field_source.field.values, DEPTH**2, rtol=1e-6)
-    assert window.field_source.field.title == "more"
+    np.testing.assert_allclose(window.controller.field.values, DEPTH**2, rtol=1e-6)
+    assert window.controller.field.title == "more"
     assert window.document.spectrum.rows is spectrum.rows
     assert window.scene.camera() == camera
     listed = part(window, QListWidget, "map_list")
     QTest.mouseClick(listed.viewport(), LEFT, pos=listed.visualItemRect(listed.item(1)).center())
     rest(window)
-    assert window.field_source.field.title == "lh.thickness"
+    assert window.controller.field.title == "lh.thickness"
     assert part(window, QLabel, "map_range_label").text() == "1 to 4"
     areas, values = mv.compute_vertex_areas(MESH), np.linspace(1.0, 4.0, MESH.n_vertices)
     mean = format_number(float(np.average(values, weights=areas)))
@@ -172,7 +172,7 @@ def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
         rest(window)
         counts.append(slider.value())
         wanted = mv.reconstruct(eigenvectors, coefficients[: counts[-1]])
-        field = window.field_source.field
+        field = window.controller.field
         assert np.abs(field.values - wanted).max() < 1e-6 * np.abs(DEPTH).max()
         left = float(part(window, QLabel, "map_residual_label").text())
         rest_of_it, whole = (np.sum(mass * each**2) for each in (DEPTH - wanted, DEPTH))
@@ -200,7 +200,7 @@ def test_the_spectrum_of_the_map_is_on_its_panel(window: MainWindow) -> None:
     window.document.display.change(OwnMaps, chosen="Mean curvature")
     rest(window)
     wait_for(lambda: "Mean curvature" in panel.legend.text())
-    np.testing.assert_allclose(window.field_source.field.values, 0.02, rtol=1e-2)
+    np.testing.assert_allclose(window.controller.field.values, 0.02, rtol=1e-2)
 
 
 def test_coefficients_are_saved_from_the_tab(
@@ -260,7 +260,7 @@ def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path
     document = window.document
     document.display.change(OwnMaps, chosen="depth", view="band")
     rest(window)
-    assert listed.count() == len(window.field_source.field.labels) > 3
+    assert listed.count() == len(window.controller.field.labels) > 3
 
 
 def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], folder: Path) -> None:
@@ -302,7 +302,7 @@ def test_a_session_keeps_the_maps_and_the_choice(
     wait_for(lambda: second.document.mesh is not None and len(second.document.mesh.maps) == 3)
     rest(second)
     assert second.document.display[OwnMaps] == OwnMaps(chosen="lh.thickness", pairs=9)
-    assert second.field_source.field.title == "lh.thickness"
+    assert second.controller.field.title == "lh.thickness"
 
     (tmp_path / "lh.thickness").unlink()
     third = open_window()
@@ -310,7 +310,7 @@ def test_a_session_keeps_the_maps_and_the_choice(
     wait_for(lambda: third.document.mesh is not None and len(third.document.mesh.maps) == 2)
     rest(third)
     assert "lh.thickness does not exist" in third.stage.message_bar.notice.text
-    assert third.field_source.field.title == "depth"
+    assert third.controller.field.title == "depth"
 
 
 def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Path) -> None:
@@ -318,14 +318,14 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     QTest.mouseClick(part(window, QPushButton, "map_view_filter"), LEFT)
     rest(window)
     wait_for(part(window, QPushButton, "map_keep_button").isEnabled)
-    field, width = window.field_source.field, part(window, QListWidget, "map_list").width()
+    field, width = window.controller.field, part(window, QListWidget, "map_list").width()
     QTest.mouseClick(part(window, QPushButton, "map_keep_button"), LEFT)
     rest(window)
     assert part(window, QListWidget, "map_list").width() <= width, "a long name widens nothing"
     kept = document.mesh.maps[-1]
     assert names(window) == ["depth", kept.name, *CURVATURES]
     assert kept.name.startswith("depth through x < c, c = ")
-    assert window.field_source.field.title == kept.name
+    assert window.controller.field.title == kept.name
     dialog = ExportDialog(document, tmp_path, window)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
     assert kept.name in dialog.columns_label.text()

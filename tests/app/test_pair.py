@@ -203,7 +203,7 @@ def test_both_colour_bars_say_the_same_numbers(
     assert both[0][0] != -both[0][1]
     field = part(window, QWidget, "limit_low_field")
     assert field.value == pytest.approx(both[0][0], rel=1e-6)
-    own = window.field_source.field.colors(display)[0]
+    own = window.controller.field.colors(display)[0]
     QTest.mouseClick(part(window, QCheckBox, "pair_link_colors"), LEFT, pos=QPoint(8, 8))
     rest(window)
     assert bars(window, opened)[0] == pytest.approx(own)
@@ -249,9 +249,9 @@ def test_a_field_does_not_wait_for_one_that_takes_long_or_fails(
     opened = beside(window, folder / "other.npz", monkeypatch)
     window.document.display.change(Eigenfunctions, index=2)
     rest(window)
-    source, document, scene = window.field_source, opened.document, opened.scene
+    source, document, scene = window.controller, opened.document, opened.scene
     if late == "second":
-        source, document, scene = opened.field_source, window.document, window.scene
+        source, document, scene = opened.controller, window.document, window.scene
     compute, go_on = source.live.compute, threading.Event()
 
     def slow(request: FieldRequest) -> Any:
@@ -280,13 +280,13 @@ def test_a_copy_shows_the_same_and_is_looked_at_alike(
     window.document.display.change(Eigenfunctions, index=3)
     QTest.keyClick(window, Qt.Key.Key_Right)
     rest(window)
-    mine, other = window.field_source.field, opened.field_source.field
+    mine, other = window.controller.field, opened.controller.field
     assert mine.family.index == 4
     assert np.corrcoef(mine.values, other.values[PLACE])[0, 1] > 0.999
     assert "4 is 4" in text(window, "pair_function_label")
     QTest.keyClick(window, Qt.Key.Key_2)
     rest(window)
-    mine, other = window.field_source.field, opened.field_source.field
+    mine, other = window.controller.field, opened.controller.field
     assert other.family.name == "hks"
     np.testing.assert_allclose(other.values[PLACE] * 2.5**2, mine.values, rtol=1e-3)
     drawn = displayed_surface(opened.scene.renderer).active_scalars
@@ -328,7 +328,7 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     QTest.mouseClick(check, LEFT, pos=QPoint(8, 8))
     catch_up()
     surface = displayed_surface(opened.scene.renderer)
-    mine = window.field_source.field.values
+    mine = window.controller.field.values
     np.testing.assert_allclose(surface.active_scalars[PLACE], mine, rtol=1e-6)
 
 
@@ -430,7 +430,7 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     assert bar.notice.text.startswith("Second mesh: ")
     assert "Traceback" not in bar.notice.text
     assert [each.name for each in opened.document.mesh.maps] == ["height.npy"]
-    assert opened.field_source.field.title == "height.npy"
+    assert opened.controller.field.title == "height.npy"
     # on the first it is the first's, by the button the second's
     drop(window, folder / "height.npy", share=0.25)
     wait_for(lambda: bool(window.document.mesh.maps))
@@ -443,7 +443,7 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     QTest.keyClick(button, Qt.Key.Key_Space)
     wait_for(lambda: bool(opened.document.mesh.maps))
     rest(window)
-    assert opened.field_source.field.title == "height.npy"
+    assert opened.controller.field.title == "height.npy"
 
 
 def test_a_second_mesh_of_ten_vertices_is_compared(
@@ -501,7 +501,7 @@ def test_a_closed_second_mesh_is_let_go(
 def test_what_cannot_be_compared_costs_a_sentence(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str
 ) -> None:
-    shown = window.field_source.field
+    shown = window.controller.field
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(folder / name), ""))
     window.actions_["compare_with"].trigger()
     bar = window.stage.message_bar
@@ -509,4 +509,4 @@ def test_what_cannot_be_compared_costs_a_sentence(
     assert "Traceback" not in bar.notice.text
     if name.startswith("broken"):
         wait_for(lambda: window.comparing.second_view is None)
-    assert window.field_source.field is shown
+    assert window.controller.field is shown

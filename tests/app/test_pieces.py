@@ -134,7 +134,7 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
     children = psutil.Process().children(recursive=True)
     children = [each for each in children if each.name() != "Xvfb"]  # of this parallel run
     assert len(children) <= 3, "the worker, and no more than what tracks its resources"
-    field = window.field_source.field
+    field = window.controller.field
     assert isinstance(field.family, OwnMaps)
     np.testing.assert_allclose(field.values, wanted[:, 3], rtol=1e-6)
     notice = window.stage.message_bar.notice
@@ -157,6 +157,6 @@ def test_cancel_shows_what_was_there(window: MainWindow, tmp_path: Path) -> None
     assert not path.exists()
     assert not window.document.mesh.maps
     assert window.document.display.kind == "map"
-    assert window.field_source.field.title == "Mean curvature"
+    assert window.controller.field.title == "Mean curvature"
     assert "Cancelled" in window.stage.message_bar.notice.text
     assert not list(tmp_path.iterdir())

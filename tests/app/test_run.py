@@ -289,7 +289,7 @@ def inside():
     def wait():
         if window.document.spectrum is None and window.document.job is None:
             window.document.compute()
-        if window.field_source.field is None or not window.field_source.idle:
+        if window.controller.field is None or not window.controller.idle:
             return QTimer.singleShot(20, wait)
         for mode in ("theme_dark", "theme_light"):
             window.actions_[mode].trigger()

@@ -41,7 +41,7 @@ def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
     values = np.arange(PAIRS, dtype=np.float64)
     proven = Certificate("dense", PAIRS, PAIRS)
     window.document.accept_spectrum(Eigenpairs(values, rows, np.zeros(PAIRS), certificate=proven))
-    qtbot.waitUntil(lambda: window.field_source.idle, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.controller.idle, timeout=PATIENCE)
     return window
 
 
@@ -58,7 +58,7 @@ def test_two_hundred_notches_in_a_row(
         return limits(policy, values, *others)
 
     monkeypatch.setattr(SymmetricLimits, "limits", counted)
-    source, display = window.field_source, window.document.display
+    source, display = window.controller, window.document.display
     fields: list[object] = []
     source.field_ready.connect(fields.append)
     start, canvas = display[Eigenfunctions].index, window.findChild(RenderWidget)
@@ -107,6 +107,6 @@ def test_a_film_has_its_nodal_lines_in_every_picture(
     QTest.keyClick(window, Qt.Key.Key_Space)
     assert all(lines for _, lines, _ in drawn)
     assert all(said >= shown - 1 for shown, _, said in drawn), "the panel keeps up"
-    qtbot.waitUntil(lambda: window.field_source.idle and spin.value() == display.family.index)
+    qtbot.waitUntil(lambda: window.controller.idle and spin.value() == display.family.index)
     last = f"Eigenfunction {spin.value()}"
     qtbot.waitUntil(lambda: scene.renderer.caption.title == last, timeout=PATIENCE)

@@ -67,7 +67,7 @@ def test_open_compute_scroll_tune_inspect_export(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
     wait = waiter(qtbot)
-    document, display, source = window.document, window.document.display, window.field_source
+    document, display, source = window.document, window.document.display, window.controller
     canvas = window.scene.findChild(RenderWidget)
 
     # open
@@ -285,6 +285,6 @@ def test_bad_files_are_one_sentence_and_the_open_mesh_stays(
     # and it goes on working
     window.setFocus()
     QTest.keyClick(window, Qt.Key.Key_End)
-    wait(lambda: window.field_source.idle and window.field_source.field.family.index == 19)
+    wait(lambda: window.controller.idle and window.controller.field.family.index == 19)
     window.open_mesh(save_ball(tmp_path / "other.npz", 2))
     wait(lambda: document.mesh is not mesh)

@@ -215,7 +215,7 @@ def test_the_field_swings_along_the_normals(window: MainWindow) -> None:
     away = drawn(window) - at_home(window)
     along = np.einsum("ij,ij->i", away, window.document.mesh.vertex_normals)
     np.testing.assert_allclose(np.linalg.norm(away, axis=1), np.abs(along), atol=1e-2)
-    values = window.field_source.field.values
+    values = window.controller.field.values
     assert abs(np.corrcoef(along, values)[0, 1]) > 0.999
     size = np.linalg.norm(np.ptp(window.document.mesh.vertices, axis=0))
     assert np.abs(along).max() <= 0.0501 * size

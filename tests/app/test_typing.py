@@ -59,7 +59,7 @@ def open_file(qtbot: QtBot, window: MainWindow, files: dict[str, Path]) -> Open:
 
 
 def rested(qtbot: QtBot, window: MainWindow, condition: Callable[[], bool] = lambda: True) -> None:
-    document, source = window.document, window.field_source
+    document, source = window.document, window.controller
     qtbot.waitUntil(lambda: condition() and document.job is None and source.idle, timeout=PATIENCE)
     catch_up()
 
@@ -339,7 +339,7 @@ def test_limits_are_locked_for_one_family(
     rested(qtbot, window)
     assert part(window, "limits_combo").currentText() == "Automatic"
     low, high = (part(window, f"limit_{end}_field").value for end in ("low", "high"))
-    values = window.field_source.field.values
+    values = window.controller.field.values
     assert values.min() <= low < high <= values.max(), "not flat: the values of HKS"
     press_keys("1")
     rested(qtbot, window)
@@ -362,7 +362,7 @@ def test_the_largest_eigenvalue_is_written_the_same_everywhere(
     rested(qtbot, window)
     assert text_of(window, "eigenvalue_label") == f"λ₃₉ = {largest}"
     assert f"λ₃₉ = {largest}," in text_of(window, "spectrum_readout")
-    assert window.field_source.field.quantity == f"λ₃₉ = {largest}"
+    assert window.controller.field.quantity == f"λ₃₉ = {largest}"
     assert part(window, "target_eigenvalue_spin").text() == largest
     press_keys("3")
     rested(qtbot, window)

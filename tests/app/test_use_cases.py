@@ -44,8 +44,8 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 def rest(window: MainWindow) -> None:
     QTest.qWait(20)  # for what listens to the model
-    wait_for(lambda: window.document.job is None and window.field_source.idle)
-    wait_for(lambda: not window.field_source.field.draft)
+    wait_for(lambda: window.document.job is None and window.controller.idle)
+    wait_for(lambda: not window.controller.field.draft)
 
 
 def write(window: MainWindow, name: str, text: object) -> None:
@@ -93,7 +93,7 @@ def exported(window: MainWindow, path: Path) -> dict[str, np.ndarray]:
 
 def shown(window: MainWindow) -> np.ndarray:
     rest(window)
-    return np.asarray(window.field_source.field.values, dtype=np.float64)
+    return np.asarray(window.controller.field.values, dtype=np.float64)
 
 
 def assert_same(found: np.ndarray, wanted: np.ndarray) -> None:
@@ -291,13 +291,13 @@ def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Decompositi
         assert_same(shown(window), wanted)
         by_hand = pairs.eigenvectors.T @ (pairs.mass * DEPTH) * np.exp(-time_ * pairs.eigenvalues)
         assert_same(wanted, pairs.eigenvectors @ by_hand)
-    assert "exp(-s*x), s = 3e+06" in window.field_source.field.quantity
+    assert "exp(-s*x), s = 3e+06" in window.controller.field.quantity
     choose_filter(window, "x/c * (x < c)", c=cutoff)
     choose(part(window, "field_list"), "Own maps")
     assert part(window, "map_filter_combo").currentText() == "x/c * (x < c)"
     wanted = mv.filter_map(pairs, DEPTH, lambda x: x / cutoff * (x < cutoff))
     assert_same(shown(window), wanted)
-    script: list[str] = window.field_source.field.family.script(window.document.spectrum)
+    script: list[str] = window.controller.field.family.script(window.document.spectrum)
     told = {"mv": mv, "np": np, "mesh": window.document.mesh, "decomposition": pairs}
     exec("\n".join(script), told)
     assert_same(told["values"], wanted)

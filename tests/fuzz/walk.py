@@ -347,7 +347,7 @@ class Walk:
         QTest.qWait(20)
         document.compute()
         self._wait(lambda: document.job is None and bool(document.spectrum))
-        self._wait(lambda: window.field_source.idle and window.scene.at_rest)
+        self._wait(lambda: window.controller.idle and window.scene.at_rest)
         window.stage.message_bar.dismiss()
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 

@@ -2,20 +2,22 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 from solved import spectrum_of
 
-import meshmash_viewer.app.field_source as field_source_module
-from meshmash_viewer.app.field_source import FieldSource
+import meshmash_viewer.app.controller as controller_module
+from meshmash_viewer.app.controller import Controller
+from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.document import Document, Notice
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -32,30 +34,38 @@ def document() -> Document:
 
 
 @pytest.fixture
-def source(qtbot: QtBot, document: Document) -> Iterator[FieldSource]:
-    source = FieldSource(document)
+def view() -> MagicMock:
+    return MagicMock(spec=MeshView, mesh=None)
+
+
+@pytest.fixture
+def source(qtbot: QtBot, document: Document, view: MagicMock) -> Iterator[Controller]:
+    source = Controller(document, view)
     yield source
     source.close()
 
 
 def test_first_field_comes_by_itself(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+    qtbot: QtBot, document: Document, source: Controller, view: MagicMock, rectangle: Mesh
 ) -> None:
     assert source.idle
-    with qtbot.waitSignal(source.field_ready) as ready:
+    with qtbot.waitSignal(
+        source.drawn, check_params_cb=lambda field, _: field is not None
+    ) as ready:
         show(document, rectangle)
         assert not source.idle
     assert ready.args[0] is source.field
+    assert view.set_field.call_args.args[:2] == tuple(ready.args)
     assert source.field.family.index == document.display[Eigenfunctions].index
     qtbot.waitUntil(lambda: source.idle)
 
 
 def test_latest_request_wins_and_none_waits_in_line(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
     fields: list[Field] = []
-    source.field_ready.connect(fields.append)
+    source.drawn.connect(lambda field, _: fields.append(field))
     for index in range(200):
         document.display.change(Eigenfunctions, index=index % 60)
     qtbot.waitUntil(lambda: source.idle)
@@ -67,12 +77,12 @@ def test_latest_request_wins_and_none_waits_in_line(
 
 
 def test_a_field_of_the_kind_just_left_does_not_flash(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
     qtbot.waitUntil(lambda: source.idle)
     fields: list[Field] = []
-    source.field_ready.connect(fields.append)
+    source.drawn.connect(lambda field, _: fields.append(field))
     left = source.field
     document.display.kind = "hks"
     source._take(left.request, left)  # as if it had been computed while the kind changed
@@ -82,11 +92,11 @@ def test_a_field_of_the_kind_just_left_does_not_flash(
 
 
 def test_table_is_built_behind_a_first_answer(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
     with qtbot.waitSignal(
-        source.field_ready, check_params_cb=lambda field: field.family.name == "hks"
+        source.drawn, check_params_cb=lambda field, _: field and field.family.name == "hks"
     ):
         document.display.kind = "hks"
     qtbot.waitUntil(lambda: source.idle)
@@ -95,19 +105,19 @@ def test_table_is_built_behind_a_first_answer(
 
 
 def test_similarity_comes_as_soon_as_it_can(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
     document.display.change(Similarity, vertex=17)
     with qtbot.waitSignal(
-        source.field_ready, check_params_cb=lambda field: field.family.name == "similarity"
+        source.drawn, check_params_cb=lambda field, _: field and field.family.name == "similarity"
     ):
         document.display.kind = "similarity"
     assert source.field.values[17] == 0.0
 
 
 def test_what_is_on_the_render_is_not_overtaken_by_an_older_field(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
     qtbot.waitUntil(lambda: source.idle)
@@ -123,7 +133,7 @@ def test_what_is_on_the_render_is_not_overtaken_by_an_older_field(
 def test_a_fault_is_a_sentence(
     qtbot: QtBot,
     document: Document,
-    source: FieldSource,
+    source: Controller,
     rectangle: Mesh,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -134,14 +144,17 @@ def test_a_fault_is_a_sentence(
     def fails(*arguments: object) -> None:
         raise MemoryError("no room")
 
-    monkeypatch.setattr(field_source_module, "compute_field", fails)
-    with qtbot.waitSignal(source.failed) as failed:
-        document.display.change(GeometryVectors, index=7)
-    assert failed.args == ["The field cannot be computed (MemoryError): no room"]
+    monkeypatch.setattr(controller_module, "compute_field", fails)
+    said: list[Notice] = []
+    document.noticed.connect(said.append)
+    document.display.change(GeometryVectors, index=7)
+    qtbot.waitUntil(lambda: bool(said))
+    assert said[0].text == "The field cannot be computed (MemoryError): no room"
+    assert source.late
 
 
 def test_another_mesh_takes_field_and_tables_away(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh, sphere: Mesh
+    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh, sphere: Mesh
 ) -> None:
     show(document, rectangle)
     document.display.kind = "hks"
@@ -155,14 +168,14 @@ def test_another_mesh_takes_field_and_tables_away(
 
 
 def test_another_mesh_of_as_many_vertices_is_another_mesh(
-    qtbot: QtBot, document: Document, source: FieldSource, sphere: Mesh
+    qtbot: QtBot, document: Document, source: Controller, sphere: Mesh
 ) -> None:
     show(document, sphere)
     qtbot.waitUntil(lambda: source.idle)
     left = source.field
     egg = Mesh(sphere.vertices * (1.0, 1.0, 1.7), sphere.faces)
     fields: list[Field | None] = []
-    source.field_ready.connect(fields.append)
+    source.drawn.connect(lambda field, _: fields.append(field))
     show(document, egg)
     assert fields == [None]
     assert source.field is None
@@ -175,22 +188,23 @@ def test_another_mesh_of_as_many_vertices_is_another_mesh(
 def test_what_takes_long_is_said_until_it_comes(
     qtbot: QtBot,
     document: Document,
-    source: FieldSource,
+    source: Controller,
+    view: MagicMock,
     sphere: Mesh,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     show(document, sphere)
     qtbot.waitUntil(lambda: source.idle)
     said: list[str] = []
-    source.awaited.connect(said.append)
-    leave, compute = threading.Event(), field_source_module.compute_field
+    view.set_awaited.side_effect = said.append
+    leave, compute = threading.Event(), controller_module.compute_field
 
     def slow(request: FieldRequest, live: LiveFeatures) -> Field | None:
         if request.family.name == "hks":
             leave.wait(10)
         return compute(request, live)
 
-    monkeypatch.setattr(field_source_module, "compute_field", slow)
+    monkeypatch.setattr(controller_module, "compute_field", slow)
     document.display.kind = "hks"
     qtbot.waitUntil(lambda: said == ["Heat kernel signature"])
     assert source.field.family.name == "eigenfunction", "which is why it has to be said"
@@ -200,21 +214,23 @@ def test_what_takes_long_is_said_until_it_comes(
 
 
 def test_field_that_cannot_be_computed_is_a_sentence(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
     qtbot.waitUntil(lambda: source.idle)
     broken = Eigenpairs(np.arange(3.0), np.zeros((1, rectangle.n_vertices)), np.zeros(3))
     document.display.change(Eigenfunctions, index=2)
-    with qtbot.waitSignal(source.failed) as failed:
-        document.accept_spectrum(broken)
-    assert "cannot be computed" in failed.args[0]
+    said: list[Notice] = []
+    document.noticed.connect(said.append)
+    document.accept_spectrum(broken)
+    qtbot.waitUntil(lambda: bool(said))
+    assert "cannot be computed" in said[0].text
 
 
 def test_closing_does_not_wait_for_tables(
-    qtbot: QtBot, document: Document, rectangle: Mesh
+    qtbot: QtBot, document: Document, view: MagicMock, rectangle: Mesh
 ) -> None:
-    source = FieldSource(document)
+    source = Controller(document, view)
     show(document, rectangle)
     document.display.kind = "band"
     source.close()

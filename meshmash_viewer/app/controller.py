@@ -1,0 +1,241 @@
+"""Controller of one mesh: what the document displays is computed in a thread, then drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import listen, stop_listening, wait_for_frame
+from meshmash_viewer.app.row_check import RowCheck
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
+from meshmash_viewer.model.limits import LimitPolicy
+from meshmash_viewer.progress import CancelCallback
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.colors import ColorMap
+    from meshmash_viewer.app.view.mesh_view import MeshView
+
+#: Seconds without a newer request after which the table for the last one is built.
+_REST = 0.15
+#: Milliseconds after which a field that is being computed is announced.
+_LATE = 200
+
+
+class Link(Protocol):
+    """What links the fields of two meshes (`app.second_view.SecondView`)."""
+
+    def draw(self, source: Controller) -> None:
+        """Draw the fields of both meshes after that of one has changed."""
+
+    def adapted(
+        self, source: Controller, field: Field, limits: tuple[float, float], colormap: ColorMap
+    ) -> tuple[Field, tuple[float, float], ColorMap]:
+        """Return the field of one mesh as it is shown next to the other."""
+
+
+class Controller(QObject):
+    """Draws the mesh, the pins and the displayed field of a document.
+
+    A tick of a slider changes the document's display, which calls `refresh`. One thread computes
+    fields (`_compute`), and `_take` receives its answers: only the newest request counts, and those
+    for another mesh or family are dropped. `show` adds the limits and draws. Another thread builds
+    the tables that make the next fields fast, after which a draft is computed again.
+
+    Signals
+    -------
+    drawn(Field or None, (low, high))
+        A field has been passed to the view, with its limits; None for no field.
+
+    Attributes
+    ----------
+    field : Field or None
+        The last field that was computed.
+    live : LiveFeatures
+        The precomputed tables of the features.
+    late : bool
+        Whether the requested field takes long or cannot be computed.
+    link : Link or None
+        Draws the field together with that of another mesh, where two are compared.
+    """
+
+    drawn = Signal(object, object)
+
+    def __init__(self, document: Document, view: MeshView, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._document, self._view = document, view
+        self.field: Field | None = None
+        self.live = LiveFeatures()
+        self.late = False
+        self.link: Link | None = None
+        self._wanted: FieldRequest | None = None
+        self._policy: LimitPolicy | None = None
+        self._shown: tuple[Field, tuple[float, float], ColorMap, bool] | None = None
+        self._patience = QTimer(self, singleShot=True, interval=_LATE)
+        self._patience.timeout.connect(self._announce)
+        self._fields = LatestThread(self._compute, self._take, parent=self, one_core=True)
+        self._tables = LatestThread(self._prepare, self._improve, _REST, self)
+        self._row_check = RowCheck(document, self)
+        listen(document.mesh_changed, self.show_mesh)
+        listen(document.pins_changed, self._show_pins)
+        events = document.display.events
+        requested = events.kind, events.fields, document.spectrum_changed, document.mesh_changed
+        listen(requested, self.refresh)
+        colors = events.policies, events.diverging_colormap, events.sequential_colormap
+        listen((*colors, events.nodal_lines), self.show)
+
+    def close(self) -> None:
+        """Disconnect, and wait for the threads."""
+        stop_listening(self)
+        self._patience.stop()
+        self._fields.close()
+        self._tables.close()
+        self._row_check.close()
+
+    @property
+    def comes(self) -> bool:
+        """Whether the requested field is not ready yet."""
+        field = self.field
+        return self._wanted is not None and (field is None or field.request != self._wanted)
+
+    @property
+    def idle(self) -> bool:
+        """Whether the requested field is ready, and nothing is being computed."""
+        if self._fields.working or self._tables.working or self.comes:
+            return False
+        return self._wanted is not None or self.field is None
+
+    # -- a tick -------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Request the field that the document displays now, unless it is requested already."""
+        request = request_of(self._document)
+        self._policy = self._document.display.limits
+        if request == self._wanted:
+            return
+        before, self._wanted = self._wanted, request
+        if request is None or (before is not None and not before.same_mesh(request)):
+            self._fields.drop()
+            self._tables.drop()
+            self.live.forget()
+            self._accept(None)
+        if request is not None:
+            if not self._patience.isActive():
+                self._patience.start()
+            wait_for_frame()
+            self._fields.ask(request)
+
+    def _compute(self, request: FieldRequest, _cancel: CancelCallback) -> Field | None:
+        """Compute a field and its limits, in the thread."""
+        field = compute_field(request, self.live)
+        if field is not None:
+            field.limits(self._policy)  # cached
+        return field
+
+    def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
+        """Receive the answer to a request; None where a table has to be built first."""
+        wanted, shown = self._wanted, self.field
+        if wanted is None or not wanted.same_mesh(request):
+            return
+        if isinstance(answer, Exception):
+            self._fail(answer)
+            return
+        if not self.live.prepared(wanted):
+            self._tables.ask(wanted)
+        if request != wanted and shown is not None and shown.request == wanted:
+            return  # the wanted field is still displayed
+        # an earlier position of a slider is shown meanwhile, a field of another family is not
+        if answer is not None and request.family.name == wanted.family.name:
+            self._accept(answer)
+            if request != wanted:
+                self._patience.start()
+
+    def _accept(self, field: Field | None) -> None:
+        """Display a field, or none."""
+        self.field, self.late = field, False
+        self._patience.stop()
+        self._view.set_awaited("")
+        self.show()
+
+    def show(self) -> None:
+        """Draw the last field with its limits, or with those shared with the second mesh."""
+        if self.link is None:
+            self.draw()
+        else:
+            self.link.draw(self)
+
+    def draw(self) -> None:
+        """Pass the field to the view, if it has changed."""
+        field, mesh, display = self.field, self._document.mesh, self._document.display
+        if field is None or mesh is None or len(field.values) != mesh.n_vertices:
+            self._shown, limits = None, (0.0, 1.0)
+            self._view.set_field(None, limits, display.sequential_colormap)
+            self.drawn.emit(None, limits)
+            return
+        limits, colormap = field.colors(display)
+        if self.link is not None:
+            field, limits, colormap = self.link.adapted(self, field, limits, colormap)
+        now = field, limits, colormap, display.nodal_lines
+        if now != self._shown:
+            self._shown = now
+            self._view.set_field(field, limits, colormap)
+            self.drawn.emit(field, limits)
+
+    # -- slow fields, and faults --------------------------------------------------------------
+
+    def _announce(self) -> None:
+        """Show that the requested field is being computed."""
+        if self._wanted is not None:
+            self._view.set_awaited(self._wanted.family.title())
+            self._give_up_waiting()
+
+    def _fail(self, fault: Exception) -> None:
+        self._patience.stop()
+        self._view.set_awaited("")
+        named = "" if isinstance(fault, InputError) else f" ({type(fault).__name__})"
+        text = f"The field cannot be computed{named}: {fault}"
+        self._document.notify(Notice(text, Severity.ERROR))
+        self._give_up_waiting()
+
+    def _give_up_waiting(self) -> None:
+        self.late = True
+        if self.link is not None:
+            self.link.draw(self)
+
+    # -- tables -------------------------------------------------------------------------------
+
+    def _prepare(self, request: FieldRequest, cancel: CancelCallback) -> None:
+        """Build the table of a family, in the thread."""
+        self.live.prepare(request, cancel)
+
+    def _improve(self, request: FieldRequest, fault: Exception | None) -> None:
+        """Compute the field again if it was computed without the new table."""
+        wanted, field = self._wanted, self.field
+        if wanted is None or not wanted.same_mesh(request):
+            return
+        if fault is not None:
+            self._fail(fault)
+        elif wanted.family.name == request.family.name and (
+            field is None or field.draft or field.request != wanted
+        ):
+            self._fields.ask(wanted)
+
+    # -- the mesh -----------------------------------------------------------------------------
+
+    def show_mesh(self) -> None:
+        """Draw the mesh, from where one looks if it has only another unit."""
+        ready, before = self._document.ready, self._view.mesh
+        if ready is not None:
+            camera = self._view.camera()
+            self._view.set_mesh(ready.mesh, ready.normals)
+            self._show_pins()
+            self._shown = None
+            if before is not None and before.vertices is ready.mesh.vertices and camera:
+                self._view.set_camera(camera)
+                self.draw()
+
+    def _show_pins(self) -> None:
+        self._view.set_pins(self._document.pins)
