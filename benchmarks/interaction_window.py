@@ -292,7 +292,7 @@ class Session:
         self.phase("export of features")
         from meshmash_viewer.fields import EXPORTS
 
-        self.document.export(
+        self.document.request(
             ExportJob(
                 self.document.mesh, self.document.spectrum.operator or self.document.operator,
                 self.folder / "hks.npz", EXPORTS["hks"].exported(8),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,6 +87,18 @@ class Commands:
         self._export_ending = ""
         self._exported: Exported | None = None
         self.pictures = Pictures(window, document, settings, background_io)
+        display = document.display
+        #: The commands that are a call of something else.
+        self._calls: dict[str, Callable[..., object]] = {
+            "quit": window.close,
+            "reset_layout": arrangement.reset,
+            "nodal_lines": partial(setattr, display, "nodal_lines"),
+            "play": partial(setattr, display, "playing"),
+            "show_kind": partial(setattr, display, "kind"),
+            "step": partial(stepping.step, document),
+            "first": partial(stepping.go_to_start, document),
+            "last": partial(stepping.go_to_end, document),
+        }
         for each in COMMANDS:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)
@@ -107,9 +120,9 @@ class Commands:
     def method(self, name: str) -> Callable[..., object]:
         """Return the method of a command."""
         owners = (self, self.pictures, self._document)
-        owner = next(each for each in owners if hasattr(each, name))
-        found: Callable[..., object] = getattr(owner, name)
-        return found
+        return self._calls.get(name) or next(
+            getattr(owner, name) for owner in owners if hasattr(owner, name)
+        )
 
     def there(self) -> set[str]:
         """Return the needs of commands (`Command.needs`) that are met now."""
@@ -328,14 +341,14 @@ class Commands:
         self._export_ending = dialog.format.ending
         self._settings.folder = job.path.parent
         self._exported = Exported(job.mesh.content_hash, job.family, job.n_pairs, job.maps)
-        self._document.export(job)
+        self._document.request(job)
 
     def compute_in_pieces(self) -> None:
         """Ask for feature, pieces and file, and start the computation."""
         from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
-        ask(dialog, lambda: self._document.compute_in_pieces(dialog.job()))
+        ask(dialog, lambda: self._document.request(dialog.job()))
 
     def save_shape(self, path: Path) -> None:
         """Save the displayed shape as a mesh."""
@@ -384,48 +397,12 @@ class Commands:
             cache.clear()
             self._say(f"Deleted {size} of stored eigenpairs.")
 
-    def quit(self) -> None:
-        """Close the window."""
-        self._window.close()
-
     # -- looking ------------------------------------------------------------------------------
 
     def reset_camera(self) -> None:
         """Show the whole mesh."""
         assert self.scene is not None
         self.scene.reset_camera()
-
-    def reset_layout(self) -> None:
-        """Restore the default layout of the panels."""
-        self._arrangement.reset()
-
-    def nodal_lines(self, on: bool) -> None:
-        """Show or hide the nodal lines."""
-        self._document.display.nodal_lines = on
-
-    def play(self, on: bool) -> None:
-        """Start or stop playing."""
-        self._document.display.playing = on
-
-    def show_kind(self, kind: str) -> None:
-        """Display another family of fields."""
-        self._document.display.kind = kind
-
-    def first(self) -> None:
-        """Go to the first field of the displayed family."""
-        stepping.go_to_start(self._document)
-
-    def last(self) -> None:
-        """Go to the last field that has converged."""
-        stepping.go_to_end(self._document)
-
-    def step(self, steps: int) -> None:
-        """Step on or back in the displayed family."""
-        stepping.step(self._document, steps)
-
-    def flip(self) -> None:
-        """Flip the sign of the displayed field, if that is arbitrary."""
-        self._document.flip()
 
     def choose_theme(self, mode: theme.Mode) -> None:
         """Set and store the theme: light, dark, or that of the system."""

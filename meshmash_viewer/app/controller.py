@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.app.listening import listen, stop_listening, wait_for_frame
+from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.row_check import RowCheck
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -125,7 +125,6 @@ class Controller(QObject):
         if request is not None:
             if not self._patience.isActive():
                 self._patience.start()
-            wait_for_frame()
             self._fields.ask(request)
 
     def _compute(self, request: FieldRequest, _cancel: CancelCallback) -> Field | None:

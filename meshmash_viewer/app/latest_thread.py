@@ -37,7 +37,6 @@ class LatestThread(QThread, Generic[Request]):
         Whether linear algebra uses this thread only: more threads compete with the interface
         thread, and make products several times slower while the solver runs. The limit applies to
         the whole process, and is removed after each request.
-    priority : QThread.Priority
     """
 
     answered = Signal(object, object)
@@ -50,7 +49,6 @@ class LatestThread(QThread, Generic[Request]):
         parent: QObject | None = None,
         *,
         one_core: bool = False,
-        priority: QThread.Priority = QThread.Priority.InheritPriority,
     ) -> None:
         super().__init__(parent)
         if parent is not None:
@@ -67,7 +65,7 @@ class LatestThread(QThread, Generic[Request]):
         self._dropped = False
         self._closing = False
         self._working = False
-        self.start(priority)
+        self.start()
 
     @property
     def working(self) -> bool:

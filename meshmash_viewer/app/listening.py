@@ -1,9 +1,8 @@
 """Connections of widgets to signals of the model, called at once or deferred.
 
 An update of a widget takes milliseconds, and one change of the model concerns many widgets. Updates
-of what is only displayed are therefore queued, each once, and run in short turns of the event loop,
-between which input and frames are handled. While a new field is being drawn, the turns wait for its
-frame, so that the render is updated before labels and plots.
+of what is only displayed are therefore queued, each once. They begin when the frame of a tick is
+usually drawn, and run in short turns of the event loop, between which input and frames are handled.
 """
 
 from __future__ import annotations
@@ -17,13 +16,11 @@ from typing import Any, TypeAlias
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
-#: Seconds after which a turn ends; the remaining calls are made in the next one.
-_TURN = 0.003
+#: Milliseconds until deferred calls begin, and seconds after which a turn ends.
+_DELAY, _TURN = 16, 0.003
 #: Milliseconds between turns. A timer of 0 fires only when no other event is pending, which may be
 #: never while slow frames are drawn.
 _PAUSE = 1
-#: Milliseconds that turns wait for a frame at most.
-_PATIENCE = 40
 
 
 def listen(signals: Any, slot: Callable[[], None]) -> None:
@@ -54,16 +51,6 @@ def stop_listening(owner: QObject) -> None:
 def later(slot: Callable[[], None]) -> None:
     """Call a bound method of a Qt object in one of the next turns, once for several requests."""
     _turns().note(weakref.WeakMethod(slot))
-
-
-def wait_for_frame() -> None:
-    """Delay the turns until `frame_drawn`, for at most 40 ms."""
-    _turns().wait()
-
-
-def frame_drawn() -> None:
-    """Resume the turns after a frame."""
-    _turns().go_on()
 
 
 def catch_up() -> None:
@@ -103,25 +90,11 @@ class _Turns(QObject):
         self._due: dict[_Held, None] = {}
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(self._take_turn)
-        self._waiting = self._waited = False
 
     def note(self, held: _Held) -> None:
         self._due.setdefault(held)
         if not self._timer.isActive():
-            self._timer.start(_PATIENCE if self._waiting else _PAUSE)
-
-    def wait(self) -> None:
-        if self._waited:
-            return  # once between two turns, so that frequent frames cannot delay them forever
-        self._waiting = self._waited = True
-        if self._timer.isActive():
-            self._timer.start(_PATIENCE)  # also for calls requested before
-
-    def go_on(self) -> None:
-        self._waiting = False
-        self._waited = bool(self._due)
-        if self._due:
-            self._timer.start(_PAUSE)
+            self._timer.start(_DELAY)
 
     def forget(self, owner: QObject) -> None:
         for held in list(self._due):
@@ -130,12 +103,10 @@ class _Turns(QObject):
                 del self._due[held]
 
     def finish(self) -> None:
-        self._waited = False
         while self._due:
             self._call_first()
 
     def _take_turn(self) -> None:
-        self._waiting = self._waited = False
         end = perf_counter() + _TURN
         while self._due and perf_counter() < end:
             if len(self._due) > 1:

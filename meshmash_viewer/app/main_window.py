@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,7 @@ from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
@@ -212,7 +214,7 @@ class MainWindow(QMainWindow):
         self.scene.vertex_hovered.connect(self._on_hover)
         self.scene.vertex_hovered.connect(self._point_at_pin)
         self.profile_panel.pin_pointed.connect(self.scene.point_at)
-        self.scene.stepped.connect(self.commands.step)
+        self.scene.stepped.connect(partial(stepping.step, self.document))
         self.loaded = True
         self.stage.welcome.set_loading("")
         if self.settings.layout is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from PySide6.QtCore import QObject, QThread
+from PySide6.QtCore import QObject
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
@@ -34,8 +34,7 @@ class RowCheck(QObject):
         self._document = document
         self._wanted: Eigenpairs | None = None
         self._used = -_QUIET
-        low = QThread.Priority.LowPriority
-        self.thread_ = LatestThread(self._check, self._take, _DELAY, self, priority=low)
+        self.thread_ = LatestThread(self._check, self._take, _DELAY, self)
         listen(document.display.events, self._note_use)
         listen(document.spectrum_changed, self._refresh)
         self._refresh()

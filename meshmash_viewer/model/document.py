@@ -20,7 +20,6 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.model.display import Display, Shape
-from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     InspectJob,
@@ -30,7 +29,6 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
-from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.pins import Pin, followed_pins, free_number, same_vertex
 from meshmash_viewer.model.results import MapGrew, MeshReady
 from meshmash_viewer.progress import Progress
@@ -187,11 +185,11 @@ class Document:
         """
         self._maps_of = (Path(path), tuple(maps)) if maps else None
         operator = operator or self.operator
-        self._request(ReadJob(Path(path), unit, operator, tuple(repairs), source))
+        self.request(ReadJob(Path(path), unit, operator, tuple(repairs), source))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Request that a mesh in memory is shown."""
-        self._request(InspectJob(mesh, self.operator))
+        self.request(InspectJob(mesh, self.operator))
 
     def set_unit(self, text: str) -> None:
         """Set the unit of the coordinates, or the size of the voxels that they count.
@@ -243,7 +241,7 @@ class Document:
             self.notify(Notice(text, undo=None if taken_back else self.undo))
 
     def _rescale(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> None:
-        self._request(ScaleJob(mesh, voxel, unit, self.path, self.operator, repairs))
+        self.request(ScaleJob(mesh, voxel, unit, self.path, self.operator, repairs))
 
     # -- maps -------------------------------------------------------------------------------
 
@@ -315,7 +313,7 @@ class Document:
         """Request a repair of `meshmash_viewer.health.REPAIRS`."""
         if self.ready is not None:
             ready = self.ready
-            self._request(RepairJob(ready.mesh, name, ready.path, self.operator, ready.repairs))
+            self.request(RepairJob(ready.mesh, name, ready.path, self.operator, ready.repairs))
 
     @property
     def last_change(self) -> str:
@@ -507,11 +505,7 @@ class Document:
                 # at most the whole spectrum
                 n_vertices = int(self.translation().n_vertices)
                 target = sufficient_target(target.value, self.ready.health.area, n_vertices)
-            self._request(DecomposeJob(self.ready.mesh, self.operator, target))
-
-    def compute_in_pieces(self, job: PiecesJob) -> None:
-        """Request features of the open mesh, computed in pieces."""
-        self._request(job)
+            self.request(DecomposeJob(self.ready.mesh, self.operator, target))
 
     def accept_spectrum(self, spectrum: Eigenpairs) -> None:
         """Show a longer spectrum or a preview; a preview is not replaced by fewer pairs."""
@@ -543,12 +537,6 @@ class Document:
             " Compute them again; intact pairs are kept."
         )
         self.notify(Notice(text, Severity.WARNING))
-
-    # -- export -----------------------------------------------------------------------------
-
-    def export(self, job: ExportJob) -> None:
-        """Request that a file is written."""
-        self._request(job)
 
     # -- pins -------------------------------------------------------------------------------
 
@@ -596,7 +584,8 @@ class Document:
 
     # -- the job that runs ------------------------------------------------------------------
 
-    def _request(self, job: Job) -> None:
+    def request(self, job: Job) -> None:
+        """Request that a job runs, such as an export."""
         self.job_requested.emit(job)
 
     def cancel(self) -> None:

@@ -38,7 +38,7 @@ def test_listeners_are_told_at_once_and_followers_in_a_turn(qtbot: QtBot, calls:
     document.spectrum_changed.emit()
     assert calls == ["acts", "acts"]
     qtbot.waitUntil(lambda: len(calls) > 2)
-    qtbot.wait(20)
+    qtbot.wait(40)
     assert calls == ["acts", "acts", "shows"], "however often it was said"
 
 

@@ -693,7 +693,7 @@ def test_exports_say_what_they_miss_before_and_after(
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
     assert "miss" not in dialog.remark_label.text()
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
-    document.export(dialog.job())
+    document.request(dialog.job())
     qtbot.waitUntil(lambda: (tmp_path / "ball_hks.npz").exists(), timeout=PATIENCE)
     qtbot.waitUntil(lambda: ball.stage.message_bar.notice is not None, timeout=PATIENCE)
     notice = ball.stage.message_bar.notice

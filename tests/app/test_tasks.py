@@ -72,7 +72,7 @@ def test_read_decompose_export_and_open_again(session: Session, neuron_file: Pat
     assert len(document.spectrum) == 40
     assert document.spectrum.complete
     out = neuron_file.parent / "out.npz"
-    document.export(
+    document.request(
         ExportJob(document.mesh, document.operator, out, EXPORTS["hks"].exported(8), 40)
     )
     session.wait_until_idle()
@@ -141,7 +141,7 @@ def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -
     document = session.document
     session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     out = tmp_path / "pairs.npz"
-    document.export(ExportJob(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
+    document.request(ExportJob(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
     assert "waits for" in session.last().text
     session.wait(lambda: out.exists())
     session.wait_until_idle()
@@ -156,7 +156,7 @@ def test_every_kind_is_exported_as_the_command_line_has_it(
         out = tmp_path / f"{kind}.npz"
         given = {"vertices": [5], "measure": "biharmonic"} if kind == "distance" else {}
         chosen = family.exported(7 if family.counted else None, **given)
-        session.document.export(ExportJob(neuron, OperatorOptions(), out, chosen, 20))
+        session.document.request(ExportJob(neuron, OperatorOptions(), out, chosen, 20))
         session.wait_until_idle()
         with np.load(out) as file:
             assert json.loads(str(file["meta"]))["options"]["kind"] == kind
@@ -166,7 +166,7 @@ def test_every_kind_is_exported_as_the_command_line_has_it(
 
 
 def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_path: Path) -> None:
-    session.document.export(
+    session.document.request(
         ExportJob(neuron, OperatorOptions(), tmp_path / "x.npz", EXPORTS["eigenpairs"](), 20)
     )
     session.wait_until_idle()

@@ -80,7 +80,7 @@ def look():
             if complete and "exported" not in done:
                 done.add("exported")
                 out, family = Path(sys.argv[2]), EXPORTS["hks"].exported(32)
-                document.export(ExportJob(document.mesh, document.operator, out, family, {WANTED}))
+                document.request(ExportJob(document.mesh, document.operator, out, family, {WANTED}))
             else:
                 window.close()
 

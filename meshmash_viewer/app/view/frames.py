@@ -10,7 +10,6 @@ import numpy.typing as npt
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.mesh import Mesh
@@ -165,7 +164,6 @@ class Frames(QObject):
         if measuring:
             window.WaitForCompletion()  # otherwise a graphics card is still drawing
         took = perf_counter() - started
-        frame_drawn()
         if self._first:
             self._first = False
             self.first_drawn.emit()
