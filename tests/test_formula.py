@@ -12,7 +12,7 @@ from meshmash_viewer.features.filters import (
     heat_kernel_bank,
     low_pass_bank,
 )
-from meshmash_viewer.features.formula import Formula, formula_bank
+from meshmash_viewer.features.formula import Formula, FormulaError, formula_bank
 from tests.fuzz import formulas
 
 EIGENVALUES = np.concatenate([[0.0, 0.0], np.geomspace(1e-9, 1e-7, 50)])
@@ -91,6 +91,35 @@ def test_the_unit_of_a_parameter_follows_from_the_formula(text: str, powers: dic
 def test_what_is_no_formula_is_one_sentence(text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         Formula(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "python"),
+    [
+        ("x^2", "x**2"), ("2^-x", "2**-x"), ("-x^2 + 9", "-(x**2) + 9"), ("(x ^ 2) ^ 0.5", "x"),
+        ("ln(1 + x)", "log(1 + x)"), (" exp(-t*λ^1.5)", "exp(-t*x**1.5)"),
+    ],
+)  # fmt: skip
+def test_powers_may_be_written_with_a_caret(text: str, python: str) -> None:
+    values = dict.fromkeys(Formula(python).parameters, 0.3)
+    spectrum = np.array([0.0, 0.5, 2.0])
+    np.testing.assert_allclose(
+        Formula(text)(spectrum, **values), Formula(python)(spectrum, **values)
+    )
+
+
+@pytest.mark.parametrize(
+    ("before", "fault"),
+    [
+        ("", "f(x)"), ("x^2 + ", "f(x)"), ("λ^2 + λ**2 + ", "x[0]"), ("  λ*", "[1]"),
+        ("x^2^3 + exp(", "sin)"), ("x^", ")"), ("λ + ", "$"), ("x ^ ", "*2"),
+    ],
+)  # fmt: skip
+def test_an_error_points_at_the_character(before: str, fault: str) -> None:
+    with pytest.raises(FormulaError) as caught:
+        Formula(before + fault)
+    assert caught.value.position == len(before)
+    assert f"character {len(before) + 1}" in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ _CONSTANTS = {"pi": math.pi, "e": math.e}
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "exp": (np.exp, 1),
     "log": (np.log, 1),
+    "ln": (np.log, 1),
     "sqrt": (np.sqrt, 1),
     "abs": (np.abs, 1),
     "sin": (np.sin, 1),
@@ -69,6 +70,8 @@ _COMPARISONS: dict[type[ast.cmpop], Callable[..., Any]] = {
     ast.Gt: np.greater,
     ast.GtE: np.greater_equal,
 }
+#: Number of characters that a message quotes from a fault on.
+_QUOTED = 12
 #: Largest number in a formula.
 _LARGEST = 1e300
 #: Number of samples of a formula beyond the last eigenvalue, and the value that replaces NaN and
@@ -83,6 +86,22 @@ _MOSTLY = 0.8
 _LARGER = 1.7
 
 
+class FormulaError(InputError):
+    """A formula that cannot be read; `position` counts the characters before the fault."""
+
+    def __init__(self, message: str, position: int) -> None:
+        super().__init__(message)
+        self.position = position
+
+
+class _NotAllowed(Exception):
+    """Syntax that is not allowed, at a byte of what Python parses."""
+
+    def __init__(self, node: ast.expr, reason: str) -> None:
+        super().__init__(reason)
+        self.column = node.col_offset
+
+
 @dataclass(frozen=True)
 class Formula:
     """A filter h(λ) written as text.
@@ -90,14 +109,15 @@ class Formula:
     Parameters
     ----------
     text : str
-        Arithmetic (``+ - * / **``), comparisons (``a <= x <= b``), ``and``, ``or``, ``not``,
-        parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`, ``x`` or λ, and names of
-        parameters. A comparison is 1 where it holds and 0 elsewhere.
+        Arithmetic (``+ - * / ^``, and ``**`` for ``^``), comparisons (``a <= x <= b``), ``and``,
+        ``or``, ``not``, parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`, x or λ,
+        and names of parameters. A comparison is 1 where it holds and 0 elsewhere.
 
     Raises
     ------
     InputError
-        If it is anything else; the message names the fault and its position.
+        If it is anything else; the message names the fault and its position, `FormulaError` has
+        the position as a number.
 
     Examples
     --------
@@ -112,7 +132,14 @@ class Formula:
     def __post_init__(self) -> None:
         # text from a file may begin with a byte order mark
         object.__setattr__(self, "text", self.text.removeprefix("\ufeff"))
-        _checked(_parsed(self.text), 0)
+        try:
+            _checked(_parsed(self.text), 0)
+        except _NotAllowed as fault:
+            position = _position(self.text, fault.column)
+            at = printable(self.text[position : position + _QUOTED])
+            raise FormulaError(
+                f"The formula is wrong at character {position + 1}, {at}: {fault}.", position
+            ) from None
         if len(self.parameters) > MOST_NAMES:
             raise InputError(
                 f"The formula has {len(self.parameters)} parameters: give numbers for all but"
@@ -295,16 +322,27 @@ def _parsed(text: str) -> ast.expr:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return ast.parse(text.strip(), mode="eval").body
+            return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except SyntaxError as fault:
-        at = f" at character {fault.offset}" if fault.offset else ""
-        raise InputError(
-            f"The formula {printable(text)} cannot be read{at}: write one such as exp(-t*x)."
+        column = max((fault.offset or 1) - 1, 0)
+        position = _position(text, len((fault.text or "")[:column].encode()))
+        raise FormulaError(
+            f"The formula {printable(text)} cannot be read at character {position + 1}: write one"
+            " such as exp(-t*x).",
+            position,
         ) from None
     except (ValueError, RecursionError, MemoryError):
         raise InputError(
             f"The formula {printable(text)} cannot be read: write one such as exp(-t*x)."
         ) from None
+
+
+def _position(text: str, column: int) -> int:
+    """Convert a byte of what Python parses to the index of a character of the text."""
+    start = len(text) - len(text.lstrip())
+    sizes = (2 if each == "^" else len(each.encode()) for each in text[start:])
+    ends = itertools.accumulate(sizes)
+    return start + sum(end <= column for end in ends)
 
 
 def _checked(node: ast.expr, depth: int) -> None:
@@ -320,10 +358,10 @@ def _parts(node: ast.expr) -> Iterator[ast.expr]:
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             if not abs(value) < _LARGEST:
-                raise _refusal(node, "the number is too large")
+                raise _NotAllowed(node, "the number is too large")
         case ast.Name():
             if node.id in FUNCTIONS:
-                raise _refusal(node, f"{node.id} is a function: write {node.id}(…)")
+                raise _NotAllowed(node, f"{node.id} is a function: write {node.id}(…)")
         case ast.UnaryOp() if type(node.op) in _SIGNS:
             yield node.operand
         case ast.BinOp() if type(node.op) in _ARITHMETIC:
@@ -335,16 +373,14 @@ def _parts(node: ast.expr) -> Iterator[ast.expr]:
         case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
             count = FUNCTIONS[name][1]
             if node.keywords or len(node.args) != count:
-                raise _refusal(node, f"{name} takes {count} value{'s' * (count > 1)}")
+                raise _NotAllowed(node, f"{name} takes {count} value{'s' * (count > 1)}")
             yield from node.args
         case ast.Call(func=ast.Name(id=name)):
-            raise _refusal(node, f"{name} is not a function; functions are {', '.join(FUNCTIONS)}")
+            raise _NotAllowed(
+                node, f"{name} is not a function; functions are {', '.join(FUNCTIONS)}"
+            )
         case _:
-            raise _refusal(node, "use only numbers, names, + - * / **, comparisons and functions")
-
-
-def _refusal(node: ast.expr, why: str) -> InputError:
-    return InputError(f"The formula is wrong at character {node.col_offset + 1}: {why}.")
+            raise _NotAllowed(node, "use only numbers, names, + - * / ^, comparisons and functions")
 
 
 def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
