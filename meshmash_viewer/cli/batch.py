@@ -144,7 +144,7 @@ def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
             print_report(options, path, *work(mesh, index, own))
         except (Cancelled, BrokenPipeError):  # meant for all of them
             raise
-        except Exception as fault:  # noqa: BLE001  it is said, and the next mesh has its turn
+        except Exception as fault:  # noqa: BLE001  reported; the next mesh follows
             status = max(status, say_fault(fault, str(path)), key=_SEVERITY.index)
     return status
 

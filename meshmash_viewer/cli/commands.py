@@ -11,6 +11,7 @@ import numpy as np
 
 from meshmash_viewer.cli.arguments import chosen_operator
 from meshmash_viewer.cli.batch import (
+    Report,
     finite,
     for_each,
     pairs_report,
@@ -46,7 +47,7 @@ from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, written_un
 def info(options: Namespace) -> int:
     """Print health, size and spectrum of meshes."""
 
-    def work(mesh: Mesh, index: int, own: Namespace) -> tuple[dict[str, Any], str]:
+    def work(mesh: Mesh, index: int, own: Namespace) -> Report:
         about = {"path": str(own.mesh[index]), **_facts(mesh, own.target)}
         return about, _described_facts(about)
 
@@ -221,7 +222,7 @@ def reconstruct(options: Namespace) -> int:
     return for_each(options, lambda mesh, _, own: _write_rebuilt(mesh, own))
 
 
-def _write_rebuilt(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
+def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
     """Of the report, ``rms_distance`` is the root mean square distance of a point of the surface
     from where it was, ``largest_distance`` that of the farthest vertex, in ``unit``.
     """

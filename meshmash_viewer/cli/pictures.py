@@ -6,10 +6,11 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from itertools import chain, islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, options_of
 from meshmash_viewer.cli.batch import (
+    Report,
     for_each,
     more_pairs,
     pairs_report,
@@ -22,7 +23,7 @@ from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import heat_kernel_bank
-from meshmash_viewer.features.sums import truncated_features
+from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
@@ -54,13 +55,8 @@ from meshmash_viewer.progress import Progress, ProgressBar
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
-
-#: Columns where a family has as many as one likes.
-_COLUMNS = 32
-#: Pictures of a gallery of which it is not said which.
-_PICTURES = 24
+#: Default number of columns of families with any number of them, and of pictures of a gallery.
+_COLUMNS, _PICTURES = 32, 24
 #: Frames from which the size of a movie is estimated.
 _MEASURED = 6
 _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
@@ -78,36 +74,32 @@ def render(options: Namespace) -> int:
         raise InputError(f"--map and --map-name are of --field map, not of {options.field}.")
     _policy(options)
     if (time := in_unit(options).time) is not None:
-        heat_kernel_bank([time])  # which says what is no time
+        heat_kernel_bank([time])  # raises for an invalid time
     return for_each(options, lambda mesh, _, own: _write_render(mesh, own))
 
 
-def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
+def _write_render(mesh: Mesh, options: Namespace) -> Report:
     from meshmash_viewer.app.view.picture import render_picture
 
-    report: dict[str, Any] = {
-        "mesh": mesh.name,
-        "output": str(options.output),
-        "field": options.field,
-    }
+    report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output)}
+    report["field"] = options.field
     values, shown = None, dict[str, Any]()
     if options.field != "none":
-        pairs: Decomposition | None = None
-        if options.field == "map":
-            mesh, family = _chosen_map(mesh, options)
-        else:
-            pairs = solved(mesh, options, options.target)
-            report |= pairs_report(pairs, mesh)
-            family = _chosen_field(pairs, options)
-        spectrum = _spectrum(mesh, pairs, options)
+        mesh, family = _chosen_field(mesh, options)
+        spectrum = _solved(mesh, family, options, report)
+        if options.field == "eigenfunction" and (options.index or 0) >= len(spectrum):
+            raise InputError(
+                f"There is no eigenfunction {options.index} among {len(spectrum)}; raise --count or"
+                " lower --index."
+            )
         request = FieldRequest(
             spectrum, mesh.unit, family.resolved(spectrum, _AS_IT_COMES), mesh.area_sample()
         )
         field = compute_field(request, LiveFeatures())
         assert field is not None, "one field alone needs no table"
-        if pairs is None:
+        if options.field == "map":
             report["map"] = field.title
-        elif said := _missing(pairs, field.family, mesh):
+        elif said := _missing(spectrum, field.family, mesh):
             report["remarks"] = [f"{said}{more_pairs()}."]
         limits, colormap = field.colors(_display(options, family))
         values = field.values
@@ -132,47 +124,35 @@ def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
     return report, f"{options.output}{reached}"
 
 
-def _chosen_map(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
-    """Return the mesh with the maps of files, and the map to draw: the named or the first one."""
-    own, mesh, name = len(mesh.maps), with_maps(mesh, options.map), options.map_name or ""
-    if options.map and not name:
-        name = mesh.maps[own].name
-    family = FAMILIES["map"].exported(chosen=name)
-    family.check_mesh(mesh)
-    return mesh, family
-
-
-def _chosen_field(pairs: Decomposition, options: Namespace) -> Family:
-    """Return the family with the requested eigenfunction, time or band."""
+def _chosen_field(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
+    """Return the mesh with the maps of files, and the requested map, time, function or band."""
     index = options.index
+    if options.field == "map":  # the named one, the first of a file, or the first of the mesh
+        own, mesh, name = len(mesh.maps), with_maps(mesh, options.map), options.map_name or ""
+        if options.map and not name:
+            name = mesh.maps[own].name
+        return mesh, FAMILIES["map"].exported(chosen=name)
     if options.field == "hks":
-        return HeatKernelSignature(options.time)
+        return mesh, HeatKernelSignature(options.time)
     if options.field == "eigenfunction":
         if index is None:
-            zeros = int((pairs.eigenvalues <= 1e-10 * pairs.eigenvalues[-1]).sum())
-            index = min(zeros, pairs.n_components - 1)
-        if not 0 <= index < pairs.n_components:
-            raise InputError(
-                f"There is no eigenfunction {index} among {pairs.n_components}; raise --count or"
-                " lower --index."
-            )
-        return Eigenfunctions(index)
+            return mesh, Eigenfunctions().for_other_mesh(mesh.n_components)
+        return mesh, Eigenfunctions(index)
     index, count = 1 if index is None else index, options.n_components
-    if not 0 <= index < count:
+    if index >= count:
         raise InputError(f"There is no band {index} among {count}; lower --index.")
-    return GeometryVectors(index, count)
+    return mesh, GeometryVectors(index, count)
 
 
-def _missing(pairs: Decomposition, family: Family, mesh: Mesh) -> str:
-    """Describe what too few eigenpairs leave out, see `Features.missing`."""
+def _missing(spectrum: Eigenpairs, family: Family, mesh: Mesh) -> str:
+    """Describe what too few eigenpairs leave out of the columns of a family."""
     if not family.counted:
         return ""
     if isinstance(family, HeatKernelSignature):
-        assert family.time is not None, "it is resolved"
-        bank = heat_kernel_bank([family.time])
+        bank = heat_kernel_bank([family.time or 0.0])
     else:
-        bank = family.bank(pairs.eigenvalues)
-    return truncated_features(pairs, bank, unit=mesh.unit).missing
+        bank = family.bank(spectrum.eigenvalues)
+    return missing_sentence(bank.columns, spectrum.missing_shares(bank, mesh.area))
 
 
 # gallery and movie ----------------------------------------------------------------------------
@@ -185,14 +165,15 @@ def gallery(options: Namespace) -> int:
     return for_each(options, lambda mesh, _, own: _write_gallery(mesh, _chosen_swept(own), own))
 
 
-def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
+def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> Report:
     from meshmash_viewer.app.view.contact_sheet import ContactSheet
     from meshmash_viewer.app.view.picture import straight
     from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
 
     mesh = with_maps(mesh, options.map)
     family = family.at_vertices(mesh.vertex_of)
-    spectrum, report = _solved(mesh, family, options)
+    report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output), "kind": family.name}
+    spectrum = _solved(mesh, family, options, report)
     most = n_columns(family, spectrum)
     chosen = (
         evenly(most, _PICTURES)
@@ -235,7 +216,7 @@ def movie(options: Namespace) -> int:
     return for_each(options, lambda mesh, _, own: _write_movie(mesh, _chosen_swept(own), own))
 
 
-def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
+def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
     from meshmash_viewer.app.view.series import (
         Shot,
         compute_shot,
@@ -248,7 +229,8 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[s
 
     mesh, path, size = with_maps(mesh, options.map), options.output, options.size
     family = family.at_vertices(mesh.vertex_of)
-    spectrum, report = _solved(mesh, family, options)
+    report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output), "kind": family.name}
+    spectrum = _solved(mesh, family, options, report)
     most = n_columns(family, spectrum)
     drawing, display = _drawing(mesh, options), _display(options, family)
     rate, seconds, column = options.rate, options.seconds, options.column
@@ -296,20 +278,13 @@ def _chosen_swept(options: Namespace) -> Family:
     return chosen_family(options, SWEPT, _COLUMNS)
 
 
-def _solved(mesh: Mesh, family: Family, options: Namespace) -> tuple[Eigenpairs, dict[str, Any]]:
-    """Return the eigenpairs, if the family needs any, and their report."""
+def _solved(mesh: Mesh, family: Family, options: Namespace, report: dict[str, Any]) -> Eigenpairs:
+    """Return the eigenpairs, if the family needs any, and complete the report."""
     family.check_mesh(mesh)
-    output = str(options.output)
-    report: dict[str, Any] = {"mesh": mesh.name, "output": output, "kind": family.name}
-    pairs = solved(mesh, options, options.target) if family.of_pairs else None
-    if pairs is not None:
-        report |= pairs_report(pairs, mesh)
-    return _spectrum(mesh, pairs, options), report
-
-
-def _spectrum(mesh: Mesh, pairs: Decomposition | None, options: Namespace) -> Eigenpairs:
-    if pairs is None:
+    if not family.of_pairs:
         return Eigenpairs.without_pairs(mesh)
+    pairs = solved(mesh, options, options.target)
+    report |= pairs_report(pairs, mesh)
     return Eigenpairs(
         pairs.eigenvalues,
         pairs.rows,
