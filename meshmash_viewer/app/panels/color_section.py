@@ -6,7 +6,6 @@ from functools import lru_cache
 from types import NoneType
 from typing import Any
 
-import numpy as np
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QIcon, QImage, QPixmap
 from PySide6.QtWidgets import QWidget
@@ -18,6 +17,7 @@ from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.spin import DecimalField
 from meshmash_viewer.app.listening import follow, later, listen
+from meshmash_viewer.app.view.colors import color_table
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import (
@@ -58,14 +58,10 @@ SEQUENTIAL = {
 
 
 @lru_cache(maxsize=64)
-def swatch_icon(name: str, width: int = 56, height: int = 12) -> QIcon:
-    """A strip of one of matplotlib's colour maps as an icon; sizes are in logical pixels."""
-    from matplotlib import colormaps
-
-    colors = colormaps[name](np.linspace(0.0, 1.0, 2 * width), bytes=True)
-    pixels = np.ascontiguousarray(np.broadcast_to(colors, (2 * height, 2 * width, 4)))
-    kind = QImage.Format.Format_RGBA8888
-    image = QImage(pixels.data, 2 * width, 2 * height, 8 * width, kind)
+def swatch_icon(name: str) -> QIcon:
+    """A strip of one of matplotlib's colour maps, of 56 × 12 pixels at twice the resolution."""
+    colors = color_table(name, 112).tobytes() * 24
+    image = QImage(colors, 112, 24, 448, QImage.Format.Format_RGBA8888)
     picture = QPixmap.fromImage(image)
     picture.setDevicePixelRatio(2.0)
     return QIcon(picture)

@@ -57,33 +57,19 @@ _LOW, _MIDDLE, _TOP = 0, 1, 2
 
 @dataclass(frozen=True)
 class Caption:
-    """Title, unit, limits and colours of the displayed field.
-
-    Parameters
-    ----------
-    title : str
-        Name of the field.
-    quantity : str
-        Second line, such as an eigenvalue or a time with its unit.
-    unit : str
-        Unit of the values.
-    low, high : float
-        Limits of the colour bar.
-    colormap : ColorMap
-        Name of one of matplotlib's colour maps, or the colours of labels.
-    missing : bool
-        Whether some vertices have no value.
-    lines : float, optional
-        Spacing of lines; 0 for zero lines alone, None for no lines.
-    """
+    """Title, unit, limits and colours of the displayed field."""
 
     title: str
+    #: Second line, such as an eigenvalue or a time with its unit.
     quantity: str
+    #: Unit of the values.
     unit: str
     low: float
     high: float
     colormap: ColorMap
+    #: Whether some vertices have no value.
     missing: bool = False
+    #: Spacing of lines; 0 for zero lines alone, None for no lines.
     lines: float | None = None
 
     @property

@@ -13,28 +13,18 @@ from meshmash_viewer.mesh import Mesh
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Arrays for VTK, and the data of the first view.
+    """Arrays for VTK, and the data of the first view."""
 
-    Parameters
-    ----------
-    centre : ndarray of float64, shape (3,)
-        Centre of the mesh, in its coordinates.
-    points : ndarray of float32, shape (n, 3)
-        `drawn_points`: relative to `centre`, so that single precision is enough.
-    faces : ndarray of int32, shape (m, 3)
-    bounds : ndarray of float64, shape (2, 3)
-        Bounding box of `points`.
-    sample : ndarray of float64, shape (s, 3)
-        `camera.sampled_points`.
-    axes : ndarray of float64, shape (3, 3)
-        `camera.default_axes`.
-    """
-
+    #: Centre of the mesh, in its coordinates.
     centre: npt.NDArray[np.float64]
+    #: `drawn_points`, shape (n, 3): relative to `centre`, so that single precision is enough.
     points: npt.NDArray[np.float32]
     faces: npt.NDArray[np.int32]
+    #: Bounding box of `points`, shape (2, 3).
     bounds: npt.NDArray[np.float64]
+    #: `camera.sampled_points`.
     sample: npt.NDArray[np.float64]
+    #: `camera.default_axes`.
     axes: npt.NDArray[np.float64]
 
 
