@@ -22,10 +22,7 @@ _SHRINKING = 1e-4
 _TINY = 1e-300
 #: What is shown to VTK has so many steps: the last digits that a file has do not decide.
 _STEPS = 2.0**24
-#: Quadrilaterals whose coordinates stay in the processor's cache.
-_AT_ONCE = 8192
-#: The corners of a quadrilateral from each of them on, and those of its triangles by its diagonal.
-_FROM_CORNER = (np.arange(4)[:, None] + np.arange(4)) % 4
+#: Corners of the triangles of a quadrilateral, by its diagonal.
 _ALONG_DIAGONAL = np.array([[0, 1, 2, 0, 2, 3], [0, 1, 3, 1, 2, 3]])
 #: Diagonals whose squared lengths differ by less are equal in coordinates of single precision.
 _EQUAL = 1e-6
@@ -81,35 +78,14 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
             if chosen.any():
                 corners = indices[np.repeat(chosen, counts)]
                 triangles[np.repeat(chosen, many)] = cut(vertices, corners, counts[chosen])
-    a, b, c = triangles.T
-    kept = (a != b) & (b != c) & (a != c) | np.repeat(counts == 3, many)
-    return triangles if kept.all() else triangles[kept]
+    return triangles[_distinct(triangles) | np.repeat(counts == 3, many)]
 
 
 def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
-    """Cut polygons into triangles that share each polygon's first corner.
-
-    Parameters
-    ----------
-    indices : ndarray of int64, shape (sum(counts),)
-        Corners of all polygons, one polygon after the other.
-    counts : ndarray of int64, shape (p,)
-        Corners of each polygon; those with fewer than three are left out.
-
-    Returns
-    -------
-    ndarray of int64, shape (m, 3)
-    """
-    first = np.cumsum(counts) - counts
-    triangles_each = np.maximum(counts - 2, 0)
-    polygon = np.repeat(np.arange(len(counts)), triangles_each)
-    step = np.arange(len(polygon)) - np.repeat(
-        np.cumsum(triangles_each) - triangles_each, triangles_each
-    )
-    corner = first[polygon]
-    return np.column_stack(
-        [indices[corner], indices[corner + step + 1], indices[corner + step + 2]]
-    ).astype(np.int64)
+    """Cut polygons into triangles that share each polygon's first corner, see `triangulate`."""
+    start, step = _runs_of_three(counts)
+    places = np.column_stack([start, start + step + 1, start + step + 2])
+    return indices[places].astype(np.int64)
 
 
 def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
@@ -128,13 +104,23 @@ def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
     -------
     ndarray of int64, shape (m, 3)
     """
-    strip = np.repeat(np.arange(len(counts)), counts)
-    step = np.arange(len(indices)) - np.repeat(np.cumsum(counts) - counts, counts)
-    first = np.flatnonzero(strip[2:] == strip[:-2])
-    odd = step[first] % 2
-    a, b, c = indices[first + odd], indices[first + 1 - odd], indices[first + 2]
-    kept = (a != b) & (b != c) & (a != c)
-    return np.column_stack([a[kept], b[kept], c[kept]]).astype(np.int64)
+    start, step = _runs_of_three(counts)
+    first, odd = start + step, step % 2
+    triangles = indices[np.column_stack([first + odd, first + 1 - odd, first + 2])]
+    return triangles[_distinct(triangles)].astype(np.int64)
+
+
+def _runs_of_three(counts: IntArray) -> tuple[IntArray, IntArray]:
+    """For each three consecutive corners of a polygon, its first corner and the step from it."""
+    many = np.maximum(counts - 2, 0)
+    start = np.repeat(np.cumsum(counts) - counts, many)
+    step = np.arange(len(start)) - np.repeat(np.cumsum(many) - many, many)
+    return start, step
+
+
+def _distinct(triangles: IntArray) -> npt.NDArray[np.bool_]:
+    a, b, c = triangles.T
+    return np.asarray((a != b) & (b != c) & (a != c))
 
 
 def polydata_triangles(poly: Any) -> tuple[FloatArray, IntArray]:
@@ -177,26 +163,22 @@ def _unchanged(_: FloatArray, indices: IntArray, __: IntArray) -> IntArray:
 
 def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> IntArray:
     """Two triangles of each quadrilateral."""
-    halves = np.empty((len(indices) // 4, 6), dtype=np.int64)
-    axes = np.ascontiguousarray(vertices.T)
-    for first in range(0, len(halves), _AT_ONCE):
-        corners = indices[4 * first : 4 * (first + _AT_ONCE)].reshape(-1, 4)
-        rows = 4 * np.arange(len(corners))[:, None]
-        corners = corners.ravel()[rows + _FROM_CORNER[corners.argmin(axis=1)]]
-        places = axes[:, corners.T]
-        one, two, three = (places[:, corner] - places[:, 0] for corner in (1, 2, 3))
-        other = three - one
-        normal = _cross(two, other)  # twice the area of the whole polygon
-        lower, upper = _dot(_cross(one, two), normal), _dot(_cross(two, three), normal)
-        left = _dot(_cross(one, three), normal)
-        flatter, flatter_other = np.minimum(lower, upper), np.minimum(left, lower + upper - left)
-        rounding = _ROUNDING * np.abs(lower + upper)
-        both_inside = (flatter > rounding) & (flatter_other > rounding)
-        is_shorter = _dot(other, other) < (1.0 - _EQUAL) * _dot(two, two)
-        takes_other = np.where(both_inside, is_shorter, flatter_other > flatter + rounding)
-        cut = _ALONG_DIAGONAL[takes_other.astype(np.int64)]
-        halves[first : first + len(corners)] = corners.ravel()[rows + cut]
-    return halves.reshape(-1, 3)
+    corners = indices.reshape(-1, 4)
+    order = (corners.argmin(axis=1)[:, None] + np.arange(4)) % 4
+    corners = np.take_along_axis(corners, order, axis=1)
+    first = vertices[corners[:, 0]]
+    one, two, three = (vertices[corners[:, corner]] - first for corner in (1, 2, 3))
+    other = three - one
+    normal = np.cross(two, other)  # twice the area of the whole polygon
+    lower, upper = _dot(np.cross(one, two), normal), _dot(np.cross(two, three), normal)
+    left = _dot(np.cross(one, three), normal)
+    flatter, flatter_other = np.minimum(lower, upper), np.minimum(left, lower + upper - left)
+    rounding = _ROUNDING * np.abs(lower + upper)
+    both_inside = (flatter > rounding) & (flatter_other > rounding)
+    is_shorter = _dot(other, other) < (1.0 - _EQUAL) * _dot(two, two)
+    takes_other = np.where(both_inside, is_shorter, flatter_other > flatter + rounding)
+    cut = _ALONG_DIAGONAL[takes_other.astype(np.int64)]
+    return np.take_along_axis(corners, cut, axis=1).reshape(-1, 3)
 
 
 def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> IntArray:
@@ -252,24 +234,22 @@ def _own_coordinates(points: FloatArray, counts: IntArray) -> FloatArray:
     return np.where(np.isfinite(points), points, 0.0)
 
 
-def _outline_normals(axes: FloatArray, counts: IntArray) -> FloatArray:
-    """Twice the area of each polygon, along its normal, shape (3, p)."""
+def _outline_normals(points: FloatArray, counts: IntArray) -> FloatArray:
+    """Twice the area of each polygon, along its normal, shape (p, 3)."""
     starts = np.cumsum(counts) - counts
-    return np.add.reduceat(_cross(axes, axes[:, _next_corners(counts)]), starts, axis=1)
+    return np.add.reduceat(np.cross(points, points[_next_corners(counts)]), starts, axis=0)
 
 
 def _areas(
     points: FloatArray, triangles: IntArray, counts: IntArray
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Area of the triangles of each polygon, and whether some of them lie on others."""
-    axes = np.ascontiguousarray(points.T)
     which = np.repeat(np.arange(len(counts)), counts - 2)
-    outlines = _outline_normals(axes, counts)
-    a, b, c = (axes[:, corners] for corners in triangles.T)
-    normals = _cross(b - a, c - a)
-    doubled = np.sqrt(_dot(normals, normals))
-    areas = np.bincount(which, doubled, len(counts)).astype(np.float64)
-    along = np.bincount(which, np.abs(_dot(normals, outlines[:, which])), len(counts))
+    outlines = _outline_normals(points, counts)
+    a, b, c = (points[corners] for corners in triangles.T)
+    normals = np.cross(b - a, c - a)
+    areas = np.bincount(which, np.linalg.norm(normals, axis=1), len(counts)).astype(np.float64)
+    along = np.bincount(which, np.abs(_dot(normals, outlines[which])), len(counts))
     whole = _dot(outlines, outlines)
     return areas, np.asarray(along > (1.0 + _ROUNDING) * whole + _ROUNDING * np.sqrt(whole))
 
@@ -278,17 +258,15 @@ def _shrunk(points: FloatArray, counts: IntArray, share: float) -> FloatArray:
     """The same corners moved inwards by a share of the shorter edge there."""
     if not share:
         return points
-    axes = np.ascontiguousarray(points.T)
     following = _next_corners(counts)
-    edges = axes[:, following] - axes
-    lengths = np.sqrt(_dot(edges, edges))
-    normals = _outline_normals(axes, counts)
-    normals /= np.maximum(np.sqrt(_dot(normals, normals)), _TINY)
-    inwards = _cross(np.repeat(normals, counts, axis=1), edges) / np.maximum(lengths, _TINY)
+    edges = points[following] - points
+    lengths = np.linalg.norm(edges, axis=1, keepdims=True)
+    normals = _outline_normals(points, counts)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _TINY)
+    inwards = np.cross(np.repeat(normals, counts, axis=0), edges) / np.maximum(lengths, _TINY)
     before = np.empty_like(following)
     before[following] = np.arange(len(following))
-    step = share * np.minimum(lengths, lengths[before])
-    return np.ascontiguousarray((axes + step * (inwards + inwards[:, before])).T)
+    return points + share * np.minimum(lengths, lengths[before]) * (inwards + inwards[before])
 
 
 def _cut_by_vtk(points: FloatArray, counts: IntArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:
@@ -350,12 +328,5 @@ def _next_corners(counts: IntArray) -> IntArray:
     return following
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of vectors whose components are the first axis, faster than `numpy.cross`."""
-    return np.stack(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
-
-
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    return np.asarray(np.einsum("ij,ij->i", a, b))

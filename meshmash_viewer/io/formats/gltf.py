@@ -17,7 +17,7 @@ from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.joining import join_vertices
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
 from meshmash_viewer.mesh import FloatArray, IntArray
-from meshmash_viewer.triangulation import strip_triangles
+from meshmash_viewer.triangulation import fan_triangles, strip_triangles
 from meshmash_viewer.units import counted
 
 _POINTS, _LINES = (0,), (1, 2, 3)
@@ -259,8 +259,7 @@ class _Scene:
         if mode == _STRIP:
             return strip_triangles(corners, np.array([len(corners)]))
         if mode == _FAN:
-            first = np.repeat(corners[:1], max(len(corners) - 2, 0))
-            return np.column_stack([corners[1:-1], corners[2:], first]).reshape(-1, 3)
+            return fan_triangles(corners, np.array([len(corners)]))
         raise InputError(f"has a primitive of mode {printable(mode, 20)}, which glTF does not have")
 
     def _unpacked(
