@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import PurePath
-from typing import Any, TypeAlias, overload
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -29,10 +28,8 @@ MeshLike: TypeAlias = Any
 
 #: How many offenders a message names before it only counts.
 _NAMED_OFFENDERS = 5
-#: A face whose height is below this share of its longest edge has no area but rounding.
+#: A face whose height is below this share of its longest edge is numerically degenerate.
 _FLAT = 1e-12
-
-
 #: Largest coordinate, whose fourth power and its inverse are still numbers.
 _LARGEST = 1e75
 
@@ -102,9 +99,7 @@ class Mesh:
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "voxel", tuple(float(size) for size in self.voxel))
-        if self.unit not in LENGTH_UNITS:
-            known = ", ".join(unit or "none" for unit in LENGTH_UNITS)
-            raise InputError(f"{self.unit!r} is not a unit a mesh can have: give one of {known}.")
+        _check_unit(self.unit)
         if not is_voxel(self.voxel):
             raise InputError(f"A voxel has three positive sizes, not {self.voxel!r}.")
         object.__setattr__(self, "maps", named_apart([self._fitted(each) for each in self.maps]))
@@ -118,11 +113,7 @@ class Mesh:
         """Vertices, then faces."""
         return iter((self.vertices, self.faces))
 
-    @overload
-    def __getitem__(self, index: int) -> npt.NDArray[Any]: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[npt.NDArray[Any], ...]: ...
-    def __getitem__(self, index: int | slice) -> npt.NDArray[Any] | tuple[npt.NDArray[Any], ...]:
+    def __getitem__(self, index: int | slice) -> Any:
         """Vertices for 0, faces for 1, as of the pair."""
         return (self.vertices, self.faces)[index]
 
@@ -139,9 +130,8 @@ class Mesh:
         )
 
     def __hash__(self) -> int:
-        # sums, because -0.0 and 0.0 are equal and their bytes are not
-        sums = float((self.vertices / self.vertices.size).sum()), int(self.faces.sum())
-        return hash((self.unit, self.vertices.shape, self.faces.shape, sums))
+        # not of the bytes: -0.0 and 0.0 are equal
+        return hash((self.unit, self.vertices.shape, int(self.faces.sum())))
 
     @property
     def n_vertices(self) -> int:
@@ -175,8 +165,7 @@ class Mesh:
     @cached_property
     def vertex_areas(self) -> FloatArray:
         """A third of the area of the faces around each vertex, shape (n,), in squared `unit`."""
-        thirds = np.repeat(self.face_areas / 3.0, 3)
-        return np.bincount(self.faces.ravel(), thirds, self.n_vertices).astype(np.float64)
+        return self._sums_at_vertices(self.face_areas / 3.0)
 
     def area_sample(self, count: int = 10_000) -> IntArray:
         """Vertices spread over the surface in proportion to its area.
@@ -267,9 +256,7 @@ class Mesh:
         Where it vanishes (unreferenced vertices, faces that cancel) the normal is (0, 0, 1), so
         that nothing drawn with it is ever NaN.
         """
-        corners, n = self.faces.ravel(), self.n_vertices
-        sums = [np.bincount(corners, np.repeat(axis, 3), n) for axis in self._face_crosses.T]
-        total = np.column_stack(sums)
+        total = np.column_stack([self._sums_at_vertices(axis) for axis in self._face_crosses.T])
         length = np.linalg.norm(total, axis=1, keepdims=True)
         # sums below rounding, relative to the largest possible one, have no direction
         vanishing = length[:, 0] <= 1e-12 * self.area / self.n_faces
@@ -288,8 +275,7 @@ class Mesh:
 
     def in_unit(self, unit: str) -> Mesh:
         """The same numbers said to be in another unit; what was derived from them is kept."""
-        if unit not in LENGTH_UNITS:
-            raise InputError(f"{unit!r} is not a unit a mesh can have.")
+        _check_unit(unit)
         return self._but(unit=unit)
 
     def with_maps(self, *maps: VertexMap) -> Mesh:
@@ -312,11 +298,11 @@ class Mesh:
         InputError
             If there is none.
         """
-        found = next((each for each in self.maps if each.name == name), None)
-        if found is None:
-            names = ", ".join(repr(each.name) for each in self.maps) or "none"
+        named = {each.name: each for each in self.maps}
+        if name not in named:
+            names = ", ".join(map(repr, named)) or "none"
             raise InputError(f"The mesh has no map {name!r}: its maps are {names}.")
-        return found
+        return named[name]
 
     @cached_property
     def derived(self) -> dict[Any, Any]:
@@ -397,7 +383,7 @@ class Mesh:
 
     def _but(self, **attributes: Any) -> Mesh:
         """Another one with some attributes that nothing is derived from."""
-        mesh = copy.copy(self)
+        mesh = object.__new__(Mesh)
         mesh.__dict__.update(self.__dict__, **attributes)
         return mesh
 
@@ -418,6 +404,11 @@ class Mesh:
         self.__dict__.update(state)
         self.vertices.flags.writeable = False
         self.faces.flags.writeable = False
+
+    def _sums_at_vertices(self, of_faces: FloatArray) -> FloatArray:
+        """Sum of a value over the faces around each vertex, shape (n,)."""
+        repeated = np.repeat(of_faces, 3)
+        return np.bincount(self.faces.ravel(), repeated, self.n_vertices).astype(np.float64)
 
     @cached_property
     def _face_crosses(self) -> FloatArray:
@@ -537,6 +528,12 @@ def _offenders(indices: IntArray) -> str:
     named = ", ".join(str(index) for index in indices[:_NAMED_OFFENDERS])
     rest = len(indices) - _NAMED_OFFENDERS
     return f"{named} and {rest} more" if rest > 0 else named
+
+
+def _check_unit(unit: str) -> None:
+    if unit not in LENGTH_UNITS:
+        known = ", ".join(each or "none" for each in LENGTH_UNITS)
+        raise InputError(f"{unit!r} is not a unit a mesh can have: give one of {known}.")
 
 
 def _checked_vertices(given: Any) -> FloatArray:

@@ -78,7 +78,7 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
             if chosen.any():
                 corners = indices[np.repeat(chosen, counts)]
                 triangles[np.repeat(chosen, many)] = cut(vertices, corners, counts[chosen])
-    return triangles[_distinct(triangles) | np.repeat(counts == 3, many)]
+    return np.asarray(triangles[_distinct(triangles) | np.repeat(counts == 3, many)])
 
 
 def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
@@ -266,7 +266,8 @@ def _shrunk(points: FloatArray, counts: IntArray, share: float) -> FloatArray:
     inwards = np.cross(np.repeat(normals, counts, axis=0), edges) / np.maximum(lengths, _TINY)
     before = np.empty_like(following)
     before[following] = np.arange(len(following))
-    return points + share * np.minimum(lengths, lengths[before]) * (inwards + inwards[before])
+    step = share * np.minimum(lengths, lengths[before])
+    return np.asarray(points + step * (inwards + inwards[before]))
 
 
 def _cut_by_vtk(points: FloatArray, counts: IntArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:

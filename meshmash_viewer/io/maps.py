@@ -5,8 +5,6 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-import numpy as np
-
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.formats.annotation import freesurfer_annotation
 from meshmash_viewer.io.formats.neuroimaging import (
@@ -16,28 +14,15 @@ from meshmash_viewer.io.formats.neuroimaging import (
     gifti_maps,
     mgh_maps,
 )
-from meshmash_viewer.io.formats.npz import holds_a_mesh, npz_maps
+from meshmash_viewer.io.formats.npz import holds_a_mesh, npy_maps, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.guarded import LimitExceeded, read_guarded
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, checked_maps, maps_alone
+from meshmash_viewer.io.raw import RawMap, checked_maps
 from meshmash_viewer.io.read import READERS, Reader, check_file
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
-__all__ = ["MAP_ENDINGS", "is_map_file", "maps_and_remarks", "npy_maps", "read_maps"]
-
-
-def npy_maps(path: Path) -> RawMesh:
-    """Read an array of one number a vertex, or of one a vertex and column."""
-    values = np.load(path)
-    if values.ndim not in (1, 2):
-        raise InputError(f"has shape {values.shape}, which is not one number a vertex")
-    if values.ndim == 1:
-        return maps_alone([RawMap("", values)])
-    columns = values.shape[1]
-    if columns > MOST_MAPS:
-        raise InputError(f"has {columns:,} columns, of which {MOST_MAPS} can be taken at most")
-    return maps_alone(RawMap(f"column {at}", each.copy()) for at, each in enumerate(values.T))
+__all__ = ["MAP_ENDINGS", "is_map_file", "maps_and_remarks", "read_maps"]
 
 
 #: Readers of maps alone, by lower-case ending.

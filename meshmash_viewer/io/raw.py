@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -88,6 +88,14 @@ def checked_maps(
             faults.append(fault)
     clauses = (str(fault).removeprefix("Map ").removesuffix(".") for fault in faults)
     return found, faults, tuple(f"has a map that is left out: {clause}" for clause in clauses)
+
+
+def maps_of_columns(
+    values: npt.NDArray[Any], names: Sequence[str], rows: IntArray | None = None
+) -> Iterator[RawMap]:
+    """Make a map of each column of values, shape (n, columns)."""
+    for name, column in zip(names, values.T, strict=True):
+        yield RawMap(name, np.ascontiguousarray(column), rows=rows)
 
 
 def are_ascending_indices(values: npt.NDArray[Any]) -> bool:

@@ -119,8 +119,7 @@ def write_features(
     table = FeatureTable(features.values, features.columns, mesh, values, archive=archive)
     # options given by the caller replace those of the features
     said = {"kind": features.kind, "values_unit": features.unit, **features.meta}
-    made = _made(mesh, said, meta) | {"columns": list(features.columns)}
-    _write(path, "features", table, made)
+    _write(path, "features", table, said, meta)
 
 
 def write_eigenpairs(
@@ -168,7 +167,7 @@ def write_eigenpairs(
         archive=archive, extra=extra,
     )  # fmt: skip
     said = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
-    _write(path, "eigenpairs", table, _made(mesh, said, meta))
+    _write(path, "eigenpairs", table, said, meta)
 
 
 def write_map_spectrum(
@@ -223,7 +222,7 @@ def write_map_spectrum(
         archive={"pair": counts, **columns}, index="pair",
     )  # fmt: skip
     said = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
-    _write(path, "coefficients", table, _made(mesh, said, meta))
+    _write(path, "coefficients", table, said, meta)
 
 
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
@@ -246,7 +245,7 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
     """
     nothing = np.empty((mesh.n_vertices, 0))
     table = FeatureTable(nothing, (), mesh, np.empty(0), archive=_geometry(mesh))
-    _write(path, "mesh", table, _made(mesh, {"kind": "mesh"}, meta))
+    _write(path, "mesh", table, {"kind": "mesh"}, meta)
 
 
 def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
@@ -283,16 +282,29 @@ def _geometry(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
     return arrays if mesh.numbering is None else {**arrays, "vertex": mesh.file_indices}
 
 
-def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any]) -> None:
-    """Write a table, and its provenance to a second file for formats without metadata.
+def _write(
+    path: str | Path,
+    kind: str,
+    table: FeatureTable,
+    said: dict[str, Any],
+    meta: dict[str, Any] | None,
+) -> None:
+    """Write a table with its provenance, to a second file for formats without metadata.
 
-    The provenance holds the checksum of the table, as two files cannot be replaced at once.
+    That one holds the checksum of the table, as two files cannot be replaced at once. Options in
+    `meta`, which may be a whole provenance, replace those of the result, `said`.
     """
-    path = Path(path)
+    path, given = Path(path), meta or {}
+    made = dict(given)
+    if not {"program", "mesh", "options"} <= given.keys():
+        made = provenance(table.mesh, given)
+    made["options"] = {**said, **made["options"]}
+    if kind == "features":
+        made["columns"] = list(table.columns)
     if table.repaired and path.name.lower().endswith(_WITHOUT_INDEX):
         made["rows"] = _ranges(table.rows)
-    meta = json.dumps(made, separators=(",", ":"))
-    writer, table = _writer(kind, path), replace(table, meta=meta)
+    table = replace(table, meta=json.dumps(made, separators=(",", ":")))
+    writer = _writer(kind, path)
     with writing_errors(path):
         if path.suffix.lower() not in WITHOUT_PROVENANCE:
             with written_whole(path) as part:
@@ -310,13 +322,6 @@ def _ranges(indices: npt.NDArray[np.int64]) -> list[list[int]]:
     starts = np.flatnonzero(np.diff(indices, prepend=-2) > 1)
     ends = np.append(starts[1:], len(indices)) - 1
     return np.stack([indices[starts], indices[ends] + 1], axis=1).tolist()  # type: ignore[no-any-return]
-
-
-def _made(mesh: Mesh, said: dict[str, Any], meta: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the provenance: options of the result, updated by the given ones."""
-    given = meta or {}
-    whole = given if {"program", "mesh", "options"} <= given.keys() else provenance(mesh, given)
-    return {**whole, "options": {**said, **whole["options"]}}
 
 
 def unused_path(path: str | Path) -> Path:

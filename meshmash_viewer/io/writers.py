@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.io.comments import comment_lines, property_names
+from meshmash_viewer.io.provenance import comment_lines, property_names
 from meshmash_viewer.mesh import mesh_to_poly
 from meshmash_viewer.plug_ins import plug_ins
 

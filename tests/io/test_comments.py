@@ -10,7 +10,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.io.comments import comment_lines, stated_comment
+from meshmash_viewer.io.provenance import comment_lines, stated_comment
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import write_features, write_mesh
 from meshmash_viewer.mesh import Mesh

@@ -1,4 +1,4 @@
-"""NumPy archives with arrays ``vertices`` and ``faces``, our own exports among them."""
+"""NumPy files: meshes as archives with ``vertices`` and ``faces``, and maps."""
 
 from __future__ import annotations
 
@@ -13,12 +13,19 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, are_ascending_indices
+from meshmash_viewer.io.raw import (
+    MOST_MAPS,
+    RawMap,
+    RawMesh,
+    are_ascending_indices,
+    maps_alone,
+    maps_of_columns,
+)
 from meshmash_viewer.mesh import IntArray
 from meshmash_viewer.triangulation import triangulate
 
 #: What our own exports hold for every pair, not for every vertex.
-_NOT_READ = ("eigenvalues.npy", "eigenvectors.npy", "residuals.npy")
+_NOT_READ = ("eigenvalues", "eigenvectors", "residuals")
 
 
 def read_npz(path: Path) -> RawMesh:
@@ -34,7 +41,7 @@ def read_npz(path: Path) -> RawMesh:
     InputError
         If the file is no NPZ archive, or the arrays are absent or misshapen.
     """
-    with _archive(path) as archive:
+    with _mesh_archive(path) as archive:
         vertices, faces = (_array(archive, name) for name in ("vertices", "faces"))
         try:
             said = str(_array(archive, "meta"))
@@ -53,9 +60,9 @@ def read_npz(path: Path) -> RawMesh:
 
 def npz_limits(path: Path) -> ReadLimits | None:
     """Return the limits for an archive that unpacks to much; None for others."""
-    with _archive(path) as archive:
+    with _mesh_archive(path) as archive:
         held = archive.zip.infolist()
-    unpacked = sum(member.file_size for member in held if member.filename not in _NOT_READ)
+    unpacked = sum(member.file_size for member in held if member.filename[:-4] not in _NOT_READ)
     size = path.stat().st_size
     if not ReadLimits.are_needed(size, unpacked):
         return None
@@ -100,16 +107,27 @@ def _listed_polygons(cells: IntArray) -> tuple[IntArray, IntArray]:
     return cells[is_corner], many
 
 
+def npy_maps(path: Path) -> RawMesh:
+    """Read an array of one number a vertex, or of one a vertex and column."""
+    values = np.load(path)
+    if values.ndim not in (1, 2):
+        raise InputError(f"has shape {values.shape}, which is not one number a vertex")
+    if values.ndim == 1:
+        return maps_alone([RawMap("", values)])
+    count = values.shape[1]
+    if count > MOST_MAPS:
+        raise InputError(f"has {count:,} columns, of which {MOST_MAPS} can be taken at most")
+    return maps_alone(maps_of_columns(values, [f"column {at}" for at in range(count)]))
+
+
 def npz_maps(path: Path) -> RawMesh:
     """Read the arrays with one number a vertex, or one a vertex and column."""
-    if not zipfile.is_zipfile(path):
-        raise InputError("is not an NPZ archive")
     with _opened(path) as archive:
         maps = tuple(_maps(archive))
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
         raise InputError(f"holds {names}, of which none has one number a vertex")
-    return RawMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), maps=maps)
+    return maps_alone(maps)
 
 
 def holds_a_mesh(path: Path) -> bool:
@@ -124,30 +142,33 @@ def holds_a_mesh(path: Path) -> bool:
 def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
     """Arrays of any length, or of n vertices, one column at a time.
 
-    The array ``vertex`` of our own exports after a repair says which vertices of the file they are
-    of, for who reads maps alone.
+    The array ``vertex`` of our own exports after a repair gives the vertices of the file that the
+    others are of, where maps alone are read.
     """
     rows = _rows(archive)
-    passed = ["vertices", "faces", "meta", "columns", *([] if rows is None else ["vertex"])]
-    rows = rows if n_vertices is None else None
+    passed = {"vertices", "faces", "meta", "columns", *_NOT_READ}
+    if rows is not None:
+        passed.add("vertex")
+    if n_vertices is not None:
+        rows = None
     for name in archive.files:
-        if f"{name}.npy" in _NOT_READ or name in passed:
+        if name in passed:
             continue
         try:
             values = _array(archive, name)
         except InputError:  # the others are whole without it
             continue
-        fits = values.ndim in (1, 2) and len(values) == (n_vertices or len(values)) > 0
-        fits &= rows is None or len(values) == len(rows)
-        if fits and values.ndim == 1:
+        length = n_vertices or (len(values) if rows is None else len(rows)) if values.ndim else 0
+        if values.ndim not in (1, 2) or len(values) != length or not length:
+            continue
+        if values.ndim == 1:
             yield RawMap(name, values, rows=rows)
-        elif fits and values.shape[1] <= MOST_MAPS:
+        elif values.shape[1] <= MOST_MAPS:
             own = name == "features" and "columns" in archive.files
-            names = np.ravel(_array(archive, "columns")).tolist() if own else []
+            names = list(map(str, np.ravel(_array(archive, "columns")))) if own else []
             if len(names) != values.shape[1]:
                 names = [f"{name} {at}" for at in range(values.shape[1])]
-            for column, each in zip(names, values.T, strict=True):
-                yield RawMap(str(column), np.ascontiguousarray(each), rows=rows)
+            yield from maps_of_columns(values, names, rows)
 
 
 def _rows(archive: Any) -> IntArray | None:
@@ -156,9 +177,7 @@ def _rows(archive: Any) -> IntArray | None:
     return values.astype(np.int64) if len(values) and are_ascending_indices(values) else None
 
 
-def _archive(path: Path) -> Any:
-    if not zipfile.is_zipfile(path):
-        raise InputError("is not an NPZ archive")
+def _mesh_archive(path: Path) -> Any:
     archive = _opened(path)
     if not {"vertices", "faces"} <= set(archive.files):
         archive.close()
@@ -168,6 +187,8 @@ def _archive(path: Path) -> Any:
 
 
 def _opened(path: Path) -> Any:
+    if not zipfile.is_zipfile(path):
+        raise InputError("is not an NPZ archive")
     try:
         return np.load(path)
     except (zipfile.BadZipFile, OSError, ValueError) as fault:

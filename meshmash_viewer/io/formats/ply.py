@@ -11,8 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.comments import names_of_properties, stated_comment
-from meshmash_viewer.io.provenance import stated_structure, stated_unit
+from meshmash_viewer.io.provenance import (
+    names_of_properties,
+    stated_comment,
+    stated_structure,
+    stated_unit,
+)
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
 from meshmash_viewer.io.rows import Columns, Element, Property, rows_of_text, take_rows
 from meshmash_viewer.io.text import NotANumber, parse_rows, unmarked, with_newlines

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import printable
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, maps_of_columns
 from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
 #: Entries of a table of colours that VTK makes by itself: a ramp, and no colours of labels.
@@ -85,10 +85,9 @@ def _columns(
     if values.ndim == 1:
         yield RawMap(name, values, _labels(values, colors))
         return
-    axes = "xyz" if values.shape[1] == 3 else range(values.shape[1])
-    for at, (axis, column) in enumerate(zip(axes, values.T, strict=True)):
-        stated = array.GetComponentName(at)
-        yield RawMap(f"{name} {stated or axis}", np.ascontiguousarray(column))
+    count = values.shape[1]
+    axes = [array.GetComponentName(at) or ("xyz"[at] if count == 3 else at) for at in range(count)]
+    yield from maps_of_columns(values, [f"{name} {axis}" for axis in axes])
 
 
 def _labels(values: npt.NDArray[Any], colors: tuple[str, ...]) -> tuple[Label, ...]:
