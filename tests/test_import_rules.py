@@ -48,8 +48,21 @@ VTK_INSIDE_APP = ("view",)
 
 #: Who knows a family besides its file, its tab and the table, and why.
 KNOW_A_FAMILY = {
+    "meshmash_viewer.app.panels.pair_panel": {"eigenfunction"},  # which of them correspond
     "meshmash_viewer.app.plots.eigenvalue_view": {"eigenfunction"},  # whose eigenvalues it draws
     "meshmash_viewer.app.tabs.map_tab": {"filter"},  # what a map is passed through
+    "meshmash_viewer.app.tabs": {  # which have more controls than a form
+        "eigenfunction",
+        "filter",
+        "similarity",
+        "distance",
+        "map",
+    },
+    "meshmash_viewer.model.document": {  # flips, measures from a pin, shows a new map
+        "eigenfunction",
+        "similarity",
+        "map",
+    },
     "meshmash_viewer.fields.maps": {"filter", "band"},  # likewise, and a view of that name
     "meshmash_viewer.fields.similarity": {"hks"},  # in which it measures before one chooses
 }

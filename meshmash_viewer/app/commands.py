@@ -153,7 +153,7 @@ class Commands:
         actions["undo"].setText(f"Undo {document.last_change}".rstrip())
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
-        if display.family.sign_flipped() == display.family:
+        if not document.can_flip:
             actions["flip"].setEnabled(False)
         # resolved, as the sign of a map depends on the mesh
         request = request_of(document)

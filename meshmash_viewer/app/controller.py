@@ -188,7 +188,7 @@ class Controller(QObject):
     def _announce(self) -> None:
         """Show that the requested field is being computed."""
         if self._wanted is not None:
-            self._view.set_awaited(self._wanted.family.title())
+            self._view.set_awaited(self._wanted.description.title)
             self._give_up_waiting()
 
     def _fail(self, fault: Exception) -> None:

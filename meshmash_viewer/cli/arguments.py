@@ -72,7 +72,7 @@ def window_parser() -> argparse.ArgumentParser:
 
 def command_parser() -> argparse.ArgumentParser:
     """Return the parser for the commands without a window."""
-    from meshmash_viewer.fields import EXPORTS
+    from meshmash_viewer.fields import EXPORTS, FEATURES
     from meshmash_viewer.fields.sweep import SWEPT
     from meshmash_viewer.io.writers import MESH_WRITERS
 
@@ -139,7 +139,7 @@ def command_parser() -> argparse.ArgumentParser:
     )
 
     compare = command("compare", "compare two meshes", 2)
-    kinds = tuple(kind for kind, family in EXPORTS.items() if family.counted)
+    kinds = tuple(family.export for family in FEATURES.values())
     compare.add_argument(
         "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
     )

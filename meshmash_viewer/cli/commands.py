@@ -31,7 +31,7 @@ from meshmash_viewer.features.comparison import (
     unit_area_spectrum,
 )
 from meshmash_viewer.features.shape import low_pass_vertices
-from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.health import median_edge_length, mesh_health
 from meshmash_viewer.io.provenance import export_options, provenance
 from meshmash_viewer.io.spectrum import find_eigenpairs
@@ -142,7 +142,9 @@ def compare(options: Namespace) -> int:
     if options.output is not None:
         check_output(options.output, "features")
     began, target = time.perf_counter(), options.target
-    family = EXPORTS[options.kind].exported(options.n_components)
+    family = next(each for each in FEATURES.values() if each.export == options.kind).exported(
+        options.n_components
+    )
     read_as = [read(path, options) for path in options.mesh]
     meshes = [prepared(mesh, options) for mesh in read_as]
     first = solved(meshes[0], options, target)

@@ -25,7 +25,7 @@ from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
-from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import median_edge_length
 from meshmash_viewer.io.atomic import made_folder
@@ -72,7 +72,7 @@ def _check_combination(options: Namespace) -> None:
         "--tail": options.tail is not None,
         "--count auto": options.target is None,
         "--component-column": options.component_column,
-        f"--kind {options.kind}": not EXPORTS[options.kind].counted,
+        f"--kind {options.kind}": EXPORTS[options.kind] not in FEATURES.values(),
     }
     for name, given in of_whole_meshes.items():
         if given and options.pieces is not None:

@@ -25,6 +25,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
@@ -146,7 +147,7 @@ def _chosen_field(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
 
 def _missing(spectrum: Eigenpairs, family: Family, mesh: Mesh) -> str:
     """Describe what too few eigenpairs leave out of the columns of a family."""
-    if not family.counted:
+    if not isinstance(family, BankFamily):
         return ""
     if isinstance(family, HeatKernelSignature):
         bank = heat_kernel_bank([family.time or 0.0])
@@ -185,7 +186,7 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> Report:
     families = sweep(family, spectrum, chosen)
     shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
     requests = [each.request for each in shots if each.request is not None]
-    titles = {each.family.title() for each in requests}
+    titles = {each.description.title for each in requests}
     title = titles.pop() if len(titles) == 1 else family.label
     sheet = ContactSheet(
         [each.caption for each in requests],

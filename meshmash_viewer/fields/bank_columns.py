@@ -1,28 +1,105 @@
-"""Base class of families whose fields are the columns of the exported feature."""
+"""Base classes of families with exported columns: filter banks, and fields that are columns."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from meshmash_viewer.features.sums import sum_squares
-from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table
+from meshmash_viewer.features.filters import FilterBank
+from meshmash_viewer.features.sums import Features, sum_squares, truncated_features
+from meshmash_viewer.fields.family import (
+    Answer,
+    ColumnArray,
+    Description,
+    Family,
+    FloatArray,
+    Profile,
+    Reading,
+    Samples,
+    Table,
+)
 from meshmash_viewer.fields.parameter import Whole, parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+from meshmash_viewer.spectral.weyl import Target, Translation
+from meshmash_viewer.units import counted
 
-__all__ = ["MOST_COLUMNS", "BankColumns"]
+if TYPE_CHECKING:
+    from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = ["FEATURES", "MOST_COLUMNS", "BankColumns", "BankFamily", "Columns"]
 
 #: Maximum number of columns.
 MOST_COLUMNS = 512
 
 
+def estimated_pairs(spectrum: Eigenpairs, eigenvalue: float) -> str:
+    """Return about how many pairs reach up to an eigenvalue, or that these are all."""
+    if spectrum.mesh is None:
+        return "more pairs"
+    translation = Translation(
+        spectrum.mesh.area, spectrum.eigenvalues, spectrum.n_vertices, known_to=spectrum.known_to
+    )
+    count, exact = translation.count(Target("max_eigenvalue", eigenvalue))
+    if count >= translation.n_vertices:
+        return f"all {counted(count, 'pair')} that the mesh has"
+    return f"{'' if exact else 'about '}{counted(count, 'pair')} in all"
+
+
 @dataclass(frozen=True)
-class BankColumns(Family):
-    """One column of a filter bank; the table contains all columns.
+class BankFamily(Family):
+    """A family whose exported columns are a filter bank applied to eigenpairs."""
+
+    def bank(
+        self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
+    ) -> FilterBank:
+        """Return the filters of the exported columns, for eigenvalues of shape (k,).
+
+        `area` is used for a range if all eigenvalues are zero; `bound` is the threshold of the
+        computation. `InputError` is raised if they do not suffice.
+        """
+        raise NotImplementedError
+
+    def bank_script(self) -> str:
+        """Return the Python expression of the bank."""
+        raise NotImplementedError
+
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
+        """Return a sentence on the range of the columns."""
+        return ""
+
+    def compute_features(
+        self,
+        pairs: Decomposition | None,
+        mesh: Mesh,
+        area: float | None = None,
+        bound: float | None = None,
+        **summed: Any,
+    ) -> Features:
+        assert pairs is not None
+        bank = self.bank(pairs.eigenvalues, area, bound)
+        return truncated_features(pairs, bank, unit=mesh.unit, **summed)
+
+    def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
+        return self.bank(spectrum.eigenvalues).columns, self.contents(spectrum, unit)
+
+    def script(self, spectrum: Eigenpairs) -> list[str]:
+        return [
+            f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)"
+        ]
+
+
+#: Families whose columns are a filter bank, by name, which `meshmash_viewer.fields.table` fills in.
+FEATURES: dict[str, type[BankFamily]] = {}
+
+
+@dataclass(frozen=True)
+class Columns(Family):
+    """One of the exported columns, which all are computed at once for the table.
 
     Parameters
     ----------
@@ -33,6 +110,7 @@ class BankColumns(Family):
     """
 
     counted: ClassVar[str] = "count"
+    position: ClassVar[tuple[str, ...]] = ("index",)
     interval: ClassVar[int] = 250
 
     index: int = parameter(0, Whole(0, MOST_COLUMNS - 1))
@@ -43,9 +121,17 @@ class BankColumns(Family):
         """`index`, limited to the last column."""
         return min(max(self.index, 0), self.count - 1)
 
-    @property
-    def table_columns(self) -> int:
-        return self.count
+    def columns(self, spectrum: Eigenpairs, cancel: CancelCallback | None = None) -> ColumnArray:
+        """Compute all columns, shape (count, n)."""
+        raise NotImplementedError
+
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
+        """Describe a column with its unit."""
+        return f"{self.nouns[0].lower()} {self.column}"
+
+    def title(self) -> str:
+        """Return the title of a column on the render."""
+        return self.label
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         return self.within(spectrum)
@@ -56,31 +142,7 @@ class BankColumns(Family):
     def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         return replace(self, index=min(max(self.index + steps, 0), self.count - 1))
 
-    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
-        if self.prepared(spectrum, table):
-            assert table is not None
-            table.spectrum = spectrum  # faster comparison next time
-            return Answer(table.content[self.column])
-        weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
-        one = weights[self.column : self.column + 1]
-        return Answer(np.asarray(sum_squares(spectrum.rows, one)[0]))
-
-    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
-        return table is not None and table.holds(self.at_rest(), spectrum)
-
-    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
-        weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
-        columns = sum_squares(spectrum.rows, weights, cancel=cancel)
-        return Table(spectrum, self.at_rest(), np.asarray(columns))
-
-    def profile(self, spectrum: Eigenpairs) -> Profile | None:
-        if first_nonzero(spectrum) >= len(spectrum):
-            return None
-        bank = self.bank(spectrum.eigenvalues)
-        both = Samples(self.places(spectrum), bank(spectrum.eigenvalues))
-        return Profile(both, both)
-
-    def places(self, spectrum: Eigenpairs) -> np.ndarray:
+    def places(self, spectrum: Eigenpairs) -> FloatArray:
         """Return positions of the columns on the bottom axis of a profile, shape (count,)."""
         return np.arange(self.count, dtype=np.float64)
 
@@ -90,8 +152,54 @@ class BankColumns(Family):
     def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         return replace(self, index=int(np.argmin(np.abs(self.places(spectrum) - place))))
 
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
+        return Description(self.quantity(spectrum, unit), self.title())
+
+    def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
+        facts = (self.describe(spectrum, unit).quantity,)
+        return Reading(f"{self.nouns[0]} {self.column}", facts)
+
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
+        if not self.prepared(spectrum, table):
+            return Answer(self.columns(spectrum)[self.column])
+        assert table is not None
+        table.spectrum = spectrum  # faster comparison next time
+        return Answer(table.content[self.column])
+
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
+        return table is not None and table.holds(self.at_rest(), spectrum)
+
+    def prepare(
+        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
+    ) -> Table:
+        return Table(spectrum, self.at_rest(), self.columns(spectrum, cancel))
+
+
+@dataclass(frozen=True)
+class BankColumns(Columns, BankFamily):
+    """One column of a filter bank."""
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        """Return the labels of the axes of the profile, bottom and left."""
+        raise NotImplementedError
+
+    def columns(self, spectrum: Eigenpairs, cancel: CancelCallback | None = None) -> ColumnArray:
+        weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
+        return np.asarray(sum_squares(spectrum.rows, weights, cancel=cancel))
+
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
+        if self.prepared(spectrum, table):
+            return super().compute(spectrum, table)
+        weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
+        one = weights[self.column : self.column + 1]
+        return Answer(np.asarray(sum_squares(spectrum.rows, one)[0]))
+
+    def profile(self, spectrum: Eigenpairs, unit: str) -> Profile | None:
+        if first_nonzero(spectrum) >= len(spectrum):
+            return None
+        bank = self.bank(spectrum.eigenvalues)
+        both = Samples(self.places(spectrum), bank(spectrum.eigenvalues))
+        return Profile(both, both, self.axes(unit))
+
     def script(self, spectrum: Eigenpairs) -> list[str]:
-        return [
-            f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
-            f"values = features.values[:, {self.column}]",
-        ]
+        return [*super().script(spectrum), f"values = features.values[:, {self.column}]"]

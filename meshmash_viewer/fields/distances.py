@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -21,7 +21,15 @@ from meshmash_viewer.features.distances import (
     spectral_weights,
 )
 from meshmash_viewer.features.sums import Features, sum_squares
-from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Table
+from meshmash_viewer.fields.family import (
+    Answer,
+    ColumnArray,
+    Description,
+    Family,
+    FloatArray,
+    Table,
+    evenly_in_log,
+)
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.parameter import (
     ABOVE_ZERO,
@@ -34,7 +42,7 @@ from meshmash_viewer.fields.parameter import (
 )
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
-from meshmash_viewer.units import counted, format_quantity, power_unit
+from meshmash_viewer.units import counted, format_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
@@ -65,7 +73,11 @@ class Distances(Family):
     short: ClassVar[str] = "Distance"
     tip: ClassVar[str] = "Geodesic, biharmonic, commute-time or diffusion distance from a pin"
     export: ClassVar[str] = "distance"
+    icon: ClassVar[str] = (
+        '<path d="M5 19L19 5"/><path d="M3 17l4 4M17 3l4 4"/><path d="M9 12l3 3M12 9l3 3"/>'
+    )
     position: ClassVar[tuple[str, ...]] = ("time",)
+    required: ClassVar[str] = "vertex"
     contoured: ClassVar[bool] = True
     interval: ClassVar[int] = 50
 
@@ -97,10 +109,6 @@ class Distances(Family):
     # -- choices ------------------------------------------------------------------------------
 
     @property
-    def usable(self) -> bool:
-        return self.vertex is not None
-
-    @property
     def needs_pairs(self) -> bool:
         return self.measure != "geodesic"
 
@@ -120,21 +128,13 @@ class Distances(Family):
     def for_other_mesh(self, n_components: int) -> Self:
         return replace(self, vertex=None, time=None, vertices=())
 
-    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
-        """Return the first family, since a distance has no filters."""
-        return next(iter(chosen.values()))
-
-    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
-        """Step through several vertices if there are some, else through diffusion times."""
-        if len(self.vertices) > 1 and self.vertex is not None:
-            at = self.vertices.index(self.vertex) + steps
-            return replace(self, vertex=self.vertices[min(max(at, 0), len(self.vertices) - 1)])
+    def places(self, spectrum: Eigenpairs) -> FloatArray:
+        """Return the vertices, by index, if there are several, else diffusion times."""
+        if len(self.vertices) > 1:
+            return np.arange(len(self.vertices), dtype=np.float64)
         if not self.timed or first_nonzero(spectrum) >= len(spectrum):
-            return self
-        low, high = (math.log(end) for end in spectrum.time_range)
-        before = math.log(self.time_in(spectrum))
-        moved = min(max(before + steps / _STEPS * (high - low), low), high)
-        return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
+            return np.empty(0)
+        return evenly_in_log(spectrum.time_range, _STEPS + 1)
 
     def place(self, spectrum: Eigenpairs) -> float:
         if len(self.vertices) > 1 and self.vertex is not None:
@@ -146,21 +146,12 @@ class Distances(Family):
             return replace(self, vertex=self.vertices[round(place)])
         return replace(self, time=10.0**place) if self.timed else self
 
-    def title(self) -> str:
-        return f"{MEASURES[self.measure][0]} distance"
-
-    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
-        if self.vertex is None:
-            return ""
-        text = f"from {spectrum.named_vertex(self.vertex)}"
-        if self.timed:
-            time = self.time_in(spectrum)
-            text += f", t = {format_quantity(time, unit, 2)}"
-        return text
-
-    def unit(self, length: str) -> str:
-        power = MEASURES[self.measure][1]
-        return power_unit(length, power) if power else ""
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
+        noun, power = MEASURES[self.measure]
+        text = "" if self.vertex is None else f"from {spectrum.named_vertex(self.vertex)}"
+        if text and self.timed:
+            text += f", t = {format_quantity(self.time_in(spectrum), unit, 2)}"
+        return Description(text, f"{noun} distance", power)
 
     # -- values -------------------------------------------------------------------------------
 
@@ -209,7 +200,9 @@ class Distances(Family):
         same = replace(table.family, time=None) == replace(self, time=None)
         return same and same_pairs(table.spectrum, spectrum)
 
-    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
+    def prepare(
+        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
+    ) -> Table:
         content: Any
         if self.measure == "geodesic":
             assert spectrum.mesh is not None
@@ -255,9 +248,6 @@ class Distances(Family):
             raise InputError("A distance is from a vertex: pin one on the render.")
         return found
 
-    def measured_from(self, vertices: Sequence[int]) -> Self:
-        return replace(self, vertices=tuple(vertices))
-
     def check_mesh(self, mesh: Mesh) -> None:
         check_vertices(mesh, self._origins)
 
@@ -276,14 +266,12 @@ class Distances(Family):
             time = self.time_in(Eigenpairs(pairs.eigenvalues, none, none))
         return distance_features(mesh, self._origins, self.measure, pairs, time)
 
-    def column_names(self, spectrum: Eigenpairs) -> tuple[str, ...]:
-        return distance_columns(self.measure, [spectrum.file_index(at) for at in self._origins])
-
-    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
-        text = f"{self.title()} from {counted(len(self._origins), 'vertex')}"
+    def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
+        origins = [spectrum.file_index(at) for at in self._origins]
+        text = f"{MEASURES[self.measure][0]} distance from {counted(len(origins), 'vertex')}"
         if self.timed:
             text += f", t = {format_quantity(self.time_in(spectrum), unit, 2)}"
-        return f"{text}."
+        return distance_columns(self.measure, origins), f"{text}."
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
         pairs = f", {self.measure!r}, decomposition" if self.needs_pairs else ""

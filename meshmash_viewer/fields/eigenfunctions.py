@@ -10,7 +10,9 @@ import numpy as np
 
 from meshmash_viewer.fields.family import (
     Answer,
+    Description,
     Family,
+    FloatArray,
     Profile,
     Samples,
     Table,
@@ -41,6 +43,7 @@ class Eigenfunctions(Family):
     tip: ClassVar[str] = "Eigenfunctions of the Laplacian"
     export: ClassVar[str] = "eigenpairs"
     export_label: ClassVar[str] = "Eigenpairs"
+    icon: ClassVar[str] = '<path d="M3 12c3-10 6-10 9 0s6 10 9 0"/>'
     position: ClassVar[tuple[str, ...]] = ("index",)
     interval: ClassVar[int] = 250
 
@@ -69,6 +72,7 @@ class Eigenfunctions(Family):
         return replace(self, index=other, flipped=frozenset({other} if flipped else ()))
 
     def correspondence_text(self, to: Correspondence) -> str:
+        """Describe the corresponding eigenfunction of another shape."""
         same, index = to.functions, self.index
         if same is None or index >= len(same.indices) or same.indices[index] < 0:
             return f"{index} has no match"
@@ -80,25 +84,19 @@ class Eigenfunctions(Family):
     def within(self, spectrum: Eigenpairs) -> Self:
         return replace(self, index=min(max(self.index, 0), max(len(spectrum) - 1, 0)))
 
-    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
-        return replace(self, index=min(max(self.index + steps, 0), len(spectrum) - 1))
-
     def sign_flipped(self) -> Self:
+        """Flip the sign."""
         return replace(self, flipped=self.flipped ^ {self.index})
 
-    def title(self) -> str:
-        return f"Eigenfunction {self.index}"
-
-    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
-        name = f"λ{subscript(self.index)}"
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2)
-        if spectrum.is_exact(self.index):
-            return f"{name} = {written}"
-        # shown on the render, and so in every picture
-        return f"{name} ≈ {written} · preview, within about {100.0 * spectrum.error:.0f} %"
-
-    def unit(self, length: str) -> str:
-        return power_unit(length, -1)
+        quantity = f"λ{subscript(self.index)} = {written}"
+        if not spectrum.is_exact(self.index):  # shown on the render, and so in every picture
+            quantity = (
+                f"λ{subscript(self.index)} ≈ {written} · preview, within about"
+                f" {100.0 * spectrum.error:.0f} %"
+            )
+        return Description(quantity, f"Eigenfunction {self.index}", power=-1)
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
         """Return one row in single precision, with the chosen sign."""
@@ -107,15 +105,15 @@ class Eigenfunctions(Family):
             np.negative(values, out=values)
         return Answer(values, not spectrum.is_exact(self.index))
 
-    def profile(self, spectrum: Eigenpairs) -> Profile:
+    def profile(self, spectrum: Eigenpairs, unit: str) -> Profile:
         """Return the profile: the values of all eigenfunctions at a vertex."""
         signs = np.ones(len(spectrum))
         signs[[index for index in self.flipped if index < len(signs)]] = -1.0
         both = Samples(np.arange(len(spectrum), dtype=np.float64), signs)
-        return Profile(both, both)
+        return Profile(both, both, ("Index", named_quantity("φ", unit, -1)))
 
-    def axes(self, unit: str) -> tuple[str, str]:
-        return "Index", named_quantity("φ", unit, -1)
+    def places(self, spectrum: Eigenpairs) -> FloatArray:
+        return np.arange(len(spectrum), dtype=np.float64)
 
     def place(self, spectrum: Eigenpairs) -> float:
         return float(self.within(spectrum).index)
@@ -123,13 +121,11 @@ class Eigenfunctions(Family):
     def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         return replace(self, index=round(place)).within(spectrum)
 
-    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
+    def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
         about = f"Eigenvalues up to {format_quantity(float(spectrum.eigenvalues[-1]), unit, -2)}"
         values = power_unit(unit, -1)
-        return f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
-
-    def column_names(self, spectrum: Eigenpairs) -> tuple[str, ...]:
-        return tuple(f"eigenvector_{at}" for at in range(len(spectrum)))
+        names = tuple(f"eigenvector_{at}" for at in range(len(spectrum)))
+        return names, f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
         shown = spectrum.shown

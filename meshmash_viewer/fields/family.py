@@ -1,21 +1,22 @@
 """Base class of families of fields: their parameters, values, plots and files.
 
 A family is one frozen dataclass in a file of its own, listed in `meshmash_viewer.fields.FAMILIES`.
-An instance is a choice of its parameters. Some of them may be None: `Family.resolved` sets these
-from a spectrum, and resets parameters that do not affect the values.
+An instance is a choice of its parameters, each declared once (`meshmash_viewer.fields.parameter`).
+Some of them may be None: `Family.resolved` sets these from a spectrum, and resets parameters that
+do not affect the values.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.filters import FilterBank
-from meshmash_viewer.features.sums import Features, truncated_features
+from meshmash_viewer.features.sums import Features
 from meshmash_viewer.fields.parameter import Parameters
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, same_pairs
@@ -32,8 +33,12 @@ ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
 #: Maximum number of exported columns.
 MOST_COUNT = 1024
-#: Families with exported columns, by name, which `meshmash_viewer.fields.table` fills in.
-FEATURES: dict[str, type[Family]] = {}
+
+
+def evenly_in_log(ends: tuple[float, float], count: int) -> FloatArray:
+    """Return logarithms to base 10, evenly spaced between those of two numbers, shape (count,)."""
+    low, high = ends
+    return np.linspace(math.log10(low), math.log10(high), count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +70,62 @@ class Table:
     def holds(self, family: Family, spectrum: Eigenpairs) -> bool:
         """Whether it was made for this family at rest and these pairs."""
         return self.family == family and same_pairs(self.spectrum, spectrum)
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """Texts of a field.
+
+    Parameters
+    ----------
+    quantity : str
+        Position within the family, with its unit: "λ₅ = 1.2e-08 nm⁻²".
+    title : str
+        Title on the render.
+    power : int
+        Unit of the values as a power of length; eigenvectors are M-orthonormal, so φ² is per area.
+    own_unit : str
+        Unit of the values if it is no power of length.
+    caption : str
+        Caption in a gallery; empty for the quantity.
+    labels : tuple of Label
+        Labels of values 0, 1, 2 … if they name parts of the surface.
+    """
+
+    quantity: str
+    title: str
+    power: int = -2
+    own_unit: str = ""
+    caption: str = ""
+    labels: tuple[Label, ...] = ()
+
+    def unit(self, length: str) -> str:
+        """Return the unit of the values; empty for pure numbers and without a unit of length."""
+        return self.own_unit or (power_unit(length, self.power) if self.power else "")
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Texts and marks of the controls of a field.
+
+    Parameters
+    ----------
+    title : str
+    facts : tuple of str
+        Values of `Family.facts`.
+    warning : str
+        What the computed pairs do not suffice for.
+    decades : tuple of float, optional
+        Eigenvalues at both ends of the slider, of which decades are marked.
+    hatched : float
+        Share of the slider, from its low end, that the computed pairs do not resolve.
+    """
+
+    title: str
+    facts: tuple[str, ...] = ()
+    warning: str = ""
+    decades: tuple[float, float] | None = None
+    hatched: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +184,22 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Curve and dots of the profile of a vertex; dots are the exported columns."""
+    """Profile of a vertex.
+
+    Parameters
+    ----------
+    curve, dots : Samples
+        Dots are the exported columns.
+    axes : tuple of str
+        Labels of the axes, bottom and left.
+    unresolved : tuple of float, optional
+        Range of the bottom axis that the computed pairs do not resolve.
+    """
 
     curve: Samples
     dots: Samples
+    axes: tuple[str, str]
+    unresolved: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -139,6 +212,12 @@ class Family(Parameters):
         Name in sessions, file names and names of controls.
     label, short, tip : str
         Text in menus, text on its tab, and a description.
+    icon : str
+        Drawing like those of `meshmash_viewer.app.controls.icons`.
+    nouns : tuple of str
+        What a position is called: "Band", "Bands".
+    facts : dict
+        Object names of the facts about a position, and their texts.
     export : str
         Kind of the exported features; empty without export.
     export_label : str
@@ -151,6 +230,8 @@ class Family(Parameters):
         Parameters that name something of the mesh, which another mesh may not have.
     ordered : tuple of str
         Two parameters, the first less than the second.
+    required : str
+        Parameter without which there is no field.
     response_label : str
         Label of the left axis of the response plot.
     response_decades : int
@@ -169,12 +250,16 @@ class Family(Parameters):
     label: ClassVar[str]
     short: ClassVar[str]
     tip: ClassVar[str]
+    icon: ClassVar[str] = '<path d="M6 2v4M10 2v4M4 6h8v3a4 4 0 0 1-8 0zM8 13v3"/>'
+    nouns: ClassVar[tuple[str, str]] = ("Column", "Columns")
+    facts: ClassVar[dict[str, str]] = {}
     export: ClassVar[str] = ""
     export_label: ClassVar[str] = ""
     counted: ClassVar[str] = ""
     position: ClassVar[tuple[str, ...]] = ()
     own: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
+    required: ClassVar[str] = ""
     response_label: ClassVar[str] = "Response"
     response_decades: ClassVar[int] = 0
     contoured: ClassVar[bool] = False
@@ -182,17 +267,43 @@ class Family(Parameters):
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
 
+    # -- what follows from the declarations ---------------------------------------------------
+
+    @property
+    def usable(self) -> bool:
+        """Whether the required parameter is chosen."""
+        return not self.required or getattr(self, self.required) is not None
+
+    @classmethod
+    def makes_features(cls) -> bool:
+        """Whether it is exported as columns rather than as eigenpairs."""
+        return cls.compute_features is not Family.compute_features
+
+    def at_rest(self) -> Self:
+        """Reset the position, so that equal families have equal columns."""
+        start = {each.name: each.default for each in fields(self) if each.name in self.position}
+        return replace(self, **start)
+
+    def filled_in(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
+        """Set parameters that are None, as far as the spectrum allows."""
+        if not self.usable or (self.needs_pairs and not len(spectrum)):
+            return self
+        known = self.resolved(spectrum, chosen)
+        found = {name: getattr(known, name) for name in self.declared()}
+        return replace(self, **{name: each for name, each in found.items() if each is not None})
+
+    def measured_from(self, vertices: Sequence[int]) -> Self:
+        """Export a column for each of some vertices, if columns belong to vertices."""
+        several = [name for name, each in self.declared().items() if each.vertex and each.many]
+        found: dict[str, Any] = dict.fromkeys(several, tuple(vertices))
+        return replace(self, **found)
+
     # -- choices ------------------------------------------------------------------------------
 
     @property
     def signed(self) -> bool:
         """Whether zero is the centre of the range of values."""
         return False
-
-    @property
-    def usable(self) -> bool:
-        """Whether all required parameters are chosen."""
-        return True
 
     @property
     def needs_pairs(self) -> bool:
@@ -207,10 +318,15 @@ class Family(Parameters):
         """Whether its values depend on eigenpairs."""
         return self.needs_pairs
 
-    @property
-    def table_columns(self) -> int:
-        """Number of columns in single precision of its table."""
-        return 0
+    @classmethod
+    def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
+        """Create a family with a number of columns and the given options, by parameter.
+
+        `unit` is that of the mesh, None if not known yet. `InputError` is raised if the options are
+        not compatible.
+        """
+        count = {cls.counted: n_columns} if cls.counted and n_columns is not None else {}
+        return cls(**count, **chosen)
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         """Set parameters that are None, so that equal families have equal values.
@@ -220,22 +336,9 @@ class Family(Parameters):
         """
         raise NotImplementedError
 
-    def at_rest(self) -> Self:
-        """Reset the position, so that equal families have equal columns."""
-        start = {each.name: each.default for each in fields(self) if each.name in self.position}
-        return replace(self, **start)
-
     def for_other_mesh(self, n_components: int) -> Self:
         """Keep what applies to another mesh with some number of connected components."""
         return self
-
-    def for_repaired(self, n_components: int, vertex: Callable[[int], int | None]) -> Self:
-        """Convert to the repaired mesh; `vertex` maps vertices, or returns None."""
-        moved, here = self.for_other_mesh(n_components), self.at_vertices(vertex)
-        vertices = {
-            name: getattr(here, name) for name, each in self.declared().items() if each.vertex
-        }
-        return replace(moved, **vertices)
 
     def carried(self, to: Correspondence) -> Self:
         """Convert to another shape: lengths are scaled, vertices are the corresponding ones."""
@@ -245,64 +348,45 @@ class Family(Parameters):
                 other[name] = getattr(self, name) * to.length**each.power
         return replace(self.at_vertices(to.vertex), **other)
 
-    def correspondence_text(self, to: Correspondence) -> str:
-        """Describe the corresponding field of another shape, if it is not obvious."""
-        return ""
-
-    def filled_in(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
-        """Set parameters that are None, as far as the spectrum allows."""
-        if not self.usable or (self.needs_pairs and not len(spectrum)):
-            return self
-        known = self.resolved(spectrum, chosen)
-        found = {name: getattr(known, name) for name in self.declared()}
-        found = {name: value for name, value in found.items() if value is not None}
-        return replace(self, **found)
-
     def within(self, spectrum: Eigenpairs) -> Self:
         """Limit the position to those of a spectrum."""
         return self
 
-    def sign_flipped(self) -> Self:
-        """Flip the sign; unchanged if it has none."""
-        return self
+    # -- positions ----------------------------------------------------------------------------
 
-    def like(self, vertex: int) -> Self | None:
-        """Return the field of similarity to a vertex; None for other families."""
-        return None
+    def places(self, spectrum: Eigenpairs) -> FloatArray:
+        """Return the positions of steps on the bottom axis of the profile; empty without steps."""
+        return np.empty(0)
 
-    def of_map(self, name: str) -> Self | None:
-        """Return the field that shows a map of the mesh; None for other families."""
-        return None
+    def place(self, spectrum: Eigenpairs) -> float:
+        """Return the position on that axis."""
+        raise NotImplementedError
 
-    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
-        """Return the family whose filters and profiles are shown for this one."""
-        return self
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
+        """Select the field nearest to a position on that axis."""
+        raise NotImplementedError
 
     def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         """Move by some steps, back if negative, up to the ends."""
-        return self
+        places = self.places(spectrum)
+        if len(places) < 2:
+            return self
+        indices = np.arange(len(places))
+        before = float(np.interp(self.place(spectrum), places, indices))
+        moved = min(max(before + steps, 0.0), len(places) - 1.0)
+        if abs(moved - before) < 1e-9:
+            return self
+        return self.at_place(spectrum, float(np.interp(moved, indices, places)))
 
     # -- values of resolved families ----------------------------------------------------------
 
-    def title(self) -> str:
-        """Return the title of the field on the render."""
-        return self.label
-
-    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
-        """Describe the position with its unit: "λ₅ = 1.2e-08 nm⁻²"."""
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
+        """Describe the field."""
         raise NotImplementedError
 
-    def caption(self, spectrum: Eigenpairs, unit: str) -> str:
-        """Return the caption in a gallery."""
-        return self.quantity(spectrum, unit)
-
-    def unit(self, length: str) -> str:
-        """Return the unit of the values; eigenvectors are M-orthonormal, so φ² is per area."""
-        return power_unit(length, -2)
-
-    def labels(self, spectrum: Eigenpairs, unit: str) -> tuple[Label, ...]:
-        """Return the labels of values 0, 1, 2 … if they name parts of the surface."""
-        return ()
+    def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
+        """Return the texts of its controls, if these are made from the declarations."""
+        return Reading(self.describe(spectrum, unit).quantity)
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute values at every vertex, with a table if possible; None if one is required."""
@@ -312,13 +396,14 @@ class Family(Parameters):
         """Whether the table is up to date."""
         return True
 
-    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
-        """Build the table; `Cancelled` is raised after `cancel` returns True."""
-        raise NotImplementedError
+    def prepare(
+        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
+    ) -> Table:
+        """Build the table, maybe from one `before` that serves.
 
-    def improve(self, spectrum: Eigenpairs, table: Table, cancel: CancelCallback | None) -> Table:
-        """Build the table from an older one that serves."""
-        return self.prepare(spectrum, cancel)
+        `Cancelled` is raised after `cancel` returns True.
+        """
+        raise NotImplementedError
 
     def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
         """Whether an older table can be used until the next one is built."""
@@ -326,10 +411,9 @@ class Family(Parameters):
 
     # -- plots --------------------------------------------------------------------------------
 
-    @classmethod
-    def responds(cls) -> bool:
-        """Whether it has a response plot."""
-        return cls.response is not Family.response
+    def profile(self, spectrum: Eigenpairs, unit: str) -> Profile | None:
+        """Return the profile of a vertex; None if it has none for these pairs."""
+        return None
 
     def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response | None:
         """Return the filters, sampled at eigenvalues `along` unless they choose their own."""
@@ -343,46 +427,7 @@ class Family(Parameters):
         """Change the range of eigenvalues."""
         return self
 
-    def profile(self, spectrum: Eigenpairs) -> Profile | None:
-        """Return the profile of a vertex; None if the family has none."""
-        return None
-
-    def axes(self, unit: str) -> tuple[str, str]:
-        """Return the labels of the axes of the profile, bottom and left."""
-        raise NotImplementedError
-
-    def place(self, spectrum: Eigenpairs) -> float:
-        """Return the position on the bottom axis of the profile."""
-        raise NotImplementedError
-
-    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
-        """Select the field nearest to a position on the bottom axis."""
-        raise NotImplementedError
-
-    def unresolved(self, spectrum: Eigenpairs) -> tuple[float, float] | None:
-        """Return the range of the bottom axis that the computed pairs do not resolve."""
-        return None
-
     # -- files --------------------------------------------------------------------------------
-
-    @classmethod
-    def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
-        """Create a family with a number of columns and the given options, by parameter.
-
-        `unit` is that of the mesh, None if not known yet. `InputError` is raised if the options are
-        not compatible.
-        """
-        count = {cls.counted: n_columns} if cls.counted and n_columns is not None else {}
-        return cls(**count, **chosen)
-
-    @classmethod
-    def makes_features(cls) -> bool:
-        """Whether it is exported as columns rather than as eigenpairs."""
-        return bool(cls.counted) or cls.compute_features is not Family.compute_features
-
-    def measured_from(self, vertices: Sequence[int]) -> Self:
-        """Export a column for each of some vertices, if columns belong to vertices."""
-        return self
 
     def check_mesh(self, mesh: Mesh) -> None:
         """Raise `InputError` if the mesh does not have a required vertex or map."""
@@ -397,33 +442,16 @@ class Family(Parameters):
     ) -> Features:
         """Compute the exported columns; `pairs` is None if they are not needed.
 
-        `area` and `bound` are those of `bank`, `summed` goes to
-        `meshmash_viewer.features.sums.compute_features`.
-        """
-        assert pairs is not None
-        bank = self.bank(pairs.eigenvalues, area, bound)
-        return truncated_features(pairs, bank, unit=mesh.unit, **summed)
-
-    def column_names(self, spectrum: Eigenpairs) -> tuple[str, ...]:
-        """Return the names of the exported columns; raise `InputError` if there are none."""
-        return self.bank(spectrum.eigenvalues).columns
-
-    def bank(
-        self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
-    ) -> FilterBank:
-        """Return the filters of the exported columns, for eigenvalues of shape (k,).
-
-        `area` is used for a range if all eigenvalues are zero; `bound` is the threshold of the
-        computation. `InputError` is raised if they do not suffice.
+        `area` is that of the mesh, for a range if all eigenvalues are zero, `bound` the threshold
+        of the computation; `summed` goes to `meshmash_viewer.features.sums.compute_features`.
         """
         raise NotImplementedError
 
-    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
-        """Return a sentence on the range of the exported columns."""
-        return ""
+    def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
+        """Return the names of the exported columns, and a sentence on their range.
 
-    def bank_script(self) -> str:
-        """Return the Python expression of the bank of the exported columns."""
+        `InputError` is raised if there are none.
+        """
         raise NotImplementedError
 
     def script(self, spectrum: Eigenpairs) -> list[str]:

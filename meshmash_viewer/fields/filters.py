@@ -19,17 +19,18 @@ from meshmash_viewer.features.filters import (
     low_pass_bank,
 )
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, formula_bank
-from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
+from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankFamily
 from meshmash_viewer.fields.family import (
     Answer,
+    Description,
     Family,
     FloatArray,
     Profile,
     Response,
     Samples,
     Table,
+    evenly_in_log,
 )
-from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.parameter import Flag, Kind, Named, Number, Text, Whole, parameter
 from meshmash_viewer.progress import CancelCallback
@@ -75,7 +76,7 @@ class _End(Kind):
 
 
 @dataclass(frozen=True)
-class Filters(Family):
+class Filters(BankFamily):
     """One filter h, as ``Σ h(λ_k) φ_k²``.
 
     Parameters
@@ -97,6 +98,7 @@ class Filters(Family):
     label: ClassVar[str] = "Filter"
     short: ClassVar[str] = "Filter"
     tip: ClassVar[str] = "Low-pass, band-pass, Gaussian, or any formula in λ"
+    icon: ClassVar[str] = '<path d="M3 5h18l-7 8v6l-4 2v-8z"/>'
     export: ClassVar[str] = "filter"
     counted: ClassVar[str] = "count"
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
@@ -118,9 +120,11 @@ class Filters(Family):
         help="a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
     )
     count: int = parameter(1, Whole(1, MOST_COLUMNS))
-    automatic: bool = parameter(True, Flag())
-    low: float | None = parameter(None, _End())
-    high: float | None = parameter(None, _End())
+    automatic: bool = parameter(
+        True, Flag(), text="Automatic, from the spectrum", tip="Of the first parameter"
+    )
+    low: float | None = parameter(None, _End(), text="Lowest value")
+    high: float | None = parameter(None, _End(), text="Highest value")
 
     # -- parameters ---------------------------------------------------------------------------
 
@@ -198,33 +202,19 @@ class Filters(Family):
         low, high = (end and end * grown(self.first) for end in (self.low, self.high))
         return replace(self, values=values, low=low, high=high)
 
-    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
-        if not self.first:
-            return self
-        low, high = self.range(spectrum)
-        before = math.log(self.value(self.first, spectrum))
-        far = steps / (self.count - 1 or _STEPS) * math.log(high / low)
-        moved = min(max(before + far, math.log(low)), math.log(high))
-        stepped = self.with_values(**{self.first: math.exp(moved)})
-        return stepped if abs(moved - before) > 1e-9 else self
-
-    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         powers = self.formula.powers
         chosen = [
             f"{name} = {format_quantity(value, unit, powers[name])}"
             for name, value in self.all_values(spectrum).items()
         ]
-        return ", ".join([self.text, *chosen])
+        return Description(", ".join([self.text, *chosen]), self.label)
 
     # -- values -------------------------------------------------------------------------------
 
     def weights(self, spectrum: Eigenpairs) -> FloatArray:
         """Compute the filter at the eigenvalues, shape (k,)."""
         return self.formula(spectrum.eigenvalues, **self.all_values(spectrum))
-
-    @property
-    def table_columns(self) -> int:
-        return MOST_BENDS
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
         """Return the exact sum if it is stored or fast, else the approximation of the table."""
@@ -242,12 +232,11 @@ class Filters(Family):
             return False
         return bool(table.content.rests(self.weights(spectrum)))
 
-    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
-        near = build_pair_table(spectrum, cancel)
-        return self.improve(spectrum, Table(spectrum, self.at_rest(), near), cancel)
-
-    def improve(self, spectrum: Eigenpairs, table: Table, cancel: CancelCallback | None) -> Table:
-        near = table.content.rest(self.weights(spectrum), spectrum.rows, cancel)
+    def prepare(
+        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
+    ) -> Table:
+        near = before.content if before else build_pair_table(spectrum, cancel)
+        near = near.rest(self.weights(spectrum), spectrum.rows, cancel)
         return Table(spectrum, self.at_rest(), near)
 
     def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
@@ -306,10 +295,12 @@ class Filters(Family):
         order = sorted(names[:2], key=lambda name: dict(self.values).get(name, names.index(name)))
         return self.with_values(**dict(zip(order, (low, high), strict=True)))
 
-    def profile(self, spectrum: Eigenpairs) -> Profile | None:
+    def profile(self, spectrum: Eigenpairs, unit: str) -> Profile | None:
         if not self.first or first_nonzero(spectrum) >= len(spectrum):
             return None
-        return Profile(self._samples(spectrum, _FINE), self._samples(spectrum, self.count))
+        bottom = named_quantity(self.first, unit, self.formula.powers[self.first])
+        fine, dots = (self._samples(spectrum, count) for count in (_FINE, self.count))
+        return Profile(fine, dots, (bottom, named_quantity("Filter", unit, -2)))
 
     def _samples(self, spectrum: Eigenpairs, count: int) -> Samples:
         places = self._columns(spectrum, count)
@@ -322,9 +313,11 @@ class Filters(Family):
             return np.array([self.value(self.first, spectrum)])
         return np.geomspace(*self.range(spectrum), count)
 
-    def axes(self, unit: str) -> tuple[str, str]:
-        power = self.formula.powers.get(self.first, 0)
-        return named_quantity(self.first, unit, power), named_quantity("Filter", unit, -2)
+    def places(self, spectrum: Eigenpairs) -> FloatArray:
+        if not self.first:
+            return np.empty(0)
+        n_steps = self.count - 1 or _STEPS
+        return evenly_in_log(self.range(spectrum), n_steps + 1)
 
     def place(self, spectrum: Eigenpairs) -> float:
         return math.log10(self.value(self.first, spectrum)) if self.first else 0.0
@@ -373,7 +366,7 @@ class Filters(Family):
 
     def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         if not self.first or self.count == 1:
-            return f"{self.quantity(spectrum, unit)}."
+            return f"{self.describe(spectrum, unit).quantity}."
         power = self.formula.powers[self.first]
         low, high = (format_quantity(each, unit, power) for each in self.range(spectrum))
         return f"{self.text}, {self.first} from {low} to {high}."
@@ -386,7 +379,7 @@ class Filters(Family):
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
         return [
-            f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
+            *super().script(spectrum),
             f"shown = mv.compute_features(decomposition, {self._script()})",
             "values = shown.values[:, 0]",
         ]

@@ -10,12 +10,12 @@ import numpy as np
 
 from meshmash_viewer.features.filter_responses import SplineResponse
 from meshmash_viewer.features.filters import FilterBank, bspline_bank
-from meshmash_viewer.fields.bank_columns import BankColumns
-from meshmash_viewer.fields.family import Family, FloatArray, Response
+from meshmash_viewer.fields.bank_columns import BankColumns, estimated_pairs
+from meshmash_viewer.fields.family import Family, FloatArray, Reading, Response
 from meshmash_viewer.fields.parameter import Flag, Number, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.weyl import weyl_eigenvalue
-from meshmash_viewer.units import format_range, named_quantity
+from meshmash_viewer.spectral.weyl import format_wavelength, weyl_eigenvalue
+from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
 #: Samples on the support of one band.
 _SAMPLES = 33
@@ -38,14 +38,32 @@ class GeometryVectors(BankColumns):
     name: ClassVar[str] = "band"
     label: ClassVar[str] = "Geometry vectors"
     short: ClassVar[str] = "Geometry vectors"
-    tip: ClassVar[str] = "B-spline bands of the spectrum"
+    tip: ClassVar[str] = "Bands of the spectrum: cubic B-splines that sum to 1"
     export: ClassVar[str] = "geometry-vectors"
-    position: ClassVar[tuple[str, ...]] = ("index",)
+    icon: ClassVar[str] = (
+        '<path d="M2 19c4 0 4-13 7-13s3 13 7 13"/><path d="M8 19c4 0 4-13 7-13s3 13 7 13"/>'
+    )
+    nouns: ClassVar[tuple[str, str]] = ("Band", "Bands")
+    facts: ClassVar[dict[str, str]] = {
+        "band_center_label": "Centre λ",
+        "band_wavelength_label": "Wavelength there",
+        "band_support_label": "Not zero between",
+        "band_pairs_label": "Eigenpairs in it",
+    }
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
 
-    automatic: bool = parameter(True, Flag())
-    low: float | None = parameter(None, Number(0.0), power=-2)
-    high: float | None = parameter(None, Number(0.0), power=-2)
+    automatic: bool = parameter(
+        True,
+        Flag(),
+        text="Automatic, from 0 to λ_max",
+        tip="The ends can be dragged on the spectrum, too",
+    )
+    low: float | None = parameter(
+        None, Number(0.0), power=-2, text="Lowest eigenvalue", control="band_min_field"
+    )
+    high: float | None = parameter(
+        None, Number(0.0), power=-2, text="Highest eigenvalue", control="band_max_field"
+    )
 
     def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return smallest and largest eigenvalue of the bands, in inverse squared length units."""
@@ -72,6 +90,29 @@ class GeometryVectors(BankColumns):
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         low, high = self.support(spectrum)
         return f"λ from {format_range(low, high, unit, -2, word='to')}"
+
+    def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
+        center = float(self.centers(spectrum)[self.column])
+        start, end = self.support(spectrum)
+        first, last = np.searchsorted(spectrum.eigenvalues, [start, end])
+        facts = (
+            format_quantity(center, unit, -2),
+            format_wavelength(center, unit),
+            format_range(start, end, unit, -2),
+            f"{last - first:,}",
+        )
+        return Reading(f"Band {self.column}", facts, self._missing(spectrum, unit))
+
+    def _missing(self, spectrum: Eigenpairs, unit: str) -> str:
+        low, high = self.range(spectrum)
+        known = max(float(spectrum.eigenvalues[-1]), spectrum.known_to)
+        if high <= known * (1.0 + 1e-9) or 0 < spectrum.n_vertices <= len(spectrum):
+            held = np.any((spectrum.eigenvalues >= low) & (spectrum.eigenvalues <= high))
+            return "" if held else "No eigenpair lies in this range: every band is 0."
+        return (
+            f"Bands above λ = {format_quantity(known, unit, -2)} need more eigenpairs,"
+            f" {estimated_pairs(spectrum, high)}."
+        )
 
     # -- bands --------------------------------------------------------------------------------
 

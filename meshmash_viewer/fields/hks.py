@@ -12,21 +12,26 @@ import numpy as np
 from meshmash_viewer.features.filter_parameters import check_times, hks_times
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
 from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.features.truncation import percent
+from meshmash_viewer.fields.bank_columns import BankFamily, estimated_pairs
 from meshmash_viewer.fields.family import (
     MOST_COUNT,
     Answer,
+    Description,
     Family,
     FloatArray,
     Profile,
+    Reading,
     Response,
     Samples,
     Table,
+    evenly_in_log,
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.parameter import ABOVE_ZERO, Flag, Number, Whole, parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
-from meshmash_viewer.spectral.weyl import resolved_time
+from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
 #: Number of times of the curve of a profile; the exported ones are dots.
@@ -34,7 +39,7 @@ _FINE = 96
 
 
 @dataclass(frozen=True)
-class HeatKernelSignature(Family):
+class HeatKernelSignature(BankFamily):
     """``Σ_k exp(-λ_k t) φ_k²`` at a time t (Sun et al. 2009).
 
     Parameters
@@ -54,6 +59,9 @@ class HeatKernelSignature(Family):
     short: ClassVar[str] = "HKS"
     tip: ClassVar[str] = "Heat kernel signature"
     export: ClassVar[str] = "hks"
+    icon: ClassVar[str] = '<path d="M4 4v16h16"/><path d="M6 6c2 8 6 11 13 11.5"/>'
+    nouns: ClassVar[tuple[str, str]] = ("Time", "Times")
+    facts: ClassVar[dict[str, str]] = {"hks_length_label": "Length √t"}
     counted: ClassVar[str] = "scales"
     position: ClassVar[tuple[str, ...]] = ("time",)
     ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
@@ -61,11 +69,17 @@ class HeatKernelSignature(Family):
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
 
     time: float | None = parameter(None, Number(ABOVE_ZERO), power=2)
-    automatic: bool = parameter(True, Flag())
+    automatic: bool = parameter(
+        True,
+        Flag(),
+        text="Automatic, from the spectrum",
+        tip="4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)",
+    )
     t_min: float | None = parameter(
         None,
         Number(ABOVE_ZERO),
         power=2,
+        text="Shortest time",
         option="t_min",
         metavar="T",
         help="shortest diffusion time (unit²); default: from the eigenvalues of each mesh, so give"
@@ -75,11 +89,14 @@ class HeatKernelSignature(Family):
         None,
         Number(ABOVE_ZERO),
         power=2,
+        text="Longest time",
         option="t_max",
         metavar="T",
         help="longest diffusion time (unit²)",
     )
-    scales: int = parameter(32, Whole(1, MOST_COUNT))
+    scales: int = parameter(
+        32, Whole(1, MOST_COUNT), tip="Columns of the exported feature, evenly spaced in log t"
+    )
 
     def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return shortest and longest time, in squared length units.
@@ -109,20 +126,31 @@ class HeatKernelSignature(Family):
         inside = self.time is not None and low <= self.time <= high
         return self if inside else replace(self, time=None)
 
-    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
-        """Step through the exported times."""
-        if first_nonzero(spectrum) >= len(spectrum):
-            return self
-        low, high = self.range(spectrum)
-        before = math.log(self.time_in(spectrum))
-        far = steps / max(self.scales - 1, 1) * math.log(high / low)
-        moved = min(max(before + far, math.log(low)), math.log(high))
-        return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
-
-    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         time = self.time_in(spectrum)
         length = format_quantity(time**0.5, unit)
-        return f"t = {format_quantity(time, unit, 2)} (√t = {length})"
+        return Description(f"t = {format_quantity(time, unit, 2)} (√t = {length})", self.label)
+
+    def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
+        time, (low, high) = self.time_in(spectrum), self.range(spectrum)
+        title, facts = f"t = {format_quantity(time, unit, 2)}", (format_quantity(time**0.5, unit),)
+        unresolved, mesh = self.unresolved(spectrum), spectrum.mesh
+        if unresolved is None or mesh is None:
+            return Reading(title, facts)
+        start, end = unresolved
+        wanted, what, upto = low, "The hatched part", "up to "
+        if time < resolved_from(spectrum):
+            wanted, what, upto = time, "This time", ""
+        missing = float(spectrum.missing_shares(heat_kernel_bank([wanted]), mesh.area)[0])
+        needed = required_eigenvalue(wanted)
+        warning = (
+            f"{what} misses {upto}about {percent(missing)} of the signature for want of "
+            f"eigenpairs. It takes those up to λ = {format_quantity(needed, unit, -2)}, "
+            f"{estimated_pairs(spectrum, needed)}."
+        )
+        length = math.log10(high) - math.log10(low)
+        hatched = (end - start) / length if length > 0.0 else 0.0
+        return Reading(title, facts, warning, hatched=hatched)
 
     # -- values -------------------------------------------------------------------------------
 
@@ -140,7 +168,9 @@ class HeatKernelSignature(Family):
         covers = table is not None and table.content.covers(*self.range(spectrum))
         return covers and table is not None and table.spectrum is spectrum
 
-    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
+    def prepare(
+        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
+    ) -> Table:
         content = build_heat_table(spectrum, self.range(spectrum), cancel)
         return Table(spectrum, self.at_rest(), content)
 
@@ -160,16 +190,20 @@ class HeatKernelSignature(Family):
         low, high = self.range(spectrum)
         return replace(self, time=min(max(1.0 / value, low), high))
 
-    def profile(self, spectrum: Eigenpairs) -> Profile:
-        return Profile(self._samples(spectrum, _FINE), self._samples(spectrum, self.scales))
+    def profile(self, spectrum: Eigenpairs, unit: str) -> Profile:
+        axes = named_quantity("Time t", unit, 2), named_quantity("HKS", unit, -2)
+        fine, dots = (self._samples(spectrum, count) for count in (_FINE, self.scales))
+        return Profile(fine, dots, axes, self.unresolved(spectrum))
 
     def _samples(self, spectrum: Eigenpairs, count: int) -> Samples:
         times = np.geomspace(*self.range(spectrum), count)
         decay = np.exp(-np.outer(times, spectrum.eigenvalues))
         return Samples(np.log10(times), decay, logarithmic=True)
 
-    def axes(self, unit: str) -> tuple[str, str]:
-        return named_quantity("Time t", unit, 2), named_quantity("HKS", unit, -2)
+    def places(self, spectrum: Eigenpairs) -> FloatArray:
+        if first_nonzero(spectrum) >= len(spectrum):
+            return np.empty(0)
+        return evenly_in_log(self.range(spectrum), max(self.scales, 2))
 
     def place(self, spectrum: Eigenpairs) -> float:
         return math.log10(self.time_in(spectrum))
@@ -181,6 +215,7 @@ class HeatKernelSignature(Family):
         return replace(self, time=min(max(10.0**place, low), high))
 
     def unresolved(self, spectrum: Eigenpairs) -> tuple[float, float] | None:
+        """Return the range of log t that the computed pairs do not resolve."""
         low, high = self.range(spectrum)
         resolved = resolved_from(spectrum)
         if resolved <= low * (1.0 + 1e-9):
@@ -212,7 +247,7 @@ class HeatKernelSignature(Family):
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
         return [
-            f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
+            *super().script(spectrum),
             f"shown = mv.compute_features(decomposition, mv.heat_kernel_bank([{self.time!r}]))",
             "values = shown.values[:, 0]",
         ]

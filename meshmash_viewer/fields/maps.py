@@ -21,6 +21,7 @@ from meshmash_viewer.features.sums import fill_in_parts
 from meshmash_viewer.fields.family import (
     Answer,
     ColumnArray,
+    Description,
     Family,
     FloatArray,
     Profile,
@@ -29,7 +30,6 @@ from meshmash_viewer.fields.family import (
     Table,
 )
 from meshmash_viewer.fields.filters import Filters
-from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.parameter import MOST_INDEX, MOST_NAME, Choice, Text, Whole, parameter
 from meshmash_viewer.mesh import Mesh
@@ -76,6 +76,7 @@ class OwnMaps(Family):
     label: ClassVar[str] = "Own maps"
     short: ClassVar[str] = "Own maps"
     tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
+    icon: ClassVar[str] = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
     position: ClassVar[tuple[str, ...]] = ("pairs", "view", "filter")
     own: ClassVar[tuple[str, ...]] = ("chosen",)
     response_label: ClassVar[str] = "Relative energy"
@@ -113,10 +114,6 @@ class OwnMaps(Family):
         return self.view != "map"
 
     @property
-    def table_columns(self) -> int:
-        return MOST_BENDS if self.view == "filter" else 0
-
-    @property
     def signed(self) -> bool:
         if self.view == "band":
             return False
@@ -137,13 +134,6 @@ class OwnMaps(Family):
     def within(self, spectrum: Eigenpairs) -> Self:
         return replace(self, pairs=min(max(self.pairs, 1), max(len(spectrum), 1)))
 
-    def of_map(self, name: str) -> Self:
-        return replace(self, chosen=name, view="map")
-
-    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
-        """Return the first family."""
-        return next(iter(chosen.values()))
-
     def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         """Step through the number of pairs in the sum; otherwise through maps."""
         if self.view == "pairs" and len(spectrum):
@@ -155,18 +145,29 @@ class OwnMaps(Family):
 
     # -- values -------------------------------------------------------------------------------
 
-    def title(self) -> str:
-        return f"{self.chosen}, dominant band" if self.view == "band" else self.chosen
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
+        quantity = self._quantity(spectrum, unit)
+        caption = quantity if self.view == "pairs" else self.chosen
+        if self.view == "band":
+            title, labels = (
+                f"{self.chosen}, dominant band",
+                _band_labels(spectrum.eigenvalues, unit),
+            )
+            return Description(quantity, title, 0, caption=caption, labels=labels)
+        if self.shown is None:
+            return Description(quantity, self.chosen, CURVATURES[self.chosen][0], caption=caption)
+        labels = self.shown.labels if self.view == "map" else ()
+        return Description(quantity, self.chosen, 0, self.shown.unit, caption, labels)
 
-    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
+    def _quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         known = self.map_spectrum(spectrum)
         if self.view == "pairs":
             left = "" if known is None else f", residual {100.0 * known.residual(self.pairs):.3g} %"
             return f"from its lowest {self.pairs:,} pairs{left}"
         if self.filter is not None:
-            return f"through {self.filter.quantity(spectrum, unit)}"
+            return f"through {self.filter.describe(spectrum, unit).quantity}"
         if self.view == "band":
-            return f"in octaves of λ, {len(self.labels(spectrum, unit))} of them"
+            return f"in octaves of λ, {len(_band_labels(spectrum.eigenvalues, unit))} of them"
         shown = self.vertex_map(spectrum)
         if shown is None:
             return ""
@@ -178,21 +179,6 @@ class OwnMaps(Family):
         if signed and spectrum.mesh is not None and spectrum.mesh.derived.get(DIRECTION_FAULT):
             return f"{text}, unreliable: faces do not agree on which side is outside"
         return text
-
-    def caption(self, spectrum: Eigenpairs, unit: str) -> str:
-        return self.quantity(spectrum, unit) if self.view == "pairs" else self.chosen
-
-    def unit(self, length: str) -> str:
-        if self.view == "band":
-            return ""
-        if self.shown is None:
-            return power_unit(length, CURVATURES[self.chosen][0])
-        return self.shown.unit
-
-    def labels(self, spectrum: Eigenpairs, unit: str) -> tuple[Label, ...]:
-        if self.view == "band":
-            return _band_labels(spectrum.eigenvalues, unit)
-        return self.shown.labels if self.shown is not None and self.view == "map" else ()
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute values; a draft, or None, until the spectrum of the map is computed."""
@@ -227,7 +213,11 @@ class OwnMaps(Family):
             return near is not None and bool(near.rests(self.filter.weights(spectrum)))
         return self.view != "band" or table.content.bands is not None
 
-    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
+    def prepare(
+        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
+    ) -> Table:
+        if before is not None and before.holds(self.at_rest(), spectrum):
+            return self._resting(before, cancel)
         values = self._shown_map(spectrum)
         mass = spectrum.vertex_areas
         found = project(spectrum.eigenvalues, spectrum.rows, mass, values.values, cancel)
@@ -238,11 +228,6 @@ class OwnMaps(Family):
             nowhere = (strongest < 0) | ~np.isfinite(values.shown)
             bands = np.where(nowhere, np.float32(np.nan), strongest)
         return self._resting(Table(spectrum, self.at_rest(), _Sums(found, bands)), cancel)
-
-    def improve(self, spectrum: Eigenpairs, table: Table, cancel: CancelCallback | None) -> Table:
-        if table.holds(self.at_rest(), spectrum):
-            return self._resting(table, cancel)
-        return self.prepare(spectrum, cancel)
 
     def _resting(self, table: Table, cancel: CancelCallback | None) -> Table:
         """Add the exact sum for the present filter, and the table of approximations."""
@@ -333,16 +318,13 @@ class OwnMaps(Family):
     def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         return replace(self, view="pairs", pairs=round(place) + 1).within(spectrum)
 
-    def axes(self, unit: str) -> tuple[str, str]:
-        return "Index", "Share of the map"
-
-    def profile(self, spectrum: Eigenpairs) -> Profile | None:
+    def profile(self, spectrum: Eigenpairs, unit: str) -> Profile | None:
         """Return the profile: the contribution of each pair at a vertex."""
         known = self.map_spectrum(spectrum)
         if known is None:
             return None
         both = Samples(np.arange(len(known), dtype=np.float64), known.coefficients)
-        return Profile(both, both)
+        return Profile(both, both, ("Index", "Share of the map"))
 
     # -- files --------------------------------------------------------------------------------
 

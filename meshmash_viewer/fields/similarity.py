@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
-from meshmash_viewer.fields.family import FEATURES, Answer, Family, Table
+from meshmash_viewer.fields.bank_columns import FEATURES, BankFamily
+from meshmash_viewer.fields.family import Answer, Description, Family, Table
 from meshmash_viewer.fields.parameter import Choice, Whole, parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew
@@ -41,37 +42,27 @@ class Similarity(Family):
     label: ClassVar[str] = "Similar to a vertex"
     short: ClassVar[str] = "Similar"
     tip: ClassVar[str] = "Distance in feature space from a pinned vertex"
+    icon: ClassVar[str] = (
+        '<circle cx="12" cy="12" r="8.5"/><circle cx="12" cy="12" r="4.5"/><path d="M12 11.8v.4"/>'
+    )
+    required: ClassVar[str] = "vertex"
 
     vertex: int | None = parameter(None, Whole(), vertex=True)
     basis: str = parameter("hks", Choice(FEATURES))
-    features: Family | None = None
-
-    @property
-    def usable(self) -> bool:
-        return self.vertex is not None
+    features: BankFamily | None = None
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
-        features = chosen[self.basis].resolved(spectrum, chosen).at_rest()
-        return replace(self, features=features)
+        features = chosen[self.basis]
+        assert isinstance(features, BankFamily)
+        return replace(self, features=features.resolved(spectrum, chosen).at_rest())
 
     def for_other_mesh(self, n_components: int) -> Self:
         return replace(self, vertex=None)
 
-    def like(self, vertex: int) -> Self:
-        return replace(self, vertex=vertex)
-
-    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
-        return chosen[self.basis]
-
-    def title(self) -> str:
-        return f"Distance in {self._features().label.lower()}"
-
-    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
-        return "" if self.vertex is None else f"from {spectrum.named_vertex(self.vertex)}"
-
-    def unit(self, length: str) -> str:
-        """Return no unit, since each column is divided by its spread."""
-        return ""
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
+        """Describe the distance, which has no unit, since each column is divided by its spread."""
+        quantity = "" if self.vertex is None else f"from {spectrum.named_vertex(self.vertex)}"
+        return Description(quantity, f"Distance in {self._features().label.lower()}", power=0)
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute from the table; None without one."""
@@ -85,7 +76,9 @@ class Similarity(Family):
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         return table is not None and table.holds(self._features(), spectrum)
 
-    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
+    def prepare(
+        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
+    ) -> Table:
         features = self._features()
         bank = features.bank(spectrum.eigenvalues)
         return Table(spectrum, features, build_similarity_table(spectrum, bank, cancel))
@@ -103,7 +96,7 @@ class Similarity(Family):
             f"values = mv.feature_distance(features, {spectrum.vertex_script(self.vertex)})",
         ]
 
-    def _features(self) -> Family:
+    def _features(self) -> BankFamily:
         assert self.features is not None, "only for resolved families"
         return self.features
 

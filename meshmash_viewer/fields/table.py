@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields.bank_columns import BankColumns
+from meshmash_viewer.fields.bank_columns import FEATURES as FEATURES
+from meshmash_viewer.fields.bank_columns import BankColumns, BankFamily
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.fields.family import FEATURES as FEATURES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
@@ -58,7 +58,7 @@ for _plug_in in plug_ins("fields", FAMILIES, _check_plug_in).values():
     except InputError as _fault:
         warn(_fault)
 
-FEATURES.update({name: family for name, family in FAMILIES.items() if family.counted})
+FEATURES.update((name, each) for name, each in FAMILIES.items() if issubclass(each, BankFamily))
 
 _WRITTEN = (*FEATURES.values(), *FAMILIES.values())
 

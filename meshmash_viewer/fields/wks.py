@@ -10,8 +10,9 @@ import numpy as np
 from meshmash_viewer.features.filter_responses import LogGaussianResponse
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank, wave_response
 from meshmash_viewer.fields.bank_columns import BankColumns
-from meshmash_viewer.fields.family import FloatArray, Response
+from meshmash_viewer.fields.family import FloatArray, Reading, Response
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
 
@@ -28,15 +29,38 @@ class WaveKernelSignature(BankColumns):
     name: ClassVar[str] = "wks"
     label: ClassVar[str] = "Wave kernel signature"
     short: ClassVar[str] = "WKS"
-    tip: ClassVar[str] = "Wave kernel signature"
+    tip: ClassVar[str] = "Wave kernel signature, at energies evenly spaced in log λ"
     export: ClassVar[str] = "wks"
-    position: ClassVar[tuple[str, ...]] = ("index",)
+    icon: ClassVar[str] = '<path d="M2 12c2 0 2-3 4-3s2 8 4 8 2-13 4-13 2 11 4 11 2-3 4-3"/>'
+    nouns: ClassVar[tuple[str, str]] = ("Energy", "Energies")
+    facts: ClassVar[dict[str, str]] = {
+        "wks_eigenvalue_label": "λ there",
+        "wks_wavelength_label": "Wavelength there",
+        "wks_width_label": "Width σ in ln λ",
+        "wks_pairs_label": "Eigenpairs within σ",
+    }
     interval: ClassVar[int] = 100
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, True)
 
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         energy = self.place(spectrum)
         return f"ln λ = {energy:.4g} (λ = {format_quantity(np.exp(energy), unit, -2)})"
+
+    def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
+        bands = self.bands(spectrum)
+        energy, width = float(bands.energies[self.column]), bands.deviation
+        first, last = np.searchsorted(
+            spectrum.eigenvalues, np.exp([energy - width, energy + width])
+        )
+        low, high = np.exp(bands.energies[[0, -1]])
+        facts = (
+            format_quantity(float(np.exp(energy)), unit, -2),
+            format_wavelength(float(np.exp(energy)), unit),
+            f"{width:.3g}",
+            f"{last - first:,}",
+        )
+        decades = (float(low), float(high)) if self.count > 1 else None
+        return Reading(f"ln λ = {energy:.4g}", facts, decades=decades)
 
     def bands(self, spectrum: Eigenpairs) -> LogGaussianResponse:
         """Return the bands without normalisation, with their energies and width in ln λ."""

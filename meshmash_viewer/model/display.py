@@ -119,6 +119,22 @@ class Display:
         """The parameters of the displayed family."""
         return self.fields[self.kind]
 
+    @property
+    def profile_family(self) -> Family:
+        """The family whose profiles are shown: the displayed one, the one it is measured in, or the
+        first one.
+        """
+        family = self.family
+        if type(family).profile is not Family.profile:
+            return family
+        return self.fields[getattr(family, "basis", next(iter(self.fields)))]
+
+    @property
+    def response_family(self) -> Family | None:
+        """The family whose response is plotted, the displayed one or that of the profiles."""
+        both = (self.family, self.profile_family)
+        return next((each for each in both if type(each).response is not Family.response), None)
+
     def put(self, *families: Family) -> None:
         """Replace the parameters of some families."""
         self.fields = {**self.fields, **{family.name: family for family in families}}

@@ -14,7 +14,10 @@ import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.features.truncation import sufficient_target
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -261,7 +264,7 @@ class Document:
         more = now.with_maps(*maps)
         self._take(replace(self.ready, mesh=more), self.spectrum)
         if shown:
-            self._show_first(lambda family: family.of_map(more.maps[-1].name))
+            self._show_map(more.maps[-1].name)
             names = ", ".join(each.name for each in more.maps[len(now.maps) :])
             self.notify(Notice(f"Added {counted(len(maps), 'map')}: {names}."))
         self.spectrum_changed.emit()
@@ -282,7 +285,7 @@ class Document:
         unit = power_unit(now.unit, -2)
         now = now.with_maps(VertexMap(grew.name, values, unit=unit))
         self._take(replace(self.ready, mesh=now), self.spectrum)
-        self._show_first(lambda family: family.of_map(grew.name))
+        self._show_map(grew.name)
         self.spectrum_changed.emit()
 
     def end_growing(self, whole: bool) -> None:
@@ -425,7 +428,7 @@ class Document:
             *(
                 each.for_other_mesh(n_components)
                 if before is None
-                else each.for_repaired(n_components, partial(same_vertex, before, ready.mesh))
+                else _repaired(each, n_components, partial(same_vertex, before, ready.mesh))
                 for each in display.fields.values()
             )
         )
@@ -563,20 +566,24 @@ class Document:
         self.pins_changed.emit()
 
     def flip(self) -> None:
-        """Flip the sign of the displayed field, where it has one."""
-        self.display.put(self.display.family.sign_flipped())
+        """Flip the sign of the displayed eigenfunction."""
+        family = self.display.family
+        if isinstance(family, Eigenfunctions):
+            self.display.put(family.sign_flipped())
+
+    @property
+    def can_flip(self) -> bool:
+        """Whether the displayed field has a sign that can be flipped."""
+        return isinstance(self.display.family, Eigenfunctions)
 
     def similar(self) -> None:
         """Show the similarity to the vertex pinned last."""
         if self.pins:
-            self._show_first(lambda family: family.like(self.pins[-1].vertex))
+            chosen = self.display[Similarity]
+            self.display.show(replace(chosen, vertex=self.pins[-1].vertex))
 
-    def _show_first(self, ask: Callable[[Family], Family | None]) -> None:
-        """Show the first family for which `ask` returns parameters."""
-        answers = (ask(family) for family in self.display.fields.values())
-        found = next((answer for answer in answers if answer is not None), None)
-        if found is not None:
-            self.display.show(found)
+    def _show_map(self, name: str) -> None:
+        self.display.show(replace(self.display[OwnMaps], chosen=name, view="map"))
 
     def _go_within(self, spectrum: Eigenpairs) -> None:
         """Clip the position of every family to the range of a spectrum."""
@@ -640,3 +647,10 @@ class Document:
 
 def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
     return replace(ready, mesh=ready.mesh.in_unit(unit))
+
+
+def _repaired(family: Family, n_components: int, vertex: Callable[[int], int | None]) -> Family:
+    """Convert a family to the repaired mesh; `vertex` maps vertices, or returns None."""
+    here = family.at_vertices(vertex)
+    kept = {name: getattr(here, name) for name, each in here.declared().items() if each.vertex}
+    return replace(family.for_other_mesh(n_components), **kept)

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.fields.family import Answer, Family, Table
+from meshmash_viewer.fields.family import Answer, Description, Family, Table
 from meshmash_viewer.model.limits import LimitPolicy, LockedLimits, automatic_limits
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.units import format_number, power_unit, round_length
+from meshmash_viewer.units import format_number, round_length
 from meshmash_viewer.vertex_map import Label
 
 if TYPE_CHECKING:
@@ -53,14 +53,14 @@ class FieldRequest:
     places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
 
     @property
-    def quantity(self) -> str:
-        """Position within the family, with its unit."""
-        return self.family.quantity(self.spectrum, self.unit)
+    def description(self) -> Description:
+        """Texts of the field, which may be more precise once it is computed."""
+        return self.family.describe(self.spectrum, self.unit)
 
     @property
     def caption(self) -> str:
         """Caption that distinguishes it from others of the family in a gallery."""
-        return self.family.caption(self.spectrum, self.unit)
+        return self.description.caption or self.description.quantity
 
     def same_mesh(self, other: FieldRequest) -> bool:
         """Whether two requests have the same coordinates; units may differ."""
@@ -120,9 +120,7 @@ class Field:
         """
         if not self.family.needs_pairs or (unit == self.request.unit and np.isclose(length, 1.0)):
             return self
-        probe = self.family.unit("m")
-        power = next((each for each in range(-9, 10) if power_unit("m", each) == probe), 0)
-        scale = length**-power
+        scale = length**-self.texts.power
         return replace(
             self,
             values=self.values * np.float32(scale),
@@ -135,9 +133,14 @@ class Field:
         )
 
     @cached_property
+    def texts(self) -> Description:
+        """Texts of the family."""
+        return self.request.description
+
+    @property
     def labels(self) -> tuple[Label, ...]:
         """Names of the values 0, 1, 2 …, where the field consists of labels."""
-        return self.family.labels(self.request.spectrum, self.request.unit)
+        return self.texts.labels
 
     @property
     def family(self) -> Family:
@@ -147,17 +150,17 @@ class Field:
     @property
     def title(self) -> str:
         """Title of the field: "Eigenfunction 5", "Heat kernel signature"."""
-        return self.family.title()
+        return self.texts.title
 
     @property
     def quantity(self) -> str:
         """Position with its unit: "λ₅ = 1.2e-08 nm⁻²", "t = 3.1e+05 nm² (√t = 557 nm)"."""
-        return self.request.quantity
+        return self.texts.quantity
 
     @property
     def unit(self) -> str:
         """Unit of the values; empty for pure numbers and for meshes without a unit."""
-        return self.family.unit(self.request.unit if self.first_unit is None else self.first_unit)
+        return self.texts.unit(self.request.unit if self.first_unit is None else self.first_unit)
 
     @cached_property
     def spacing(self) -> float:
@@ -239,11 +242,10 @@ class LiveFeatures:
         table = tables.get(family.name)
         if family.prepared(spectrum, table):
             return
-        if table is not None and family.serves(spectrum, table):
-            tables[family.name] = family.improve(spectrum, table, cancel)
-            return
-        tables.pop(family.name, None)  # frees its memory before the new one is built
-        tables[family.name] = family.prepare(spectrum, cancel)
+        if table is not None and not family.serves(spectrum, table):
+            table = None
+            del tables[family.name]  # frees its memory before the new one is built
+        tables[family.name] = family.prepare(spectrum, cancel, table)
 
 
 def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:

@@ -30,6 +30,7 @@ from meshmash_viewer.features.comparison import (
     unit_area_spectrum,
 )
 from meshmash_viewer.fields import EXPORTS, FEATURES
+from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
@@ -49,7 +50,7 @@ LINKS = {
     "colors": "Colours and limits",
 }
 #: Features by which vertices are matched: those with many columns and no required parameter.
-MATCHED_IN: dict[str, type[Family]] = {
+MATCHED_IN: dict[str, type[BankFamily]] = {
     name: family
     for name, family in FEATURES.items()
     if family.export in EXPORTS and getattr(family(), family.counted) > 1

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.truncation import Truncation, measure_truncation, percent
+from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -311,6 +312,7 @@ def _columns(values: npt.NDArray[np.float64]) -> list[float]:
 
 def _common_bank(family: Family, top: float) -> FilterBank:
     """The filters that are the same for all pieces, independent of the spectrum of each."""
+    assert isinstance(family, BankFamily), "checked before"
     one, other = (family.bank(top * np.array([0.0, share, 1.0]), bound=top) for share in (0.2, 0.5))
     if one.normalised or not np.array_equal(one.parameters, other.parameters):
         raise InputError(

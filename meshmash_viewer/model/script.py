@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from meshmash_viewer.features.comparison import Correspondence
+from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.display import FEWEST_PAIRS
 from meshmash_viewer.model.document import Document
@@ -59,7 +60,9 @@ def _computing(document: Document, request: FieldRequest, exported: Exported | N
     """Make ``values``, and ``features`` if the family is exported as features."""
     family = request.family.measured_from([pin.vertex for pin in document.pins])
     lines = family.script(request.spectrum)
-    if family.counted and (known := _known(document, request, exported)) is not None:
+    known = _known(document, request, exported)
+    if isinstance(family, BankFamily) and known is not None:
+        assert isinstance(known.family, BankFamily)
         bank = known.family.bank_script()
         if bank != family.bank_script():  # the dialog was asked for others than the window shows
             lines += [f"features = mv.compute_features(decomposition, {bank}, unit=mesh.unit)"]

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.units import format_quantity
 
 __all__ = [
     "TARGET_KINDS",
@@ -67,6 +68,12 @@ def weyl_eigenvalue(area: float, count: float) -> float:
 def wavelength(eigenvalue: float) -> float:
     """Return the wavelength of an eigenvalue, ``2π / √λ``; infinite for zero."""
     return 2.0 * math.pi / math.sqrt(eigenvalue) if eigenvalue > 0.0 else math.inf
+
+
+def format_wavelength(eigenvalue: float, unit: str) -> str:
+    """Write the wavelength of an eigenvalue; "∞" for a zero mode."""
+    length = wavelength(eigenvalue)
+    return format_quantity(length, unit) if math.isfinite(length) else "∞"
 
 
 def wavelength_eigenvalue(length: float) -> float:

@@ -235,7 +235,7 @@ def test_both_are_drawn_once_a_step(
         drawn.clear()
         window.document.display.change(Eigenfunctions, index=index)
         rest(window)
-        there = opened.document.display.family.title()
+        there = f"Eigenfunction {opened.document.display[Eigenfunctions].index}"
         assert sorted(drawn) == [
             ("scene", f"Eigenfunction {index}"), ("second_scene", there)
         ]  # fmt: skip
@@ -263,7 +263,7 @@ def test_a_field_does_not_wait_for_one_that_takes_long_or_fails(
 
     monkeypatch.setattr(source.live, "compute", slow)
     window.document.display.change(Eigenfunctions, index=9)
-    title = document.display.family.title()
+    title = f"Eigenfunction {document.display[Eigenfunctions].index}"
     wait_for(lambda: displayed_surface(scene.renderer).active_scalars_name == title)
     assert source.comes
     go_on.set()

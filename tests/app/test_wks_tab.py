@@ -7,7 +7,7 @@ from pytestqt.qtbot import QtBot
 from solved import spectrum_of
 
 from meshmash_viewer.app.controls.step_slider import StepSlider
-from meshmash_viewer.app.tabs.wks_tab import WksTab
+from meshmash_viewer.app.tabs import make_tab
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
@@ -27,7 +27,7 @@ def document(rectangle: Mesh) -> Document:
 
 
 def test_the_slider_goes_through_log_energies(qtbot: QtBot, document: Document) -> None:
-    tab = WksTab(document)
+    tab = make_tab(document, WaveKernelSignature)
     qtbot.addWidget(tab)
     slider = tab.findChild(StepSlider, "wks_slider")
     tab.findChild(QSpinBox, "wks_count_spin").setValue(12)
@@ -45,7 +45,7 @@ def test_the_slider_goes_through_log_energies(qtbot: QtBot, document: Document) 
 def test_too_few_pairs_are_said(qtbot: QtBot, document: Document) -> None:
     whole = document.spectrum
     document.accept_spectrum(Eigenpairs(whole.eigenvalues[:2], whole.rows[:2], whole.residuals[:2]))
-    tab = WksTab(document)
+    tab = make_tab(document, WaveKernelSignature)
     qtbot.addWidget(tab)
     assert "two different eigenvalues" in tab.findChild(QLabel, "wks_missing_label").text()
     assert tab.findChild(QLabel, "wks_eigenvalue_label").text() == "–"

@@ -76,7 +76,7 @@ def test_a_map_is_shown_as_it_is(mapped: Mesh, spectrum: Eigenpairs, n_pairs: in
         np.testing.assert_array_equal(shown(known, chosen=name), values.astype(np.float32))
     np.testing.assert_array_equal(shown(known, chosen="no such map"), shown(known, chosen="height"))
     family = OwnMaps(chosen="parts").resolved(known, CHOSEN)
-    assert family.labels(known, "") == LABELS
+    assert family.describe(known, "").labels == LABELS
     wanted = np.array([0.0, 1.0, np.nan])[np.arange(mapped.n_vertices) % 3]
     np.testing.assert_array_equal(shown(known, chosen="parts", view="pairs"), wanted)
     assert OwnMaps(chosen="height").resolved(known, CHOSEN).signed
@@ -90,7 +90,7 @@ def test_curvatures_are_always_there(sphere: Mesh) -> None:
     ):
         np.testing.assert_allclose(shown(bare, chosen=name), function(sphere), rtol=1e-6)
         family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
-        assert family.unit("mm") == unit
+        assert family.describe(bare, "mm").unit("mm") == unit
         assert family.signed
 
 
@@ -103,7 +103,7 @@ def test_mean_curvature_where_faces_disagree_says_so(sphere: Mesh) -> None:
                 warnings.simplefilter("always")
                 shown(bare, chosen=name)
             family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
-            if "faces do not agree on which side is outside" in family.quantity(bare, ""):
+            if "faces do not agree on which side is outside" in family.describe(bare, "").quantity:
                 said.add(name)
             assert [each.category for each in caught] == [mv.MeshWarning] * (name in said)
         assert said == doubted
@@ -132,7 +132,7 @@ def test_dominant_bands_are_those_of_the_library(
     wanted[np.isnan(mapped.map_named("holed").values)] = np.nan
     np.testing.assert_array_equal(shown(spectrum, chosen="holed", view="band"), wanted)
     family = OwnMaps(chosen="holed", view="band").resolved(spectrum, CHOSEN)
-    labels = family.labels(spectrum, "mm")
+    labels = family.describe(spectrum, "mm").labels
     assert len(labels) > np.nanmax(wanted)
     assert len({label.color for label in labels}) == len(labels)
     longest = 2.0 * np.pi / np.sqrt(spectrum.eigenvalues[1])
@@ -162,7 +162,7 @@ def test_the_spectrum_of_a_map_is_drawn_and_dragged(
 
 def test_a_profile_is_what_each_pair_adds(spectrum: Eigenpairs) -> None:
     values = shown(spectrum, chosen="height", view="pairs", pairs=60)
-    profile = OwnMaps(chosen="height").profile(spectrum)
+    profile = OwnMaps(chosen="height").profile(spectrum, "")
     assert profile is not None
     _, parts = profile.dots.values(spectrum.rows[:60, 77])
     assert parts.sum() == pytest.approx(values[77], rel=1e-5)
@@ -252,9 +252,9 @@ def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(
     spectrum: Eigenpairs,
 ) -> None:
     chosen = replace(OwnMaps(), chosen="height", pairs=7)
-    assert chosen.resolved(spectrum, CHOSEN).caption(spectrum, "mm") == "height"
+    assert chosen.resolved(spectrum, CHOSEN).describe(spectrum, "mm").caption == "height"
     summed = replace(chosen, view="pairs").resolved(spectrum, CHOSEN)
-    assert "lowest 7 pairs" in summed.caption(spectrum, "mm")
+    assert "lowest 7 pairs" in summed.describe(spectrum, "mm").caption
 
 
 def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: mv.Decomposition) -> None:

@@ -36,7 +36,7 @@ def test_columns_are_all_that_there_are_and_each_is_another(
     assert most == (11 if family.counted else 37)
     found = sweep(family, spectrum, range(most))
     assert len(set(found)) == most
-    assert len({each.quantity(spectrum, "nm") for each in found}) == most
+    assert len({each.describe(spectrum, "nm").quantity for each in found}) == most
     places = [each.place(spectrum) for each in found]
     assert places == sorted(places) or places == sorted(places, reverse=True)
     some = sweep(family, spectrum, range(2, 9, 3))

@@ -28,7 +28,8 @@ def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
     assert chosen.quantity(spectrum, "nm") == (
         f"ln λ = {energy:.4g} (λ = {np.exp(energy):.4g} nm⁻²)"
     )
-    assert (chosen.title(), chosen.unit("nm")) == ("Wave kernel signature", "nm⁻²")
+    described = chosen.describe(spectrum, "nm")
+    assert (described.title, described.unit("nm")) == ("Wave kernel signature", "nm⁻²")
 
 
 def test_a_larger_mesh_has_the_same_signature_at_lower_energies(rectangle: Mesh) -> None:

@@ -305,7 +305,9 @@ def test_a_multiplet_is_turned_as_a_whole_to_be_that_of_the_first() -> None:
         first.display.change(Eigenfunctions, index=index)
         mine, other = shown(first), shown(second)
         np.testing.assert_allclose(2.0 * other.values, mine.values, atol=1e-5)
-        assert "no match" not in first.display.family.correspondence_text(pair.correspondence)
+        assert "no match" not in first.display[Eigenfunctions].correspondence_text(
+            pair.correspondence
+        )
     # files keep the solver's own choice
     areas = second.spectrum.vertex_areas
     own = np.asarray(second.spectrum.rows[1:4])

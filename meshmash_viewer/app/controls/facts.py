@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from PySide6.QtCore import QSignalBlocker, Qt
@@ -10,37 +9,15 @@ from PySide6.QtWidgets import QAbstractButton, QDoubleSpinBox, QLabel, QSlider, 
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.layout import grid
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.weyl import Target, Translation, wavelength
-from meshmash_viewer.units import counted, format_quantity
 
 __all__ = [
     "Facts",
-    "estimated_pairs",
-    "format_wavelength",
     "keep_room",
     "note",
     "reserved_note",
     "show_note",
     "show_quietly",
 ]
-
-
-def format_wavelength(eigenvalue: float, unit: str) -> str:
-    """Write the length of a wave of an eigenvalue; "∞" for a zero mode."""
-    length = wavelength(eigenvalue)
-    return format_quantity(length, unit) if math.isfinite(length) else "∞"
-
-
-def estimated_pairs(spectrum: Eigenpairs, area: float, eigenvalue: float) -> str:
-    """Say about how many pairs reach up to an eigenvalue, and if that is all there are."""
-    translation = Translation(
-        area, spectrum.eigenvalues, spectrum.n_vertices, known_to=spectrum.known_to
-    )
-    count, exact = translation.count(Target("max_eigenvalue", eigenvalue))
-    if count >= translation.n_vertices:
-        return f"all {counted(count, 'pair')} that the mesh has"
-    return f"{'' if exact else 'about '}{counted(count, 'pair')} in all"
 
 
 def note(name: str, role: str = "muted") -> QLabel:

@@ -25,6 +25,7 @@ from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import MOST_COUNT, Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.io.write import EIGENPAIR_WRITERS
@@ -181,7 +182,7 @@ class ExportDialog(SaveDialog):
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
         shown = document.display.family
-        shown = shown if shown.export else shown.profile_family(document.display.fields)
+        shown = shown if shown.export else document.display.profile_family
         self.kind_combo.setCurrentIndex(max(self.kind_combo.findData(shown.export), 0))
         self._change_kind()
         self._choose_ending(ending)
@@ -347,15 +348,15 @@ class ExportDialog(SaveDialog):
         used, unit = self._used(), self._mesh.unit
         self._missing = ""
         family = self._family(used)
-        names = list(family.column_names(used))
-        about = family.contents(used, unit)
+        columns, about = family.exported_columns(used, unit)
+        names = list(columns)
         if not family.makes_features():
             return names, about
-        if family.counted:
+        if isinstance(family, BankFamily):
             shares = used.missing_shares(family.bank(used.eigenvalues), self._mesh.area)
             if sentence := missing_sentence(tuple(names), shares):
                 self._missing = f"{sentence}: the file will say so."
-        values = family.unit(unit)
+        values = family.describe(used, unit).unit(unit)
         if self.maps_check.isChecked():
             names += [each.name for each in named_apart(self._mesh.maps, names)]
         return names, f"{about} Values in {values}.".lstrip() if values else about

@@ -19,8 +19,8 @@ from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.color_section import ColorSection
-from meshmash_viewer.app.tabs import tab_of
-from meshmash_viewer.app.tabs.field_stepper import Player
+from meshmash_viewer.app.tabs import make_tab
+from meshmash_viewer.app.tabs.form import Player
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -61,7 +61,7 @@ class FamilyList(QListWidget):
 
     def _draw(self) -> None:
         for row, family in enumerate(FAMILIES.values()):
-            self.item(row).setIcon(icons.icon(tab_of(family).icon))
+            self.item(row).setIcon(icons.icon(family.icon))
 
 
 class FieldPanel(QWidget):
@@ -75,7 +75,7 @@ class FieldPanel(QWidget):
         self._shown: tuple[Field | None, tuple[float, float] | None] = None, None
         self.list = FamilyList()
         self._stack = QStackedWidget()
-        self._pages = {name: tab_of(family)(document) for name, family in FAMILIES.items()}
+        self._pages = {name: make_tab(document, family) for name, family in FAMILIES.items()}
         for page in self._pages.values():
             self._stack.addWidget(make.scroll(page))
         self.list.currentRowChanged.connect(self._choose_kind)

@@ -246,7 +246,8 @@ class MeshPanel(QWidget):
         pairs = min(wanted, n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
         time = cost.written_duration(self._document.expected_seconds(target))
-        columns = sum(each.table_columns for each in self._document.display.fields.values())
+        shown = self._document.display.fields.values()
+        columns = sum(getattr(each, each.counted) for each in shown if each.counted)
         window = cost.written_bytes(expected_bytes(n, columns))
         self.cost_label.setText(
             f"Takes about {memory} of memory and {time}. Live features then take {window}."

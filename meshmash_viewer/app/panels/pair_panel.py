@@ -18,6 +18,7 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
 from meshmash_viewer.features.comparison import comparison_remarks
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import LINKS, MATCHED_IN, Pair
@@ -217,10 +218,11 @@ class PairPanel(QWidget):
                 "pair_told_label": "by index: same faces"
                 if found.given
                 else f"by features, {found.mutual_share:.1%} mutual",
-                "pair_function_label": self._document.display.family.correspondence_text(
-                    pair.correspondence
-                ),
             }
+            shown = self._document.display.family
+            if isinstance(shown, Eigenfunctions):
+                text = shown.correspondence_text(pair.correspondence)
+                figures["pair_function_label"] = text
             if pair.first.pins:
                 best, *others = self._matches_of(pair)
                 figures["pair_best_label"] = best

@@ -184,8 +184,7 @@ class ProfilePanel(PlotPanel):
     # -- from the model ---------------------------------------------------------------------
 
     def _follow_kind(self) -> None:
-        display = self._document.display
-        self._show_view(display.family.profile_family(display.fields).name)
+        self._show_view(self._document.display.profile_family.name)
 
     @property
     def _family(self) -> Family:
@@ -216,8 +215,8 @@ class ProfilePanel(PlotPanel):
             self._reader.ask(request)
         bottom, left, _ = self._family.logarithmic
         self.plot.set_log(bottom, left)
-        self.plot.set_labels(*self._family.axes(self._document.unit))
-        self._profile = self._family.profile(spectrum)
+        self._profile = self._family.profile(spectrum, self._document.unit)
+        self.plot.set_labels(*(("", "") if self._profile is None else self._profile.axes))
         places = np.zeros(0) if self._profile is None else self._profile.dots.places
         self.plot.set_whole(bool(np.all(places == np.round(places))))
         for pin in pins:
@@ -304,7 +303,7 @@ class ProfilePanel(PlotPanel):
         self._marker.setVisible(self._profile is not None)
         if self._profile is None:
             return
-        at, missing = self._family.place(spectrum), self._family.unresolved(spectrum)
+        at, missing = self._family.place(spectrum), self._profile.unresolved
         self._marker.setBounds(self._profile.dots.places[[0, -1]].tolist())
         if not self._marker.moving:
             self._marker.setValue(at)

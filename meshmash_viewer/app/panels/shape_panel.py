@@ -13,7 +13,6 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import (
     Facts,
-    format_wavelength,
     note,
     show_note,
     show_quietly,
@@ -27,6 +26,7 @@ from meshmash_viewer.io.write import MESH_WRITERS
 from meshmash_viewer.model.display import FEWEST_PAIRS, MOST_AMPLITUDE
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import counted, format_quantity
 
 _FACTS = {"shape_distance_label": "Moved by (rms)", "shape_wave_label": "Shortest wave"}

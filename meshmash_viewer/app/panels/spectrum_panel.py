@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import format_wavelength, show_quietly
+from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
@@ -16,6 +16,7 @@ from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.plots.response_view import ResponseView
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import format_quantity, subscript
 
 
@@ -83,9 +84,7 @@ class SpectrumPanel(PlotPanel):
         return self.view.family.name
 
     def _follow_kind(self) -> None:
-        display = self._document.display
-        shown = display.family
-        responds = shown.responds() or shown.profile_family(display.fields).responds()
+        responds = self._document.display.response_family is not None
         self._show_view("responses" if responds else "eigenvalues")
 
     def follow_field(self) -> None:

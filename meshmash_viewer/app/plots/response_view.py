@@ -156,11 +156,8 @@ class ResponseView:
     def family(self) -> Family:
         """The family whose filters are drawn; one of features if the displayed one has none."""
         display = self._document.display
-        if display.family.responds():
-            return display.family
-        shown = display.family.profile_family(display.fields)
-        if shown.responds():
-            return shown
+        if display.response_family is not None:
+            return display.response_family
         even = next(name for name, family in FEATURES.items() if not family.logarithmic[2])
         return display.fields[even]
 

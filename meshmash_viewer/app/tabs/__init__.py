@@ -1,25 +1,33 @@
-"""The controls of each family of fields: ``<name>_tab.py`` holds those of the family of a name."""
+"""The controls of each family of fields."""
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.util import find_spec
-
-from meshmash_viewer.app.tabs.field_stepper import FamilyTab, plug_in_tab
-from meshmash_viewer.fields.bank_columns import BankColumns
+from meshmash_viewer.app.tabs.distance_tab import DistanceTab
+from meshmash_viewer.app.tabs.eigenfunction_tab import EigenfunctionTab
+from meshmash_viewer.app.tabs.filter_tab import FilterTab
+from meshmash_viewer.app.tabs.form import FamilyForm, FamilyTab
+from meshmash_viewer.app.tabs.map_tab import MapTab
+from meshmash_viewer.app.tabs.similarity_tab import SimilarityTab
+from meshmash_viewer.fields.distances import Distances
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.filters import Filters
+from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.model.document import Document
 
-__all__ = ["tab_of"]
+__all__ = ["make_tab"]
+
+#: Controls of families with more than a form has.
+_MADE_BY_HAND: dict[type[Family], type[FamilyTab]] = {
+    Eigenfunctions: EigenfunctionTab,
+    Filters: FilterTab,
+    Similarity: SimilarityTab,
+    Distances: DistanceTab,
+    OwnMaps: MapTab,
+}
 
 
-def tab_of(family: type[Family]) -> type[FamilyTab]:
-    """The class of a family's controls: the one of its module whose `family` it is."""
-    name = f"{__name__}.{family.name}_tab"
-    if issubclass(family, BankColumns) and find_spec(name) is None:
-        return plug_in_tab(family)
-    found: type[FamilyTab] = next(
-        each
-        for each in vars(import_module(name)).values()
-        if isinstance(each, type) and vars(each).get("family") is family
-    )
-    return found
+def make_tab(document: Document, family: type[Family]) -> FamilyTab:
+    """Return the controls of a family: a form, unless it has some of its own."""
+    return _MADE_BY_HAND.get(family, FamilyForm)(document, family)

@@ -10,7 +10,7 @@ import numpy as np
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.tabs.field_stepper import PinChooser, PlayButton
+from meshmash_viewer.app.tabs.form import PinChooser, PlayButton
 from meshmash_viewer.features.distances import MEASURES
 from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.distances import Distances
@@ -33,9 +33,6 @@ _ABOUT = {
 
 class DistanceTab(PinChooser):
     """Paint how far every vertex is from a pinned one; follows the last pin."""
-
-    family = Distances
-    icon = '<path d="M5 19L19 5"/><path d="M3 17l4 4M17 3l4 4"/><path d="M9 12l3 3M12 9l3 3"/>'
 
     def _build(self) -> None:
         self.measure_combo = make.combo(

@@ -7,15 +7,15 @@ from functools import partial
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import (
     Facts,
-    format_wavelength,
     note,
     show_note,
     show_quietly,
 )
 from meshmash_viewer.app.keys import native_text
-from meshmash_viewer.app.tabs.field_stepper import FieldStepper
+from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import counted, format_quantity, subscript
 
 __all__ = ["EigenfunctionTab"]
@@ -28,11 +28,8 @@ _FACTS = {
 }
 
 
-class EigenfunctionTab(FieldStepper):
+class EigenfunctionTab(FamilyTab):
     """Scroll the eigenfunctions that have converged, and read what each one is."""
-
-    family = Eigenfunctions
-    icon = '<path d="M3 12c3-10 6-10 9 0s6 10 9 0"/>'
 
     def _build(self) -> None:
         self.flip_button = make.button(

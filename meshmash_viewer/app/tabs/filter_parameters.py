@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import format_wavelength, note, show_note
+from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.step_slider import LogSlider
@@ -16,6 +16,7 @@ from meshmash_viewer.features.formula import MOST_NAMES
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["FilterParameters", "refusal"]

@@ -10,11 +10,10 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.tabs.field_stepper import FieldStepper, PlayButton
 from meshmash_viewer.app.tabs.filter_parameters import FilterParameters, refusal
+from meshmash_viewer.app.tabs.form import FamilyTab, PlayButton
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula
-from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import power_unit
@@ -31,12 +30,8 @@ def _no_range(value: float) -> str:
     return "" if value > 0.0 else "The range of a parameter begins above zero."
 
 
-class FilterTab(FieldStepper):
+class FilterTab(FamilyTab):
     """Choose a ready filter or write one, and move its parameters."""
-
-    family = Filters
-    icon = '<path d="M3 5h18l-7 8v6l-4 2v-8z"/>'
-    ends = "low", "high"
 
     def _build(self) -> None:
         self.combo = make.combo("filter_combo", "Ready filters", self._choose_ready)
@@ -58,17 +53,10 @@ class FilterTab(FieldStepper):
             row(PlayButton(self._document, "filter_play_button"), None),
             make.heading("Exported columns"),
             self._make_count_row(
-                "filter_count_spin",
                 "Number of columns",
                 "With more than one, the first parameter goes through its range, evenly in log",
-                MOST_COLUMNS,
             ),
-            self._make_range_box(
-                ("filter_automatic_check", "filter_low_field", "filter_high_field"),
-                ("Automatic, from the spectrum", "Lowest", "Highest"),
-                "value",
-                "Of the first parameter",
-            ),
+            self._make_range_box(),
         )
         for field in (self.range_box.low, self.range_box.high):
             field.fault = _no_range

@@ -14,8 +14,8 @@ from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quie
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.dialogs.files import ask_for_maps
 from meshmash_viewer.app.listening import later
-from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.filter_parameters import FilterParameters
+from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import MapSpectrum
 from meshmash_viewer.fields.filters import READY, Filters
@@ -43,11 +43,8 @@ _SHARES = {
 _LINES, _LABEL_LINES = 6, 8
 
 
-class MapTab(FieldStepper):
+class MapTab(FamilyTab):
     """Choose a map, see what it is like, and rebuild it from its lowest pairs."""
-
-    family = OwnMaps
-    icon = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
 
     def _build(self) -> None:
         self.list = _list("map_list", "Maps of this mesh")
@@ -196,7 +193,7 @@ class MapTab(FieldStepper):
         shown = resolved.vertex_map(spectrum)
         self.facts.show_values({} if shown is None else _told(shown, resolved.mean(spectrum)))
         self._refresh_pairs(spectrum, resolved)
-        self._refresh_labels(resolved.labels(spectrum, self._document.unit))
+        self._refresh_labels(resolved.describe(spectrum, self._document.unit).labels)
 
     def _refresh_list(self, chosen: str) -> None:
         mesh = self._document.mesh

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import note, show_note
-from meshmash_viewer.app.tabs.field_stepper import PinChooser
+from meshmash_viewer.app.tabs.form import PinChooser
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.units import counted
@@ -14,11 +14,6 @@ __all__ = ["SimilarityTab"]
 
 class SimilarityTab(PinChooser):
     """Paint how far every vertex is from a pinned one in feature space; follows the last pin."""
-
-    family = Similarity
-    icon = (
-        '<circle cx="12" cy="12" r="8.5"/><circle cx="12" cy="12" r="4.5"/><path d="M12 11.8v.4"/>'
-    )
 
     def _build(self) -> None:
         self.basis = make.Segments(

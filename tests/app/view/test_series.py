@@ -61,14 +61,15 @@ def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Pa
     for shot, picture in zip(shots, found, strict=True):
         assert shot.request is not None
         spectrum, family = shot.request.spectrum, shot.request.family
+        described = shot.request.description
         render_picture(
             plate,
             np.asarray(spectrum.rows[family.index]),
             tmp_path / "one.png",
             size=SIZE,
-            title=family.title(),
-            quantity=shot.request.quantity,
-            unit=family.unit("nm"),
+            title=described.title,
+            quantity=described.quantity,
+            unit=described.unit("nm"),
         )
         with Image.open(tmp_path / "one.png") as image:
             alone = np.asarray(image.convert("RGBA")).astype(int)

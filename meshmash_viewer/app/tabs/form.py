@@ -1,8 +1,9 @@
-"""What the tabs of families have in common, from a title to the stepping through columns."""
+"""The controls of a family, made from the declarations of its parameters."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Any
 
 from PySide6.QtCore import QObject, QSignalBlocker, QTimer
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
@@ -12,26 +13,19 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, Part, column, row
 from meshmash_viewer.app.controls.range_box import RangeBox
+from meshmash_viewer.app.controls.scale_marks import decade_marks
 from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider
 from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankColumns
-from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.family import Family, Reading
+from meshmash_viewer.fields.parameter import Whole
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.stepping import advance
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
-__all__ = [
-    "ColumnStepper",
-    "FamilyTab",
-    "FieldStepper",
-    "PinChooser",
-    "PlayButton",
-    "Player",
-    "plug_in_tab",
-]
+from meshmash_viewer.spectral.weyl import resolved_time
+from meshmash_viewer.units import power_unit
 
 
 class Player(QObject):
@@ -82,16 +76,12 @@ class PlayButton(QPushButton):
 class FamilyTab(QWidget):
     """The controls of one family of fields.
 
-    Subclasses build themselves in `_build` and show the document in `refresh`. `icon` is a drawing
-    like those of `meshmash_viewer.app.controls.icons`.
+    Subclasses build themselves in `_build` and show the document in `refresh`.
     """
 
-    family: ClassVar[type[Family]]
-    icon: ClassVar[str]
-
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: Document, family: type[Family]) -> None:
         super().__init__()
-        self._document = document
+        self._document, self.family = document, family
         self._build()
         follow((document.spectrum_changed, document.display.events), self._refresh_in_front)
         self.refresh()
@@ -122,18 +112,10 @@ class FamilyTab(QWidget):
     def _change(self, **parameters: Any) -> None:
         self._document.display.change(self.family, **parameters)
 
-
-class FieldStepper(FamilyTab):
-    """A tab that steps through its family.
-
-    Subclasses take what the slider or the index was moved to in `_choose`, or the time to which a
-    slider in log scale was moved as `time`, and the two ends of a range in the parameters named by
-    `ends`.
-    """
-
-    ends: ClassVar[tuple[str, str]]
+    # -- controls -----------------------------------------------------------------------------
 
     def _choose(self, value: int) -> None:
+        """Take what the slider or the index was moved to."""
         self._change(index=value)
 
     def _make_slider(self, name: str, accessible: str, tip: str = "") -> StepSlider:
@@ -143,7 +125,7 @@ class FieldStepper(FamilyTab):
 
     def _make_time_slider(self, name: str, accessible: str) -> LogSlider:
         self.times = theme.named(LogSlider(), name, accessible)
-        self.times.given.connect(lambda time: self._change(time=time))
+        self.times.given.connect(lambda time: self._change(**{self.family.position[0]: time}))
         return self.times
 
     def _make_index_row(self, name: str, accessible: str, *more: Part) -> QHBoxLayout:
@@ -151,19 +133,33 @@ class FieldStepper(FamilyTab):
         self.spin = make.spin(f"{name}_spin", accessible, self._choose)
         return row(self.spin, PlayButton(self._document, f"{name}_play_button"), None, *more)
 
-    def _make_count_row(self, name: str, text: str, tip: str, most: int) -> QHBoxLayout:
+    def _make_count_row(self, text: str, tip: str) -> QHBoxLayout:
         """The number of columns of the exported feature."""
-        self.count_spin = make.spin(name, text, self._set_count, tip=tip, minimum=1, maximum=most)
+        counted = self.family.counted
+        kind = self.family.declared()[counted].kind
+        assert isinstance(kind, Whole)
+        name = f"{self.family.name}_{counted}_spin"
+        self.count_spin = make.spin(
+            name, text, self._set_count, tip=tip, minimum=1, maximum=kind.most
+        )
         return row(make.muted(text), None, self.count_spin, spacing=6)
 
     def _set_count(self, count: int) -> None:
         self._change(**{self.family.counted: count})
 
-    def _make_range_box(
-        self, names: tuple[str, str, str], texts: tuple[str, str, str], noun: str, tip: str
-    ) -> RangeBox:
-        self.range_box = RangeBox(names, texts, noun)
-        self.range_box.check.setToolTip(tip)
+    def _make_range_box(self) -> RangeBox:
+        """The ends of a range: the parameters `ordered`, unless `automatic`."""
+        family, declared = self.family, self.family.declared()
+        assert family.ordered is not None
+        automatic, low, high = (declared[name] for name in ("automatic", *family.ordered))
+        names = [declared[name].control or f"{family.name}_{name}_field" for name in family.ordered]
+        (lowest, _, noun), (highest, _, _) = low.text.partition(" "), high.text.partition(" ")
+        self.range_box = RangeBox(
+            (f"{family.name}_automatic_check", names[0], names[1]),
+            (automatic.text, lowest, highest),
+            noun,
+        )
+        self.range_box.check.setToolTip(automatic.tip)
         self.range_box.automatic_chosen.connect(self._set_automatic)
         self.range_box.range_given.connect(self._set_range)
         return self.range_box
@@ -182,103 +178,103 @@ class FieldStepper(FamilyTab):
             self._set_range(*between)  # go on from what was automatic
 
     def _set_range(self, low: float, high: float) -> None:
-        self._change(**dict(zip(self.ends, (low, high), strict=True)), automatic=False)
+        assert self.family.ordered is not None
+        self._change(**dict(zip(self.family.ordered, (low, high), strict=True)), automatic=False)
 
 
-class ColumnStepper(FieldStepper):
-    """Step through the columns of a feature; their number is that of the exported one.
-
-    Subclasses say what a column is in `_describe`, and give the control of a range in
-    `_range_parts`.
-
-    Attributes
-    ----------
-    one, many : str
-        What a column is called: "Band", "Bands".
-    tip : str
-        What the columns are.
-    fact_labels : dict
-        Object names of the facts about a column, and what they are called.
-    """
-
-    family: ClassVar[type[BankColumns]]
-    one: ClassVar[str]
-    many: ClassVar[str]
-    tip: ClassVar[str]
-    fact_labels: ClassVar[dict[str, str]]
+class FamilyForm(FamilyTab):
+    """The position in the family, facts about it, and number and range of the exported columns."""
 
     def _build(self) -> None:
-        name, number = self.family.name, f"Number of {self.many.lower()}"
-        self.facts = Facts(self.fact_labels)
-        self.missing_note = note(f"{name}_missing_label", "warning")
+        family, (one, many) = self.family, self.family.nouns
+        self.labels = family.facts or {f"{family.name}_quantity_label": f"This {one.lower()}"}
+        self.facts = Facts(self.labels)
+        self.warning = note(f"{family.name}_missing_label", "warning")
+        counted = family.declared()[family.counted]
+        (self.position,) = family.position
+        #: Whether the position is an index; else it is a number, in log scale.
+        self.stepped = isinstance(family.declared()[self.position].kind, Whole)
+        name = family.name if self.stepped else f"{family.name}_{self.position}"
         self._fill(
             f"{name}_label",
-            self.one,
-            self._make_slider(f"{name}_slider", self.one),
-            self._make_index_row(name, f"{self.one}, counted from 0"),
-            self.facts,
-            make.heading(self.many),
-            self._make_count_row(f"{name}_count_spin", number, self.tip, MOST_COLUMNS),
-            *self._range_parts(),
-            self.missing_note,
+            one if self.stepped else f"{one} of the {family.label.lower()}",
+            *self._position_parts(name, one),
+            make.heading(many),
+            self._make_count_row(
+                counted.text or f"Number of {many.lower()}",
+                counted.tip or f"Columns of the exported feature. {family.tip}",
+            ),
+            *((self._make_range_box(),) if family.ordered else ()),
+            self.warning,  # last, because it takes room
         )
 
-    def _range_parts(self) -> tuple[Part, ...]:
-        """What sets the range of the columns, if anything does."""
-        return ()
+    def _position_parts(self, name: str, one: str) -> tuple[Part, ...]:
+        if self.stepped:
+            slider = self._make_slider(f"{name}_slider", one)
+            index = self._make_index_row(name, f"{one}, counted from 0")
+            return slider, index, self.facts
+        play = PlayButton(self._document, f"{self.family.name}_play_button")
+        slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
+        return slider, row((self.facts,), play)
 
     def _set_count(self, count: int) -> None:
-        chosen = self._document.display[self.family]
-        self._change(index=min(chosen.index, count - 1), count=count)
+        position = getattr(self._document.display[self.family], self.position)
+        clipped = {self.position: min(position, count - 1)} if self.stepped else {}
+        self._change(**clipped, **{self.family.counted: count})
 
     def refresh(self) -> None:
         """Show what the model holds."""
-        chosen = self._document.display[self.family]
-        for control in (self.slider, self.spin):
-            show_quietly(control, chosen.column, most=chosen.count - 1)
-        self.spin.setSuffix(f" of {chosen.count - 1}")
-        show_quietly(self.count_spin, chosen.count)
-        self.title.setText(f"{self.one} {chosen.column}")
-        show_note(self.missing_note, "")
-        facts = self._describe(self._document.scaled_spectrum, self._document.unit)
-        self.facts.show_values(facts)
+        chosen, spectrum = self._document.display[self.family], self._document.scaled_spectrum
+        count, (one, _) = getattr(chosen, self.family.counted), self.family.nouns
+        index = min(getattr(chosen, self.position), count - 1) if self.stepped else 0
+        reading = Reading(f"{one} {index}" if self.stepped else one)
+        if spectrum is not None:
+            try:
+                reading = chosen.reading(spectrum, self._document.unit)
+            except InputError as fault:
+                reading = replace(reading, warning=str(fault))
+        show_quietly(self.count_spin, count)
+        if self.stepped:
+            for control in (self.slider, self.spin):
+                show_quietly(control, index, most=count - 1)
+            self.spin.setSuffix(f" of {count - 1}")
+            self.slider.set_marks(decade_marks(*reading.decades) if reading.decades else ())
+        else:
+            self._show_number(chosen, spectrum, count, reading)
+        if self.family.ordered:
+            self._show_range()
+        self.title.setText(reading.title)
+        self.facts.show_values(dict(zip(self.labels, reading.facts, strict=False)))
+        show_note(self.warning, reading.warning)
 
-    def _describe(self, spectrum: Eigenpairs | None, unit: str) -> dict[str, str]:
-        """Show what is special to the family, and give the facts about the column."""
-        raise NotImplementedError
+    def _show_number(
+        self, chosen: Family, spectrum: Eigenpairs | None, count: int, reading: Reading
+    ) -> None:
+        between = self._range()
+        self.times.setEnabled(between is not None)
+        self.times.set_steps(count - 1)  # one is a column of the feature
+        self.times.set_hatched((0.0, min(reading.hatched, 1.0)) if reading.hatched else None)
+        if spectrum is None or between is None:
+            self.times.set_marks(())
+        else:
+            self.times.show_number(10.0 ** chosen.place(spectrum), between)
+
+    def _show_range(self) -> None:
+        assert self.family.ordered is not None
+        chosen: Any = self._document.display[self.family]
+        power = self.family.declared()[self.family.ordered[0]].power
+        low, high = self._document.translation().bounds
+        bounds = (resolved_time(high), resolved_time(low)) if power > 0 else (0.0, high)
+        unit = power_unit(self._document.unit, power)
+        self.range_box.show_range(self._range(), unit, bounds, automatic=chosen.automatic)
 
 
-class PlugInTab(ColumnStepper):
-    """Step through the columns, of which the family says the quantity."""
-
-    icon = '<path d="M6 2v4M10 2v4M4 6h8v3a4 4 0 0 1-8 0zM8 13v3"/>'
-    one = "Column"
-    many = "Columns"
-
-    def _describe(self, spectrum: Eigenpairs | None, unit: str) -> dict[str, str]:
-        if spectrum is None:
-            return {}
-        chosen = self._document.display[self.family]
-        try:
-            return dict.fromkeys(self.fact_labels, chosen.quantity(spectrum, unit))
-        except InputError as fault:
-            show_note(self.missing_note, str(fault))
-            return {}
-
-
-def plug_in_tab(family: type[BankColumns]) -> type[PlugInTab]:
-    """The class of the controls of a family that has none of its own."""
-    fact_labels = {f"{family.name}_quantity_label": "This column"}
-    parts = {"family": family, "tip": family.tip, "fact_labels": fact_labels}
-    return type(f"{family.__name__}Tab", (PlugInTab,), parts)
-
-
-class PinChooser(FieldStepper):
+class PinChooser(FamilyTab):
     """A tab of a family with a `vertex`, which follows the newest pin."""
 
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: Document, family: type[Family]) -> None:
         self._pins: tuple[Pin, ...] = ()
-        super().__init__(document)
+        super().__init__(document, family)
         listen(document.pins_changed, self._follow_pins)
         self._follow_pins()
 
