@@ -76,8 +76,8 @@ from meshmash_viewer.features.comparison import Comparison as Comparison
 from meshmash_viewer.features.comparison import FunctionMatches as FunctionMatches
 from meshmash_viewer.features.comparison import compare_shapes as compare_shapes
 from meshmash_viewer.features.comparison import corresponding_vertices as corresponding_vertices
-from meshmash_viewer.features.comparison import distinct_matches as distinct_matches
 from meshmash_viewer.features.comparison import match_functions as match_functions
+from meshmash_viewer.features.shape import distinct_matches as distinct_matches
 from meshmash_viewer.features.shape import feature_distance as feature_distance
 from meshmash_viewer.features.shape import low_pass_vertices as low_pass_vertices
 from meshmash_viewer.features.shape import match_features as match_features

@@ -11,12 +11,12 @@ import shapes
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     compare_shapes,
-    distinct_matches,
     match_functions,
     unit_area_spectrum,
 )
 from meshmash_viewer.features.filter_parameters import hks_times
 from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank
+from meshmash_viewer.features.shape import distinct_matches
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve

@@ -426,7 +426,7 @@ def chosen_family(
             if each.option not in own.values() and getattr(options, each.option) is not None:
                 raise InputError(f"{each.flag} is of --kind {kind}, not of {options.kind}.")
     if getattr(options, "tail", None) is not None:
-        from meshmash_viewer.features.sums import check_tail
+        from meshmash_viewer.features.truncation import check_tail
 
         check_tail(options.tail, chosen.export)
     given = {name: getattr(options, option) for name, option in own.items()}

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
-from meshmash_viewer.features.shape import Matches, column_spread, match_features
+from meshmash_viewer.features.shape import Matches, column_spread, distinct_matches, match_features
 from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
@@ -414,40 +414,3 @@ def match_functions(
     same = np.square(found) > _SAME
     indices[rows[same]], signs[rows[same]] = columns[same], np.sign(found[same])
     return FunctionMatches(indices, signs, best, rotations)
-
-
-def distinct_matches(
-    distances: FloatArray, places: npt.NDArray[np.floating], radius: float, count: int = 4
-) -> IntArray:
-    """Find the best matches of a vertex that are not close to each other.
-
-    Parameters
-    ----------
-    distances : ndarray of float64, shape (n,)
-        Distances in feature space from the vertex to all vertices of the other shape.
-    places : ndarray, shape (n, 3)
-        Coordinates of those.
-    radius : float
-        Minimum distance of a match from all better ones, in the unit of `places`.
-    count : int
-        Maximum number of matches.
-
-    Returns
-    -------
-    ndarray of int64, shape (<= count,)
-        Best first.
-
-    Examples
-    --------
-    >>> places = np.array([[0.0, 0, 0], [0.1, 0, 0], [5.0, 0, 0]])
-    >>> mv.distinct_matches(np.array([0.2, 0.3, 0.4]), places, radius=1.0)
-    array([0, 2])
-    """
-    left = np.where(np.isfinite(distances), distances, np.inf)
-    found: list[int] = []
-    while len(found) < count and np.isfinite(left).any():
-        best = int(np.argmin(left))
-        found.append(best)
-        with np.errstate(over="ignore"):  # coordinates of unreferenced vertices may be very large
-            left[np.linalg.norm(places - places[best], axis=1) <= radius] = np.inf
-    return np.array(found, dtype=np.int64)

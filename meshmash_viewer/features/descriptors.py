@@ -34,12 +34,15 @@ from meshmash_viewer.features.filters import (
 )
 from meshmash_viewer.features.sums import (
     accumulate_features,
-    check_tail,
     truncated_features,
+)
+from meshmash_viewer.features.truncation import (
+    check_tail,
+    mesh_limit,
+    sufficient_target,
     warn_of_open_end,
     warn_of_truncation,
 )
-from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
@@ -177,10 +180,10 @@ def compute_hks(
 ) -> Array:
     """Compute the heat kernel signature, ``Σ_k exp(-λ_k t) φ_k(v)²``, at a range of times.
 
+    See `spectral_geometry_filter` for other parameters, and `heat_kernel_bank`.
+
     Parameters
     ----------
-    mesh : MeshLike or pair of sparse matrices
-        The mesh, n vertices, or its (L, M).
     max_eigenvalue : float
         Largest eigenvalue to use. Times below ``5 / max_eigenvalue`` need more.
     t_max, t_min : float, optional
@@ -188,8 +191,6 @@ def compute_hks(
         `meshmash_viewer.features.filter_parameters.hks_time_range`.
     n_components : int
         Number of times, evenly spaced in log t.
-    band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
-        See `spectral_geometry_filter`.
     count : int or "auto", optional
         Number of eigenpairs, in place of `max_eigenvalue`; at most the number of vertices. "auto"
         requires `t_min` and uses as many pairs as are needed for less than 1 % of any column to be
@@ -198,8 +199,6 @@ def compute_hks(
         Shortest wavelength ``2π / √λ`` to use, in unit, in place of `max_eigenvalue`.
     tail : {None, "weyl"}
         "weyl" adds the estimate of what is missing, see `meshmash_viewer.features.truncation`.
-    progress, cancel : callable, optional
-        See `meshmash_viewer.progress`.
 
     Returns
     -------
@@ -216,11 +215,6 @@ def compute_hks(
     TruncationWarning
         If more than 1 % of a column is missing, by the estimate; or if "auto" used all pairs of
         the mesh and these are not sufficient.
-
-    References
-    ----------
-    .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
-       Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
 
     Examples
     --------
@@ -272,24 +266,20 @@ def compute_geometry_vectors(
 ) -> Array:
     """Compute ``Σ_k B_f(λ_k) φ_k(v)²`` for cubic B-splines over ``[0, max_eigenvalue]``.
 
+    See `spectral_geometry_filter` for other parameters, and `bspline_bank`.
+
     Parameters
     ----------
-    mesh : MeshLike or pair of sparse matrices
-        The mesh, n vertices, or its (L, M).
     max_eigenvalue : float
         End of the range that the bands divide evenly.
     n_components : int
         Number of bands.
-    band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
-        See `spectral_geometry_filter`.
     count : int or "auto", optional
         Number of eigenpairs, at most the number of vertices; their largest eigenvalue replaces
         `max_eigenvalue`. "auto" uses all up to `max_eigenvalue`, as None does: bands that end there
         are complete.
     wavelength : float, optional
         Shortest wavelength ``2π / √λ``, in unit, in place of `max_eigenvalue`.
-    progress, cancel : callable, optional
-        See `meshmash_viewer.progress`.
 
     Returns
     -------
@@ -300,11 +290,6 @@ def compute_geometry_vectors(
     ------
     InputError
         If `max_eigenvalue` is not positive and finite, or an argument is invalid.
-
-    References
-    ----------
-    .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
-       Shape Correspondence." IEEE TPAMI 36(1).
 
     Examples
     --------

@@ -29,6 +29,8 @@ from meshmash_viewer.features.filter_responses import (
     SplineResponse,
     StepResponse,
     TailedResponse,
+    wave_bands,
+    wave_response,
 )
 from meshmash_viewer.units import whole_number
 
@@ -188,74 +190,10 @@ def wave_kernel_bank(
         response = wave_response(eigenvalues, n_energies, width, sigma)
     else:
         floor = 0.5 * first_nonzero_eigenvalue(eigenvalues)
-        response = LogGaussianResponse(*_wave_bands(energies, width, sigma), floor)
+        response = LogGaussianResponse(*wave_bands(energies, width, sigma), floor)
     centers = np.exp(response.energies)
     columns = tuple(f"wks_λ={short_text(centers, i)}" for i in range(len(centers)))
     return FilterBank("wks", columns, centers, "λ", -2, response, normalised=True)
-
-
-def wave_response(
-    eigenvalues: npt.ArrayLike,
-    n_energies: int = 100,
-    width: float = 7.0,
-    sigma: float | None = None,
-) -> LogGaussianResponse:
-    """Make the filters of `wave_kernel_bank` without normalisation."""
-    spectrum = as_spectrum(eigenvalues)
-    n_energies = whole_number(n_energies, "The number of energies")
-    _check_deviation(width, "width")
-    first = first_nonzero_eigenvalue(spectrum)
-    low, high = float(np.log(first)), float(np.log(spectrum.max()))
-    if not high > low:
-        raise InputError(
-            "The wave kernel needs two different eigenvalues above zero: compute more eigenpairs."
-        )
-    # The outermost bands end two deviations inside the range, as in the paper, where the
-    # deviation is itself a multiple of the step: solve for the step.
-    if sigma is None:
-        sigma = width * (high - low) / (n_energies - 1 + 4.0 * width)
-    else:
-        _check_deviation(sigma, "sigma")
-        if 4.0 * sigma >= high - low:
-            raise InputError(
-                f"sigma is {sigma:g}, and the eigenvalues reach over {high - low:.4g} in log λ: "
-                "give less than a quarter of that, or the energies too."
-            )
-    step = (high - low - 4.0 * sigma) / max(n_energies - 1, 1)
-    energies = np.asarray(low + 2.0 * sigma + step * np.arange(n_energies), dtype=np.float64)
-    return LogGaussianResponse(energies, sigma, 0.5 * first)
-
-
-def _wave_bands(
-    energies: npt.ArrayLike, width: float, sigma: float | None
-) -> tuple[FloatArray, float]:
-    """Check the given energies of `wave_kernel_bank`; return them, and the standard deviation."""
-    try:
-        centres = np.array(energies, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("Energies are a list of numbers, logarithms of eigenvalues.") from None
-    with np.errstate(over="ignore", under="ignore"):
-        places = np.exp(centres)
-    if centres.ndim != 1 or not len(centres) or not np.isfinite(places).all() or not places.all():
-        few = np.array2string(centres, precision=4, threshold=6, edgeitems=2, separator=", ")
-        raise InputError(
-            "Energies are a 1-D list of at least one natural logarithm of an eigenvalue: "
-            f"{few} is none."
-        )
-    if len(np.unique(centres)) < len(centres):
-        raise InputError("An energy comes twice: give each once.")
-    if sigma is None:
-        _check_deviation(width, "width")
-        if len(centres) == 1:
-            raise InputError("A single energy has no step that its width could follow: give sigma.")
-        sigma = width * float(np.ptp(centres)) / (len(centres) - 1)
-    _check_deviation(sigma, "sigma")
-    return centres, float(sigma)
-
-
-def _check_deviation(given: float, name: str) -> None:
-    if not (np.isfinite(given) and given > 0.0):
-        raise InputError(f"The {name} of the energy bands is {given:g}: give a positive number.")
 
 
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:

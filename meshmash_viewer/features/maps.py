@@ -120,7 +120,8 @@ def filter_map(
     """Filter a function on the surface, ``Φ h(Λ) Φᵀ M f``.
 
     With ``exp(-t λ)`` this is heat flow for a time t (within the computed eigenpairs); a low-pass
-    filter keeps the waves of the function below its cut-off [1]_.
+    filter keeps the waves of the function below its cut-off (Vallet and Lévy 2008, see
+    `low_pass_vertices`).
 
     Parameters
     ----------
@@ -150,11 +151,6 @@ def filter_map(
     -----
     MissingValuesWarning
         If there are vertices without a value.
-
-    References
-    ----------
-    .. [1] Vallet, B. and Lévy, B. (2008). "Spectral Geometry Processing with Manifold Harmonics."
-       Computer Graphics Forum 27(2).
 
     Examples
     --------

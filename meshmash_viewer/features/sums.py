@@ -6,7 +6,6 @@ sign of an eigenvector and, summed over a multiple eigenvalue, of the choice of 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -16,16 +15,17 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, TruncationWarning, not_installed, of_mesh
+from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.features.truncation import (
     Truncation,
+    check_tail,
     measure_truncation,
     missing_sentence,
-    percent,
+    warn_of_open_end,
+    warn_of_truncation,
 )
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
-from meshmash_viewer.spectral.weyl import TOLERANCE
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import named_apart
 
@@ -345,48 +345,6 @@ def compute_features(
 
 #: For callers that report the truncation error themselves.
 truncated_features = partial(compute_features, warn=False)
-
-
-def check_tail(tail: str | None, kind: str) -> None:
-    """Raise `InputError` for an unknown `tail`, or one of other features than HKS."""
-    if tail not in (None, "weyl"):
-        raise InputError(f'tail is {tail!r}: give "weyl" or None.')
-    if tail is not None and kind != "hks":
-        raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
-
-
-def warn_of_truncation(
-    truncation: Truncation | None, stacklevel: int = 3, *, name: str = ""
-) -> None:
-    """Issue a warning if columns are flagged; `name` is that of the mesh."""
-    if truncation is not None and (sentence := truncation.sentence()):
-        warnings.warn(
-            f"{of_mesh(name)}{sentence}: go further up the spectrum, or see Features.truncation.",
-            TruncationWarning,
-            stacklevel=stacklevel,
-        )
-
-
-def warn_of_open_end(
-    coefficients: FloatArray, eigenvalues: FloatArray, stacklevel: int = 3, *, name: str = ""
-) -> None:
-    """Warn of filters, shape (f, k), that are not small at the last of k computed eigenvalues."""
-    if not len(eigenvalues):
-        return
-    largest, last = np.abs(coefficients).max(axis=1), np.abs(coefficients[:, -1])
-    shares = np.divide(last, largest, out=np.zeros(len(last)), where=largest > 0.0)
-    count = int((shares > TOLERANCE).sum())
-    if count:
-        filters = "1 filter is" if count == 1 else f"{count} filters are"
-        if len(shares) > count:
-            filters = f"{count} of {len(shares)} filters {'is' if count == 1 else 'are'}"
-        warnings.warn(
-            f"{of_mesh(name)}{filters} not small at the last eigenvalue, {eigenvalues[-1]:.4g}, "
-            f"but up to {percent(float(shares.max()))} of the largest value: what "
-            "lies beyond is missing, how much is not known; compute more of the spectrum.",
-            TruncationWarning,
-            stacklevel=stacklevel,
-        )
 
 
 def accumulate_features(

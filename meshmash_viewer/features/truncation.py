@@ -15,12 +15,14 @@ a boundary.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh
 from meshmash_viewer.spectral.weyl import (
     TOLERANCE,
     Target,
@@ -343,3 +345,45 @@ def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: boo
 def percent(share: float) -> str:
     """Format a share with two significant digits: "95 %", "1.4 %"."""
     return f"{100.0 * share:.2g} %" if share < 0.095 else f"{100.0 * share:.0f} %"
+
+
+def check_tail(tail: str | None, kind: str) -> None:
+    """Raise `InputError` for an unknown `tail`, or one of other features than HKS."""
+    if tail not in (None, "weyl"):
+        raise InputError(f'tail is {tail!r}: give "weyl" or None.')
+    if tail is not None and kind != "hks":
+        raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
+
+
+def warn_of_truncation(
+    truncation: Truncation | None, stacklevel: int = 3, *, name: str = ""
+) -> None:
+    """Issue a warning if columns are flagged; `name` is that of the mesh."""
+    if truncation is not None and (sentence := truncation.sentence()):
+        warnings.warn(
+            f"{of_mesh(name)}{sentence}: go further up the spectrum, or see Features.truncation.",
+            TruncationWarning,
+            stacklevel=stacklevel,
+        )
+
+
+def warn_of_open_end(
+    coefficients: FloatArray, eigenvalues: FloatArray, stacklevel: int = 3, *, name: str = ""
+) -> None:
+    """Warn of filters, shape (f, k), that are not small at the last of k computed eigenvalues."""
+    if not len(eigenvalues):
+        return
+    largest, last = np.abs(coefficients).max(axis=1), np.abs(coefficients[:, -1])
+    shares = np.divide(last, largest, out=np.zeros(len(last)), where=largest > 0.0)
+    count = int((shares > TOLERANCE).sum())
+    if count:
+        filters = "1 filter is" if count == 1 else f"{count} filters are"
+        if len(shares) > count:
+            filters = f"{count} of {len(shares)} filters {'is' if count == 1 else 'are'}"
+        warnings.warn(
+            f"{of_mesh(name)}{filters} not small at the last eigenvalue, {eigenvalues[-1]:.4g}, "
+            f"but up to {percent(float(shares.max()))} of the largest value: what "
+            "lies beyond is missing, how much is not known; compute more of the spectrum.",
+            TruncationWarning,
+            stacklevel=stacklevel,
+        )

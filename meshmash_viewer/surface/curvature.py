@@ -107,11 +107,6 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
     ndarray of float64, shape (n,)
         In inverse squared units of length; NaN on the boundary and at vertices without faces.
 
-    Raises
-    ------
-    InputError
-        If the mesh is not valid.
-
     Examples
     --------
     >>> float(np.median(mv.gaussian_curvature(ball)).round(2))
@@ -125,7 +120,7 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
 
 
 def mixed_areas(mesh: MeshLike) -> FloatArray:
-    """Compute the mixed area of each vertex [1]_, by which the curvatures divide.
+    """Compute the mixed area of each vertex, by which the curvatures divide (`mean_curvature`).
 
     A face without an obtuse angle is divided between its vertices by the nearest one. Of an obtuse
     face the vertex at the obtuse angle has a half, the others a quarter each.
@@ -135,16 +130,6 @@ def mixed_areas(mesh: MeshLike) -> FloatArray:
     -------
     ndarray of float64, shape (n,)
         In squared unit of the mesh; their sum is the area of the mesh. 0 at vertices without faces.
-
-    Raises
-    ------
-    InputError
-        If the mesh is not valid.
-
-    References
-    ----------
-    .. [1] Meyer, M., Desbrun, M., Schröder, P. and Barr, A. (2003). "Discrete Differential-Geometry
-       Operators for Triangulated 2-Manifolds." Visualization and Mathematics III.
 
     Examples
     --------
