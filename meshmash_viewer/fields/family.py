@@ -371,12 +371,10 @@ class Family(Parameters):
         places = self.places(spectrum)
         if len(places) < 2:
             return self
-        indices = np.arange(len(places))
-        before = float(np.interp(self.place(spectrum), places, indices))
-        moved = min(max(before + steps, 0.0), len(places) - 1.0)
-        if abs(moved - before) < 1e-9:
-            return self
-        return self.at_place(spectrum, float(np.interp(moved, indices, places)))
+        indices, before = np.arange(len(places)), self.place(spectrum)
+        moved = np.interp(before, places, indices) + steps
+        place = float(np.interp(moved, indices, places))  # which is clipped to the ends
+        return self if abs(place - before) < 1e-9 else self.at_place(spectrum, place)
 
     # -- values of resolved families ----------------------------------------------------------
 
