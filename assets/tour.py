@@ -292,12 +292,14 @@ class Tour:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "bent.npz"
             bend(mesh, path)
-            window.comparing.open(path, "nm")
+            window.opening.open_second(path, unit="nm")
             display.nodal_lines = True
-            self.wait(lambda: window.comparing.idle and window.comparing.second_view is not None)
+            second = window.opening.second_view
+            assert second is not None
+            self.wait(lambda: second.idle)
             self.settle()
             self.shoot("compare")
-            window.comparing.end()
+            window.opening.end_comparison()
             display.nodal_lines = False
         docks["mesh"].raise_()
         self.settle()

@@ -370,9 +370,9 @@ class Session:
     def pair(self) -> Script:
         """Open the mesh beside itself, and step through both."""
         window = self.window
-        window.commands.open_second(Path(self.order["mesh"]))
-        yield lambda: window.comparing.second_view is not None
-        beside = window.comparing.second_view
+        window.opening.open_second(Path(self.order["mesh"]))
+        yield lambda: window.opening.second_view is not None
+        beside = window.opening.second_view
         yield lambda: beside.idle and beside.pair.comparison is not None
         self.drawing.watch(beside.scene.plotter.ren_win)
         self.renders.append((beside.scene.plotter, beside.controller))

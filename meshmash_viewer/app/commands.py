@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QCursor, QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QMainWindow, QMessageBox
+from PySide6.QtWidgets import QMainWindow, QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
@@ -16,24 +16,18 @@ from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.controls.focus_keys import settle_typing
 from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
-from meshmash_viewer.app.sessions import Restoration, store_session
 from meshmash_viewer.app.settings import Settings
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.maps import is_map_file
-from meshmash_viewer.io.read import READABLE_ENDINGS
-from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import cost, stepping
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of
-from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
-    from meshmash_viewer.app.second_view import Comparing
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 #: Keys that a focused field uses itself.
@@ -43,7 +37,7 @@ _OF_FIELDS = ("cancel", "undo")
 class Commands:
     """Implements each command of the table by the method of its name, here or in a helper.
 
-    The others are `pictures`, for what is taken of the render, and the document.
+    The others are `opening`, `pictures`, for what is taken of the render, and the document.
 
     Parameters
     ----------
@@ -55,18 +49,13 @@ class Commands:
     arrangement : Arrangement
     background_io : BackgroundIO
         Reads and writes files.
-    read : callable
-        Opens a mesh file in its last unit, with files of maps.
+    opening : Opening
 
     Attributes
     ----------
     pictures : Pictures
     scene : MeshView, optional
         The render, once it is loaded.
-    comparing : Comparing, optional
-        Opens a second mesh; set together with `scene`.
-    restoration : Restoration, optional
-        The session that is being opened.
     """
 
     def __init__(
@@ -77,13 +66,11 @@ class Commands:
         actions: Actions,
         arrangement: Arrangement,
         background_io: BackgroundIO,
-        read: Callable[..., None],
+        opening: Opening,
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self._actions, self._arrangement = actions, arrangement
-        self._background_io, self._read = background_io, read
-        self.comparing: Comparing | None = None
-        self.restoration: Restoration | None = None
+        self._background_io, self._opening = background_io, opening
         self._export_ending = ""
         self._exported: Exported | None = None
         self.pictures = Pictures(window, document, settings, background_io)
@@ -119,7 +106,7 @@ class Commands:
 
     def method(self, name: str) -> Callable[..., object]:
         """Return the method of a command."""
-        owners = (self, self.pictures, self._document)
+        owners = (self, self._opening, self.pictures, self._document)
         return self._calls.get(name) or next(
             getattr(owner, name) for owner in owners if hasattr(owner, name)
         )
@@ -138,7 +125,7 @@ class Commands:
             "exact spectrum": some
             and spectrum is not None
             and (not spectrum.preview or spectrum.complete),
-            "second mesh": self.comparing is not None and self.comparing.second_view is not None,
+            "second mesh": self._opening.pair is not None,
         }
         return {name for name, known_now in known.items() if known_now}
 
@@ -175,157 +162,6 @@ class Commands:
     def scene(self, scene: MeshView) -> None:
         self.pictures.scene = scene
 
-    # -- opening ------------------------------------------------------------------------------
-
-    def open_path(self, path: Path) -> None:
-        """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
-        self.open_paths([path])
-
-    def open_paths(self, paths: Sequence[Path], *, as_second: bool = False) -> None:
-        """Open the first session or mesh among files, and add all maps among them.
-
-        With `as_second` they are for the second mesh; maps are for the first if there is none.
-        """
-        self._settings.folder = paths[0].parent
-        maps = [path for path in paths if is_map_file(path)]
-        others = [path for path in paths if path not in maps]
-        if not others:
-            second = self._pair.second if as_second and self._pair is not None else None
-            (second or self._document).open_maps(maps)
-        elif others[0].name.endswith(SESSION_ENDING):
-            self.restore_session(others[0])
-        elif as_second:
-            self.open_second(others[0], maps)
-        else:
-            self._read(others[0], maps=maps)
-        if len(others) > 1:
-            self._say(f"Opening {others[0].name}; one mesh at a time.")
-
-    def add_map(self) -> None:
-        """Ask for files with values per vertex of the open mesh."""
-        self._add_map(self._document)
-
-    def add_map_to_second(self) -> None:
-        """Ask for files with values per vertex of the second mesh."""
-        assert self._pair is not None
-        self._add_map(self._pair.second)
-
-    def _add_map(self, document: Document) -> None:
-        from meshmash_viewer.app.dialogs.files import ask_for_maps
-
-        paths = ask_for_maps(self._window, self._settings.folder)
-        if paths:
-            self._settings.folder = paths[0].parent
-            document.open_maps(paths)
-
-    def open_mesh(self) -> None:
-        """Ask for a mesh file."""
-        path = self._ask_for_mesh("Open mesh")
-        if path is not None:
-            self.open_path(path)
-
-    def compare_with(self) -> None:
-        """Ask for a second mesh."""
-        path = self._ask_for_mesh("Compare with")
-        if path is not None:
-            self._settings.folder = path.parent
-            self.open_second(path)
-
-    def open_second(self, path: Path, maps: Sequence[Path] = ()) -> None:
-        """Open a second mesh in its last unit, with files of maps."""
-        assert self.comparing is not None
-        self.comparing.open(path, maps=maps)
-
-    def end_comparison(self) -> None:
-        """Close the second mesh."""
-        assert self.comparing is not None
-        self.comparing.end()
-
-    @property
-    def _pair(self) -> Pair | None:
-        return None if self.comparing is None else self.comparing.pair
-
-    def _ask_for_mesh(self, title: str) -> Path | None:
-        # FreeSurfer surfaces have endings of many kinds
-        patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
-        path, _ = QFileDialog.getOpenFileName(
-            self._window,
-            title,
-            str(self._settings.folder),
-            f"Meshes ({patterns});;All files (*)",
-        )
-        return Path(path) if path else None
-
-    def open_sample(self, name: str = "dendrite") -> None:
-        """Open a mesh that comes with the program."""
-        from meshmash_viewer.samples import sample_path
-
-        self._read(sample_path(name))
-
-    # -- sessions -----------------------------------------------------------------------------
-
-    def open_session(self) -> None:
-        """Ask for a session."""
-        path, _ = QFileDialog.getOpenFileName(
-            self._window,
-            "Open session",
-            str(self._settings.folder),
-            f"Sessions (*{SESSION_ENDING});;All files (*)",
-        )
-        if path:
-            self.restore_session(Path(path))
-
-    def restore_session(self, path: Path) -> None:
-        """Open a session file."""
-        try:
-            restoration = Restoration(self._document, path)
-        except InputError as fault:
-            self._say(str(fault), Severity.ERROR)
-            return
-        if self.restoration is not None:
-            self.restoration.stop()
-        self.restoration = restoration
-        restoration.restored.connect(self.look)
-        restoration.begin()
-
-    def look(self) -> None:
-        """Restore the camera of the session, once both mesh and render are loaded."""
-        restoration = self.restoration
-        if self.scene is None or restoration is None or not restoration.done:
-            return
-        self.restoration = None
-        if restoration.camera is not None:
-            self.scene.set_camera(restoration.camera.to_json())
-        if restoration.second is not None and self.comparing is not None:
-            self.comparing.restore(restoration.second)
-
-    def store_session(self, path: Path) -> None:
-        """Write the session; raise `InputError` if the file cannot be written."""
-        camera = self.scene.camera() if self.scene is not None else None
-        store_session(self._document, camera or {}, path, self._pair)
-
-    def save_session(self) -> None:
-        """Ask for a file name, and save the session."""
-        if self._document.path is None:
-            text = "This mesh was handed over in memory: a session needs one that is in a file."
-            self._say(text, Severity.WARNING)
-            return
-        start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
-        chosen, _ = QFileDialog.getSaveFileName(
-            self._window, "Save session", str(start), f"Sessions (*{SESSION_ENDING})"
-        )
-        if not chosen:
-            return
-        path = Path(chosen)
-        if not path.name.endswith(SESSION_ENDING):
-            path = path.with_name(path.name.removesuffix(".json") + SESSION_ENDING)
-        try:
-            self.store_session(path)
-        except (InputError, OSError) as fault:
-            self._say(f"The session was not saved: {fault}", Severity.ERROR)
-            return
-        self._say(f"Session saved to {path}.")
-
     # -- taking away --------------------------------------------------------------------------
 
     def export(self) -> None:
@@ -361,7 +197,7 @@ class Commands:
 
     def save_match(self, path: Path) -> None:
         """Save the match of the vertices of both meshes."""
-        if (pair := self._pair) is not None:
+        if (pair := self._opening.pair) is not None:
             self._write(path, lambda: pair.write_match(path), "Match")
 
     def _write(self, path: Path, work: Callable[[], object], what: str) -> None:
@@ -374,7 +210,7 @@ class Commands:
 
     def copy_script(self) -> None:
         """Copy a script that reproduces the display to the clipboard."""
-        script = reproduction_script(self._document, self._pair, self._exported)
+        script = reproduction_script(self._document, self._opening.pair, self._exported)
         QGuiApplication.clipboard().setText(script)
         text = "Copied a Python script that makes what is on screen again"
         if output := script_output(self._document):

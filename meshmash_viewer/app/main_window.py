@@ -40,6 +40,7 @@ from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
 from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
+from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -117,6 +118,8 @@ class MainWindow(QMainWindow):
         self.tasks = Tasks(self.document, self)
         self.background_io = BackgroundIO(self.document, self)
         self.last_look = LastLook(self.document, self.settings, self)
+        self.opening = Opening(self, self.document, self.settings, self.last_look, self.stage)
+        self.opening.pair_changed.connect(self._on_pair_changed)
         self.commands = Commands(
             self,
             self.document,
@@ -124,12 +127,12 @@ class MainWindow(QMainWindow):
             self.actions_,
             self.arrangement,
             self.background_io,
-            self.open_mesh,
+            self.opening,
         )
         welcome = self.stage.welcome
-        welcome.open_requested.connect(self.commands.open_mesh)
-        welcome.sample_requested.connect(self.commands.open_sample)
-        welcome.recent_requested.connect(self.commands.open_path)
+        welcome.open_requested.connect(self.opening.open_mesh)
+        welcome.sample_requested.connect(self.opening.open_sample)
+        welcome.recent_requested.connect(self.opening.open_path)
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
         theme.pad_fields(self)
@@ -179,7 +182,6 @@ class MainWindow(QMainWindow):
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
         from meshmash_viewer.app.panels.shape_panel import ShapePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
-        from meshmash_viewer.app.second_view import Comparing
         from meshmash_viewer.app.shape_source import ShapeSource
         from meshmash_viewer.app.view.mesh_view import MeshView
 
@@ -201,15 +203,11 @@ class MainWindow(QMainWindow):
         self.shape_source.shape_ready.connect(self._show_shape)
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
-        self.comparing = Comparing(
-            self.document, self.stage, self.scene, self.controller, self.last_look, self
-        )
-        self.commands.comparing = self.comparing
-        self.comparing.changed.connect(self._on_pair_changed)
-        self.pair_panel.open_requested.connect(self.commands.compare_with)
-        self.pair_panel.close_requested.connect(self.commands.end_comparison)
+        self.opening.scene, self.opening.controller = self.scene, self.controller
+        self.pair_panel.open_requested.connect(self.opening.compare_with)
+        self.pair_panel.close_requested.connect(self.opening.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
-        self.pair_panel.maps_requested.connect(self.commands.add_map_to_second)
+        self.pair_panel.maps_requested.connect(self.opening.add_map_to_second)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
         self.scene.vertex_hovered.connect(self._point_at_pin)
@@ -225,7 +223,7 @@ class MainWindow(QMainWindow):
         self._show_stage()
         self.commands.refresh()
         self.controller.refresh()
-        self.commands.look()
+        self.opening.look()
         for each in known_plug_ins():
             if each.fault:
                 self.document.notify(Notice(each.fault, Severity.WARNING))
@@ -262,7 +260,7 @@ class MainWindow(QMainWindow):
             and self.background_io.idle
             and self.controller.idle
             and self.shape_source.idle
-            and (self.comparing.second_view is None or self.comparing.second_view.idle)
+            and (self.opening.second_view is None or self.opening.second_view.idle)
         ):
             if deadline.hasExpired():
                 raise TimeoutError(f"The window is still busy after {seconds:g} s.")
@@ -292,8 +290,7 @@ class MainWindow(QMainWindow):
         It is in the unit that it was given last, unless another is given. The open one stays if
         that fails.
         """
-        state = self.last_look.state(Path(path))
-        self.document.open_mesh(path, **{**state, "unit": unit or state["unit"]}, maps=maps)
+        self.opening.read(Path(path), unit, maps)
 
     def _on_mesh_changed(self) -> None:
         ready = self.document.ready
@@ -315,9 +312,7 @@ class MainWindow(QMainWindow):
         for path in recent:
             action = self._recent_menu.addAction(path.name)
             action.setToolTip(str(path))
-            action.triggered.connect(
-                lambda _checked=False, path=path: self.commands.open_path(path)
-            )
+            action.triggered.connect(lambda _checked=False, path=path: self.opening.open_path(path))
 
     def _on_drawn(self, field: Field | None, limits: tuple[float, float]) -> None:
         """Show the field that was drawn in the panels, and vibrate by it."""
@@ -406,8 +401,8 @@ class MainWindow(QMainWindow):
         self.actions_.refresh_icons()
         if self.loaded:
             self.scene.set_theme(theme.is_dark())
-            if self.comparing.second_view is not None:
-                self.comparing.second_view.scene.set_theme(theme.is_dark())
+            if self.opening.second_view is not None:
+                self.opening.second_view.scene.set_theme(theme.is_dark())
 
     def say_refusal(self, sentence: str) -> None:
         """Show or remove the reason why a field rejects its text; see `spin.show_refusal`."""
@@ -466,14 +461,14 @@ class MainWindow(QMainWindow):
         if paths:
             event.acceptProposedAction()
             place = event.position().toPoint()
-            self.commands.open_paths(paths, as_second=self._is_second_half(place))
+            self.opening.open_paths(paths, as_second=self._is_second_half(place))
 
     def _is_second_half(self, place: QPoint) -> bool:
         """Whether a position is in the half of the second mesh, also while there is none."""
         if not self.loaded or self.document.ready is None:
             return False
-        if self.comparing.second_view is not None:
-            view = self.comparing.second_view
+        if self.opening.second_view is not None:
+            view = self.opening.second_view
             return view.rect().contains(view.mapFrom(self, place))
         at = self.stage.mapFrom(self, place)
         return self.stage.rect().contains(at) and at.x() > self.stage.rect().center().x()
@@ -494,7 +489,7 @@ class MainWindow(QMainWindow):
             self.tasks.close()
             self.background_io.close()
             if self.loaded:
-                self.comparing.end()
+                self.opening.end_comparison()
                 self.controller.close()
                 self.shape_source.close()
                 self.profile_panel.close()

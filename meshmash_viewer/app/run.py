@@ -17,17 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import platformdirs
-from PySide6.QtCore import QEventLoop, QObject, QThread, QTimer
-from PySide6.QtGui import QFont, QSurfaceFormat
+from PySide6.QtCore import QEvent, QEventLoop, QThread, QTimer
+from PySide6.QtGui import QFileOpenEvent, QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.application import Application
 from meshmash_viewer.app.controls import icons
-from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.screen import check_opengl, open_display
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
@@ -35,12 +32,12 @@ if TYPE_CHECKING:
 
 __all__ = ["application", "run_app", "view"]
 
-#: What the window waits for, and what it says meanwhile.
+#: What the window waits for.
 _LIBRARIES = (
-    ("meshmash_viewer.app.view.mesh_view", "Loading the render …"),
-    ("meshmash_viewer.app.panels.spectrum_panel", "Loading the plots …"),
-    ("meshmash_viewer.app.panels.profile_panel", "Loading the plots …"),
-    ("meshmash_viewer.app.panels.field_panel", "Loading the controls …"),
+    "meshmash_viewer.app.view.mesh_view",
+    "meshmash_viewer.app.panels.spectrum_panel",
+    "meshmash_viewer.app.panels.profile_panel",
+    "meshmash_viewer.app.panels.field_panel",
 )
 #: Bytes free on a disk that is not about to be full.
 _ROOM_FOR_SHADERS = 100e6
@@ -144,14 +141,13 @@ def run_app(
 
     window = MainWindow(fresh=fresh, deferred=True)
     window.show()
-    loader = _Loader(window)
+    QTimer.singleShot(0, lambda: load_libraries(window))  # after it has been painted
     with FaultBoundary(window.document.notify):
         if path is not None and (unit or maps):
             window.open_mesh(path, unit, maps)
         elif path is not None:
-            window.commands.open_path(path)
+            window.opening.open_path(path)
         status = app.exec()
-    loader.wait()
     pulse.stop()
     return status
 
@@ -262,56 +258,64 @@ def collect_garbage_when_idle(window: MainWindow) -> None:
     window.scene.frames.first_drawn.connect(gc.freeze)
 
 
-class _Loader(QObject):
-    """Imports heavy libraries after the window is shown, then completes it."""
+def load_libraries(window: MainWindow) -> None:
+    """Import heavy libraries in a thread, then complete the window that is shown already."""
 
-    def __init__(self, window: MainWindow) -> None:
-        super().__init__()
-        self._window = window
-        self._thread: LatestThread[tuple[str, str]] = LatestThread(self._import, self._go_on)
-        # after the window has been painted
-        QTimer.singleShot(0, self, self._begin)
-
-    def _begin(self) -> None:
+    def load() -> Exception | None:
         try:
-            check_opengl()
-        except InputError as fault:
-            self._go_on(None, fault)
-        else:
-            self._go_on(None, None)
+            for name in _LIBRARIES:
+                importlib.import_module(name)
+        except Exception as fault:  # noqa: BLE001  raised again in `complete`
+            return fault
+        return None
 
-    def wait(self) -> None:
-        """Wait until the imports have ended: the thread must not emit to a deleted object."""
-        self._thread.close()
-
-    def _import(self, library: tuple[str, str], _cancel: CancelCallback) -> None:
-        importlib.import_module(library[0])
-
-    def _go_on(self, done: tuple[str, str] | None, fault: Exception | None) -> None:
-        """Import what comes next; after the last one the window can be completed."""
-        left = _LIBRARIES if done is None else _LIBRARIES[_LIBRARIES.index(done) + 1 :]
-        if fault is None and left:
-            self._window.stage.welcome.set_loading(left[0][1])
-            self._thread.ask(left[0])
-            return
-        self._thread.close()
+    def complete(fault: Exception | None) -> None:
         try:
             if fault is not None:
                 raise fault
-            self._window.load()
-        except Exception as error:  # noqa: BLE001  said below
-            self._give_up(error)
+            window.load()
+        except Exception as error:  # noqa: BLE001  shown in the message bar
+            _say_missing(window, error)
         else:
-            collect_garbage_when_idle(self._window)
+            collect_garbage_when_idle(window)
 
-    def _give_up(self, fault: Exception) -> None:
-        """Say what is missing; meshes can neither be drawn nor computed without it."""
-        from meshmash_viewer.app.faults import notice_of
-        from meshmash_viewer.model.failure import Failure, failure_of
+    window.stage.welcome.set_loading("Loading the render …")
+    try:
+        check_opengl()
+    except InputError as fault:
+        complete(fault)
+    else:
+        window.background_io.run("Loading the render", load, complete)
 
-        failure = failure_of(fault, "Loading the render")
-        if isinstance(fault, ImportError):
-            text = f"The render cannot be loaded ({fault}): install what is missing, start again."
-            failure = Failure(text, failure.details, correctable=True)
-        self._window.stage.welcome.set_loading("The render is missing; the message says why.")
-        self._window.document.notify(notice_of(failure))
+
+def _say_missing(window: MainWindow, fault: Exception) -> None:
+    """Say what is missing; meshes can neither be drawn nor computed without it."""
+    from meshmash_viewer.app.faults import notice_of
+    from meshmash_viewer.model.failure import Failure, failure_of
+
+    failure = failure_of(fault, "Loading the render")
+    if isinstance(fault, ImportError):
+        text = f"The render cannot be loaded ({fault}): install what is missing, start again."
+        failure = Failure(text, failure.details, correctable=True)
+    window.stage.welcome.set_loading("The render is missing; the message says why.")
+    window.document.notify(notice_of(failure))
+
+
+class Application(QApplication):
+    """Opens files from macOS: double clicks, and files dropped on the icon in the Dock.
+
+    They come as events while the program runs, not as arguments when it starts.
+    """
+
+    def event(self, event: QEvent) -> bool:
+        """Open a file in the active window, or else in the newest."""
+        if isinstance(event, QFileOpenEvent) and event.file():
+            from meshmash_viewer.app.main_window import MainWindow
+
+            windows = [each for each in self.topLevelWidgets() if isinstance(each, MainWindow)]
+            windows = [each for each in windows if each.isVisible()]
+            active = [each for each in windows if each.isActiveWindow()]
+            if windows:
+                (active or windows)[-1].opening.open_path(Path(event.file()))
+                return True
+        return super().event(event)

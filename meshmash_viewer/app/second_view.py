@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from PySide6.QtCore import QObject, QSize, Qt, Signal
+from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
 
@@ -17,20 +15,16 @@ from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
-from meshmash_viewer.app.sessions import Restoration
-from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
-from meshmash_viewer.io.session import Session
 from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document, Notice
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.pair import LINKS, ComparisonRequest, Pair
+from meshmash_viewer.model.pair import ComparisonRequest, Pair
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.colors import ColorMap
@@ -128,6 +122,7 @@ class SecondView(QWidget):
     def shut(self) -> None:
         """Stop all its tasks; it cannot be shown again."""
         self._first.link = None
+        self._first.draw()
         self.pair.close()
         self.pair.comparison_requested.disconnect(self._thread.ask)
         stop_listening(self)
@@ -239,70 +234,3 @@ class SecondView(QWidget):
         """Step the first mesh, which this one follows, or this one if positions are not linked."""
         linked = "position" in self.pair.links
         stepping.step(self.pair.first if linked else self.document, steps)
-
-
-class Comparing(QObject):
-    """Opens and closes the second mesh of a window: `second_view`, or None.
-
-    `changed` carries the `Pair`, or None when the second mesh was closed.
-    """
-
-    changed = Signal(object)
-
-    def __init__(
-        self,
-        document: Document,
-        stage: Stage,
-        scene: MeshView,
-        controller: Controller,
-        last_look: LastLook,
-        parent: QObject | None = None,
-    ) -> None:
-        super().__init__(parent)
-        self._first = document, scene, controller
-        self._stage, self._last_look = stage, last_look
-        self._restoration: Restoration | None = None
-        self.second_view: SecondView | None = None
-
-    @property
-    def pair(self) -> Pair | None:
-        """Both documents with their links; None without a second mesh."""
-        return None if self.second_view is None else self.second_view.pair
-
-    def open(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
-        """Read a second mesh, with files of maps; an open one stays if that fails.
-
-        Its unit and repairs are those of the last time, unless `unit` is given.
-        """
-        view, state = self._make_view(LINKS), self._last_look.state(path)
-        view.document.open_mesh(path, **{**state, "unit": unit or state["unit"]}, maps=maps)
-
-    def restore(self, session: Session) -> None:
-        """Read the second mesh of a session, with its repairs, maps and links."""
-        view = self._make_view(session.links)
-        path = Path(session.mesh_path)
-        self._restoration = Restoration(view.document, path, session)
-        self._restoration.begin()
-
-    def _make_view(self, links: Collection[str]) -> SecondView:
-        """Return the view of the second mesh, made if needed, with only these links active."""
-        view = self.second_view
-        if view is None:
-            view = self.second_view = SecondView(*self._first)
-            view.close_requested.connect(self.end)
-            self._last_look.watch(view.document, view)
-            self._stage.add_second(view)
-            self.changed.emit(view.pair)
-        for name in LINKS:
-            view.pair.link(name, name in links)
-        return view
-
-    def end(self) -> None:
-        """Close the second mesh."""
-        if self.second_view is not None:
-            view, self.second_view, self._restoration = self.second_view, None, None
-            view.shut()
-            self.changed.emit(None)
-            self._first[2].draw()
-            view.setParent(None)
-            view.deleteLater()

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -129,7 +128,6 @@ class Pair:
         self.carries = False
         self._matched_in = next(iter(MATCHED_IN))
         self._request: ComparisonRequest | None = None
-        self._seen: Mapping[str, Family] = {}
         self._asked: tuple[Any, Any] = None, None
         #: Families of the first that were last applied to the second.
         self._applied: dict[str, Family] = {}
@@ -162,8 +160,7 @@ class Pair:
     def link(self, name: str, on: bool) -> None:
         """Activate one of `LINKS`, or deactivate it: the second keeps its present state."""
         self.links = self.links | {name} if on else self.links - {name}
-        self._seen = {}
-        self._follow_display()
+        self._apply_display(everything=True)
         self.changed.emit()
 
     def carry(self, on: bool) -> None:
@@ -266,8 +263,7 @@ class Pair:
                 shown = ShownRows(spectrum.rows, len(spectrum), None, rotations)
                 self.second.spectrum = replace(spectrum, shown=shown)
                 self.second.spectrum_changed.emit()
-            self._seen = {}
-            self._follow_display()
+            self._apply_display(everything=True)
             self._follow_pins()
             self.changed.emit()
 
@@ -346,8 +342,7 @@ class Pair:
             self._request, self.comparison = request, None
             if request is not None:
                 self.comparison_requested.emit(request)
-        self._seen = {}
-        self._follow_display()
+        self._apply_display(everything=True)
         self._follow_pins()
         self.changed.emit()
 
@@ -370,27 +365,30 @@ class Pair:
             self.second.compute()
 
     def _follow_display(self) -> None:
-        """Apply the display of the first to the second, as far as it is linked."""
+        self._apply_display()
+
+    def _apply_display(self, *, everything: bool = False) -> None:
+        """Apply what has changed of the display of the first to the second, as far as linked."""
         mine, other, to = self.first.display, self.second.display, self.correspondence
         known = self.first.known
         if known is None:
             return
         moved = []
         for name, family in mine.fields.items():
-            if self._seen.get(name) is not family:
-                carried = family.filled_in(known, mine.fields).carried(to)
-                before = self._applied.get(name)
-                stays = [
-                    each
-                    for each in family.own
-                    if before is not None and getattr(before, each) == getattr(family, each)
-                ]
-                if "position" not in self.links:
-                    stays += family.position
-                kept = {each: getattr(other.fields[name], each) for each in stays}
-                moved.append(replace(carried, **kept))
-                self._applied[name] = family
-        self._seen = mine.fields
+            before = self._applied.get(name)
+            if family is before and not everything:
+                continue
+            carried = family.filled_in(known, mine.fields).carried(to)
+            stays = [
+                each
+                for each in family.own
+                if before is not None and getattr(before, each) == getattr(family, each)
+            ]
+            if "position" not in self.links:
+                stays += family.position
+            kept = {each: getattr(other.fields[name], each) for each in stays}
+            moved.append(replace(carried, **kept))
+            self._applied[name] = family
         other.put(*moved)
         if "kind" in self.links:
             other.kind = mine.kind

@@ -223,7 +223,7 @@ def test_a_library_that_cannot_be_loaded_is_said(
     window = MainWindow(fresh=True, deferred=True)
     qtbot.addWidget(window)
     window.show()
-    run._Loader(window)
+    run.load_libraries(window)
     bar = window.stage.message_bar
     qtbot.waitUntil(bar.isVisible, timeout=PATIENCE)
     assert "libGL.so.1" in bar.notice.text
@@ -382,7 +382,7 @@ def test_a_bad_session_is_one_sentence_and_changes_nothing(
     write_session(path, good)
     path.write_text(json.dumps(json.loads(path.read_text()) | {entry: value}))
     before = document.ready, document.spectrum, document.target, document.operator
-    shown.commands.open_path(path)
+    shown.opening.open_path(path)
     notice = shown.stage.message_bar.notice
     assert notice.severity is Severity.ERROR
     assert notice.text.startswith("bad.meshmash.json has ")
@@ -415,7 +415,7 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     write_session(path, good)
     bad.write_text(json.dumps(json.loads(path.read_text()) | {"pins": [10**9]}))
     for each in (bad, path):
-        window.commands.open_path(each)
+        window.opening.open_path(each)
     qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
     assert document.display[GeometryVectors].count == 7
     assert document.target == Target("count", 7)
@@ -424,7 +424,7 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     other = Session(mesh_path=str(tmp_path / "absent.ply"), target={"kind": "count", "value": 9})
     write_session(absent, other)
     before = document.ready
-    window.commands.open_path(absent)
+    window.opening.open_path(absent)
     qtbot.waitUntil(window.stage.message_bar.isVisible, timeout=PATIENCE)
     qtbot.waitUntil(lambda: document.job is None, timeout=PATIENCE)
     assert document.ready is before

@@ -785,11 +785,11 @@ def test_a_session_comes_back(
     document.target = Target("count", 30)
     camera = ball.scene.camera()
     path = tmp_path / "now.meshmash.json"
-    ball.commands.store_session(path)
+    ball.opening.store_session(path)
 
     other = MainWindow(fresh=True)
     other.show()
-    other.commands.restore_session(path)
+    other.opening.restore_session(path)
     qtbot.waitUntil(lambda: len(other.document.pins) == 2, timeout=PATIENCE)
     assert other.document.path == sphere_file
     assert other.document.pins == document.pins, "the same vertices, numbers and colours"
@@ -815,12 +815,12 @@ def test_a_session_repairs_what_was_repaired_and_interrupts_what_runs(
     wait_for(lambda: document.ready.health.n_components == 1 and document.job is None)
     document.toggle_pin(42)
     path, place = tmp_path / "now.meshmash.json", document.mesh.vertices[42]
-    window.commands.store_session(path)
+    window.opening.store_session(path)
     document.undo_repair()
     document.target = Target("count", 1000)
     document.compute()
     window.stage.message_bar.dismiss()
-    window.commands.restore_session(path)
+    window.opening.restore_session(path)
     wait_for(lambda: len(document.pins) == 1 and document.job is None)
     assert document.repairs == ("keep_largest_component",)
     assert document.unit_text == "8 nm"
@@ -831,7 +831,7 @@ def test_a_session_repairs_what_was_repaired_and_interrupts_what_runs(
 def test_a_broken_session_is_one_sentence(window: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "broken.meshmash.json"
     path.write_text("{")
-    window.commands.open_path(path)
+    window.opening.open_path(path)
     assert window.stage.message_bar.notice.severity is Severity.ERROR
     assert "not a session" in window.stage.message_bar.notice.text
 

@@ -267,10 +267,10 @@ def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], fold
     """Dropped together; and once a map without a mesh is said to be one."""
     window = open_window()
     drop_alone = folder / "lh.thickness"
-    window.commands.open_path(drop_alone)
+    window.opening.open_path(drop_alone)
     assert "open the mesh first" in window.stage.message_bar.notice.text
     drop_all = [folder / "more.npz", folder / "ball.npz", drop_alone]
-    window.commands.open_paths(drop_all)
+    window.opening.open_paths(drop_all)
     wait_for(lambda: window.document.mesh is not None)
     rest(window)
     assert [each.name for each in window.document.mesh.maps] == ["depth", "more", "lh.thickness"]
@@ -293,7 +293,7 @@ def test_a_session_keeps_the_maps_and_the_choice(
     wait_for(lambda: first.document.mesh is not None and first.background_io.idle)
     first.document.display.show(OwnMaps(chosen="lh.thickness", pairs=9))
     session = tmp_path / "look.meshmash.json"
-    first.commands.store_session(session)
+    first.opening.store_session(session)
     assert '"lh.thickness"' in session.read_text()
     assert str(tmp_path) not in session.read_text(), "they can be moved together"
 

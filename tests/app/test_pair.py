@@ -127,7 +127,7 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
 def window(one_window: MainWindow) -> Iterator[MainWindow]:
     """With nothing beside the first mesh."""
     yield one_window
-    one_window.comparing.end()
+    one_window.opening.end_comparison()
     one_window.document.clear_pins()
     one_window.document.display.kind = "eigenfunction"
     one_window.stage.message_bar.dismiss()
@@ -138,10 +138,10 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     """Open a second mesh as a person does."""
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(path), ""))
     window.actions_["compare_with"].trigger()
-    assert window.comparing.second_view is not None
-    wait_for(lambda: window.comparing.second_view.pair.comparison is not None)
+    assert window.opening.second_view is not None
+    wait_for(lambda: window.opening.second_view.pair.comparison is not None)
     rest(window)
-    return window.comparing.second_view
+    return window.opening.second_view
 
 
 @pytest.mark.parametrize(("name", "mesh"), [("other", OTHER), ("strange", STRANGE)])
@@ -211,7 +211,7 @@ def test_both_colour_bars_say_the_same_numbers(
     QTest.mouseClick(part(window, QCheckBox, "pair_link_colors"), LEFT, pos=QPoint(8, 8))
     rest(window)
     np.testing.assert_allclose(bars(window, opened), both, rtol=1e-6)
-    window.comparing.end()
+    window.opening.end_comparison()
     rest(window)
     assert tuple(window.to_pyvista().user_dict["limits"]) == pytest.approx(own)
     display.limits = None
@@ -358,11 +358,11 @@ def drop(window: MainWindow, *paths: Path, share: float = 0.75) -> None:
 
 def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, folder: Path) -> None:
     drop(window, folder / "other.npz")
-    wait_for(lambda: window.comparing.second_view is not None)
-    wait_for(lambda: window.comparing.second_view.pair.comparison is not None)
+    wait_for(lambda: window.opening.second_view is not None)
+    wait_for(lambda: window.opening.second_view.pair.comparison is not None)
     assert window.document.path == folder / "first.npz"
     QTest.mouseClick(part(window, QPushButton, "pair_close_button"), LEFT)
-    assert window.comparing.second_view is None
+    assert window.opening.second_view is None
     rest(window)
     assert window.document.mesh is not None
 
@@ -389,15 +389,15 @@ def test_the_second_is_repaired_by_a_click_which_can_be_undone(
     drop(window, folder / "height.npy")
     wait_for(lambda: bool(document.mesh.maps))
     path = tmp_path / "repaired.meshmash.json"
-    window.commands.store_session(path)
-    window.comparing.end()
-    window.commands.restore_session(path)
-    wait_for(lambda: window.comparing.second_view is not None)
-    wait_for(lambda: bool(window.comparing.second_view.document.repairs))
+    window.opening.store_session(path)
+    window.opening.end_comparison()
+    window.opening.restore_session(path)
+    wait_for(lambda: window.opening.second_view is not None)
+    wait_for(lambda: bool(window.opening.second_view.document.repairs))
     rest(window)
-    document = window.comparing.second_view.document
+    document = window.opening.second_view.document
     assert [each.name for each in document.mesh.maps] == ["height.npy"]
-    script = reproduction_script(window.document, window.comparing.second_view.pair)
+    script = reproduction_script(window.document, window.opening.second_view.pair)
     made: dict[str, Any] = {}
     monkeypatch.chdir(tmp_path)
     exec(script, made)
@@ -469,12 +469,12 @@ def test_a_session_and_a_script_have_both(
         assert np.mean(found.forth.indices == wanted.forth.indices) > 0.99
     opened.pair.link("position", False)
     path = tmp_path / "both.meshmash.json"
-    window.commands.store_session(path)
-    window.comparing.end()
-    window.commands.restore_session(path)
-    wait_for(lambda: window.comparing.second_view is not None)
+    window.opening.store_session(path)
+    window.opening.end_comparison()
+    window.opening.restore_session(path)
+    wait_for(lambda: window.opening.second_view is not None)
     rest(window)
-    again = window.comparing.second_view
+    again = window.opening.second_view
     assert again.document.path == folder / "other.npz"
     assert again.pair.links == {"camera", "kind", "colors"}
     assert again.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
@@ -485,7 +485,7 @@ def test_a_closed_second_mesh_is_let_go(
 ) -> None:
     held = weakref.ref(beside(window, folder / "other.npz", monkeypatch).document)
     window.actions_["end_comparison"].trigger()
-    assert window.comparing.second_view is None
+    assert window.opening.second_view is None
 
     def let_go() -> bool:
         gc.collect()
@@ -508,5 +508,5 @@ def test_what_cannot_be_compared_costs_a_sentence(
     wait_for(lambda: bar.notice is not None and said in bar.notice.text)
     assert "Traceback" not in bar.notice.text
     if name.startswith("broken"):
-        wait_for(lambda: window.comparing.second_view is None)
+        wait_for(lambda: window.opening.second_view is None)
     assert window.controller.field is shown

@@ -76,7 +76,7 @@ def start(qapp: QApplication, qtbot: QtBot, remembered: Path) -> Iterator[Callab
 
 
 def read(qtbot: QtBot, window: MainWindow, path: Path) -> None:
-    window.commands.open_path(path)
+    window.opening.open_path(path)
     qtbot.waitUntil(lambda: window.document.path == path, timeout=PATIENCE)
     rest(qtbot, window)
 
@@ -235,8 +235,8 @@ def test_the_second_mesh_is_repaired_as_it_was(
     read(qtbot, window, save(shapes.icosphere(2), tmp_path / "ball.npz"))
 
     def second() -> MainWindow:
-        window.commands.open_second(path)
-        beside = window.comparing.second_view
+        window.opening.open_second(path)
+        beside = window.opening.second_view
         qtbot.waitUntil(lambda: beside.document.path == path, timeout=PATIENCE)
         qtbot.waitUntil(lambda: beside.document.job is None, timeout=PATIENCE)
         return beside
@@ -245,7 +245,7 @@ def test_the_second_mesh_is_repaired_as_it_was(
     beside.document.repair(LARGEST)
     qtbot.waitUntil(lambda: beside.document.repairs == (LARGEST,), timeout=PATIENCE)
     beside.document.set_unit("mm")
-    window.commands.end_comparison()
+    window.opening.end_comparison()
     beside = second()
     assert (beside.document.repairs, beside.document.unit_text) == ((LARGEST,), "mm")
     assert beside.document.mesh.file_index(0) == 44
@@ -298,12 +298,12 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     document.display.kind = "distance"
     document.display.change(type(document.display.family), vertex=document.mesh.vertex_of(60))
     session = tmp_path / "now.meshmash.json"
-    window.commands.store_session(session)
+    window.opening.store_session(session)
     content = json.loads(session.read_text())
     assert (content["version"], content["pins"], content["n_vertices"]) == (3, [60, 50], 206)
 
     read(qtbot, window, save(shapes.icosphere(1), tmp_path / "ball.npz"))
-    window.commands.restore_session(session)
+    window.opening.restore_session(session)
     qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
     rest(qtbot, window)
     assert document.repairs == (LARGEST,)
@@ -317,7 +317,7 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     content["display"]["fields"]["distance"]["vertex"] = 16
     session.write_text(json.dumps(content))
     document.clear_pins()
-    window.commands.restore_session(session)
+    window.opening.restore_session(session)
     qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
     rest(qtbot, window)
     assert [document.mesh.file_index(pin.vertex) for pin in document.pins] == [60, 50]

@@ -118,7 +118,7 @@ def test_what_is_typed_computed_and_saved_is_opened(
         QTest.keyClick(window, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
         assert json.loads(saved.read_text())["target"] == asdict(wanted)
         document.target = Target("count", 7)
-        window.commands.open_session()
+        window.opening.open_session()
         qtbot.waitUntil(
             lambda wanted=wanted: document.target == wanted and document.job is None,
             timeout=PATIENCE,

@@ -258,9 +258,9 @@ def test_a_session_and_a_script_have_the_shape(window: MainWindow, tmp_path: Pat
     window.document.display.shape = Shape(True, 9, 0.5, 0.1)
     rest(window)
     path = tmp_path / "a.meshmash.json"
-    window.commands.store_session(path)
+    window.opening.store_session(path)
     window.document.display.shape = Shape()
-    window.commands.restore_session(path)
+    window.opening.restore_session(path)
     wait_for(lambda: window.document.display.shape == Shape(True, 9, 0.5, 0.1))
     script = reproduction_script(window.document)
     assert "mv.low_pass_vertices(mesh, decomposition, 9)" in script

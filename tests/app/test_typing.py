@@ -52,7 +52,7 @@ def open_file(qtbot: QtBot, window: MainWindow, files: dict[str, Path]) -> Open:
     """Drop a file on the window, as it were, and wait until it is there."""
 
     def opened(name: str) -> None:
-        window.commands.open_path(files[name])
+        window.opening.open_path(files[name])
         rested(qtbot, window, lambda: window.document.path == files[name])
 
     return opened

@@ -321,7 +321,7 @@ class Walk:
     def go_home(self) -> None:
         """Be where it began: the ball with 30 eigenpairs, nothing pinned, every panel in place."""
         window, document = self.window, self.window.document
-        window.comparing.end()
+        window.opening.end_comparison()
         for _ in range(8):
             popup, dialog = QApplication.activePopupWidget(), self._dialog()
             if popup is not None:
@@ -342,7 +342,7 @@ class Walk:
         home = self.folder / "home.meshmash.json"
         if not home.exists():
             self._at_home_first(home)
-        window.commands.restore_session(home)
+        window.opening.restore_session(home)
         self._wait(lambda: document.job is None and document.path == self.files[0])
         QTest.qWait(20)
         document.compute()
@@ -358,7 +358,7 @@ class Walk:
         document.target = type(document.target)("count", 30)
         document.compute()
         self._wait(lambda: bool(document.spectrum) and document.spectrum.complete)
-        window.commands.store_session(home)
+        window.opening.store_session(home)
         self.sessions.append(home)
 
     def close(self) -> None:
@@ -527,7 +527,7 @@ class Walk:
 
     def _open(self) -> str:
         path = self.random.choice(self.files)
-        self.window.commands.open_path(path)
+        self.window.opening.open_path(path)
         return f"open {path.name}"
 
     def _drop(self) -> str:
@@ -543,7 +543,7 @@ class Walk:
     def _session(self) -> str:
         good = self.folder / "good.meshmash.json"
         if self.window.document.path is not None and self.random.random() < 0.4:
-            self.window.commands.store_session(good)
+            self.window.opening.store_session(good)
             if good not in self.sessions:
                 self.sessions.append(good)
         path = self.random.choice(self.sessions)
@@ -552,9 +552,9 @@ class Walk:
             where = self._damage(content)
             path = self.folder / "damaged.meshmash.json"
             path.write_text(json.dumps(content))
-            self.window.commands.restore_session(path)
+            self.window.opening.restore_session(path)
             return f"open a session with {where}"
-        self.window.commands.restore_session(path)
+        self.window.opening.restore_session(path)
         return f"open {path.name}"
 
     def _damage(self, content: Any) -> str:

@@ -1,0 +1,263 @@
+"""Opening of meshes, maps and sessions, and of a second mesh to compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QFileDialog, QMainWindow
+
+from meshmash_viewer.app.controller import Controller
+from meshmash_viewer.app.last_look import LastLook
+from meshmash_viewer.app.sessions import Restoration, store_session
+from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.stage import Stage
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.maps import is_map_file
+from meshmash_viewer.io.read import READABLE_ENDINGS
+from meshmash_viewer.io.session import SESSION_ENDING
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.pair import LINKS, Pair
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.second_view import SecondView
+    from meshmash_viewer.app.view.mesh_view import MeshView
+
+
+class Opening(QObject):
+    """What is open in a window: a mesh, perhaps a second one, and sessions of both.
+
+    Parameters
+    ----------
+    window : QMainWindow
+        The parent of dialogs.
+    document : Document
+    settings : Settings
+    last_look : LastLook
+    stage : Stage
+        Shows the second mesh next to the first.
+
+    Signals
+    -------
+    pair_changed(Pair or None)
+        A second mesh was opened or closed.
+
+    Attributes
+    ----------
+    scene : MeshView, optional
+    controller : Controller, optional
+        The render of the first mesh, once it is loaded.
+    second_view : SecondView, optional
+        The second mesh.
+    restoration : Restoration, optional
+        The session that is being opened.
+    """
+
+    pair_changed = Signal(object)
+
+    def __init__(
+        self,
+        window: QMainWindow,
+        document: Document,
+        settings: Settings,
+        last_look: LastLook,
+        stage: Stage,
+    ) -> None:
+        super().__init__(window)
+        self._window, self._document, self._settings = window, document, settings
+        self._last_look, self._stage = last_look, stage
+        self.scene: MeshView | None = None
+        self.controller: Controller | None = None
+        self.second_view: SecondView | None = None
+        self.restoration: Restoration | None = None
+        self._second_restoration: Restoration | None = None
+
+    def _say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
+        self._document.notify(Notice(text, severity))
+
+    def open_path(self, path: Path) -> None:
+        """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
+        self.open_paths([path])
+
+    def open_paths(self, paths: Sequence[Path], *, as_second: bool = False) -> None:
+        """Open the first session or mesh among files, and add all maps among them.
+
+        With `as_second` they are for the second mesh; maps are for the first if there is none.
+        """
+        self._settings.folder = paths[0].parent
+        maps = [path for path in paths if is_map_file(path)]
+        others = [path for path in paths if path not in maps]
+        if not others:
+            second = self.pair.second if as_second and self.pair is not None else None
+            (second or self._document).open_maps(maps)
+        elif others[0].name.endswith(SESSION_ENDING):
+            self.restore_session(others[0])
+        elif as_second:
+            self.open_second(others[0], maps)
+        else:
+            self.read(others[0], maps=maps)
+        if len(others) > 1:
+            self._say(f"Opening {others[0].name}; one mesh at a time.")
+
+    def read(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
+        """Read a mesh file as it was left, with files of maps; the open mesh stays if that fails.
+
+        It is in the unit that it was given last, unless another is given.
+        """
+        self._read(self._document, path, unit, maps)
+
+    def _read(self, document: Document, path: Path, unit: str, maps: Sequence[Path]) -> None:
+        state = self._last_look.state(path)
+        document.open_mesh(path, **{**state, "unit": unit or state["unit"]}, maps=maps)
+
+    def add_map(self) -> None:
+        """Ask for files with values per vertex of the open mesh."""
+        self._add_map(self._document)
+
+    def add_map_to_second(self) -> None:
+        """Ask for files with values per vertex of the second mesh."""
+        assert self.pair is not None
+        self._add_map(self.pair.second)
+
+    def _add_map(self, document: Document) -> None:
+        from meshmash_viewer.app.dialogs.files import ask_for_maps
+
+        paths = ask_for_maps(self._window, self._settings.folder)
+        if paths:
+            self._settings.folder = paths[0].parent
+            document.open_maps(paths)
+
+    def open_mesh(self) -> None:
+        """Ask for a mesh file."""
+        path = self._ask_for_mesh("Open mesh")
+        if path is not None:
+            self.open_path(path)
+
+    def compare_with(self) -> None:
+        """Ask for a second mesh."""
+        path = self._ask_for_mesh("Compare with")
+        if path is not None:
+            self._settings.folder = path.parent
+            self.open_second(path)
+
+    def _ask_for_mesh(self, title: str) -> Path | None:
+        # FreeSurfer surfaces have endings of many kinds
+        patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
+        path, _ = QFileDialog.getOpenFileName(
+            self._window,
+            title,
+            str(self._settings.folder),
+            f"Meshes ({patterns});;All files (*)",
+        )
+        return Path(path) if path else None
+
+    def open_sample(self, name: str = "dendrite") -> None:
+        """Open a mesh that comes with the program."""
+        from meshmash_viewer.samples import sample_path
+
+        self.read(sample_path(name))
+
+    # -- the second mesh ----------------------------------------------------------------------
+
+    @property
+    def pair(self) -> Pair | None:
+        """Both documents with their links; None without a second mesh."""
+        return None if self.second_view is None else self.second_view.pair
+
+    def open_second(self, path: Path, maps: Sequence[Path] = (), unit: str = "") -> None:
+        """Read a second mesh as `read` does; an open one stays if that fails."""
+        self._read(self._make_view(LINKS).document, path, unit, maps)
+
+    def _make_view(self, links: Collection[str]) -> SecondView:
+        """Return the view of the second mesh, made if needed, with only these links active."""
+        from meshmash_viewer.app.second_view import SecondView
+
+        view = self.second_view
+        if view is None:
+            assert self.scene is not None and self.controller is not None  # noqa: PT018  a render
+            view = self.second_view = SecondView(self._document, self.scene, self.controller)
+            view.close_requested.connect(self.end_comparison)
+            self._last_look.watch(view.document, view)
+            self._stage.add_second(view)
+            self.pair_changed.emit(view.pair)
+        for name in LINKS:
+            view.pair.link(name, name in links)
+        return view
+
+    def end_comparison(self) -> None:
+        """Close the second mesh."""
+        if self.second_view is not None:
+            view, self.second_view, self._second_restoration = self.second_view, None, None
+            view.shut()
+            self.pair_changed.emit(None)
+            view.setParent(None)
+            view.deleteLater()
+
+    # -- sessions -----------------------------------------------------------------------------
+
+    def open_session(self) -> None:
+        """Ask for a session."""
+        path, _ = QFileDialog.getOpenFileName(
+            self._window,
+            "Open session",
+            str(self._settings.folder),
+            f"Sessions (*{SESSION_ENDING});;All files (*)",
+        )
+        if path:
+            self.restore_session(Path(path))
+
+    def restore_session(self, path: Path) -> None:
+        """Open a session file."""
+        try:
+            restoration = Restoration(self._document, path)
+        except InputError as fault:
+            self._say(str(fault), Severity.ERROR)
+            return
+        if self.restoration is not None:
+            self.restoration.stop()
+        self.restoration = restoration
+        restoration.restored.connect(self.look)
+        restoration.begin()
+
+    def look(self) -> None:
+        """Restore the camera of the session, once both mesh and render are loaded."""
+        restoration = self.restoration
+        if self.scene is None or restoration is None or not restoration.done:
+            return
+        self.restoration = None
+        if restoration.camera is not None:
+            self.scene.set_camera(restoration.camera.to_json())
+        if restoration.second is not None:
+            view = self._make_view(restoration.second.links)
+            path = Path(restoration.second.mesh_path)
+            self._second_restoration = Restoration(view.document, path, restoration.second)
+            self._second_restoration.begin()
+
+    def store_session(self, path: Path) -> None:
+        """Write the session; raise `InputError` if the file cannot be written."""
+        camera = self.scene.camera() if self.scene is not None else None
+        store_session(self._document, camera or {}, path, self.pair)
+
+    def save_session(self) -> None:
+        """Ask for a file name, and save the session."""
+        if self._document.path is None:
+            text = "This mesh was handed over in memory: a session needs one that is in a file."
+            self._say(text, Severity.WARNING)
+            return
+        start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
+        chosen, _ = QFileDialog.getSaveFileName(
+            self._window, "Save session", str(start), f"Sessions (*{SESSION_ENDING})"
+        )
+        if not chosen:
+            return
+        path = Path(chosen)
+        if not path.name.endswith(SESSION_ENDING):
+            path = path.with_name(path.name.removesuffix(".json") + SESSION_ENDING)
+        try:
+            self.store_session(path)
+        except (InputError, OSError) as fault:
+            self._say(f"The session was not saved: {fault}", Severity.ERROR)
+            return
+        self._say(f"Session saved to {path}.")
