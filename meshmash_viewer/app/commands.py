@@ -38,24 +38,6 @@ class Commands:
     """Implements each command of the table by the method of its name, here or in a helper.
 
     The others are `opening`, `pictures`, for what is taken of the render, and the document.
-
-    Parameters
-    ----------
-    window : QMainWindow
-        The parent of dialogs.
-    document : Document
-    settings : Settings
-    actions : Actions
-    arrangement : Arrangement
-    background_io : BackgroundIO
-        Reads and writes files.
-    opening : Opening
-
-    Attributes
-    ----------
-    pictures : Pictures
-    scene : MeshView, optional
-        The render, once it is loaded.
     """
 
     def __init__(

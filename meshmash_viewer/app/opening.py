@@ -29,16 +29,6 @@ if TYPE_CHECKING:
 class Opening(QObject):
     """What is open in a window: a mesh, perhaps a second one, and sessions of both.
 
-    Parameters
-    ----------
-    window : QMainWindow
-        The parent of dialogs.
-    document : Document
-    settings : Settings
-    last_look : LastLook
-    stage : Stage
-        Shows the second mesh next to the first.
-
     Signals
     -------
     pair_changed(Pair or None)

@@ -38,12 +38,8 @@ class SecondView(QWidget):
 
     Parameters
     ----------
-    document : Document
-        The first.
-    scene : MeshView
-        Its render.
-    controller : Controller
-        Its controller.
+    document, scene, controller
+        Those of the first.
 
     Attributes
     ----------

@@ -97,28 +97,18 @@ def write_in_pieces(
 
     Parameters
     ----------
-    mesh : Mesh
-    path : Path
-        Its ending says the format.
     family : Family
         With all that would otherwise be taken from the spectrum of the whole.
     count : int
-        About how many pieces.
+        Approximate number of pieces.
     target : Target
         How far up its spectrum the whole is asked for; the pieces go as far.
-    operator : OperatorOptions
-    repairs : sequence of str
-        What has been done to the mesh.
     file_mesh : Mesh, optional
-        The mesh before that, to write the results at all its vertices.
+        The mesh before the repairs, to write the results at all its vertices.
     drop_first : bool
         Whether to leave out the first pair of the whole, which is constant on a component.
-    n_jobs : int, optional
-        Processes; None for one a core.
     done : callable, optional
         See `MeshStitcher.apply`.
-    progress, cancel : callable, optional
-        See `meshmash_viewer.progress`; called between pieces.
 
     Returns
     -------
