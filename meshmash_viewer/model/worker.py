@@ -199,12 +199,17 @@ class Worker:
         if self._wire is None:
             raise EOFError
         self._wire.send((order.number, order.job))
+        if order.stopped.is_set():  # before there was a connection
+            self._wire.send((order.number, None))
         while not order.ended.is_set():
             self._deliver(order, *self._wire.receive())
 
     def _replace_process(self, job: Job) -> Failure:
         """Start another process after one has ended, and return why it has."""
-        code = self._process.wait() if self._process is not None else 0
+        code = 0
+        if self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):  # it lives, and is ended below
+                code = self._process.wait(_CLOSE_PATIENCE)
         errors = self.folder / "stderr.txt"
         details = errors.read_bytes()[-4000:].decode(errors="replace") if errors.exists() else ""
         self._drop_process()
