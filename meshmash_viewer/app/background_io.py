@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from PySide6.QtCore import QObject, Qt, QThreadPool, Signal
 
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -80,7 +80,7 @@ class BackgroundIO(QObject):
             for failure in faults:
                 document.notify(notice_of(failure))
             if shown and remarks:
-                document.notify(Notice(" ".join(remarks), Severity.WARNING))
+                document.say(" ".join(remarks), Severity.WARNING)
 
         self.run("Reading maps", read, take)
 

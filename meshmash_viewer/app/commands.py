@@ -21,7 +21,7 @@ from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import cost, stepping
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
@@ -133,9 +133,6 @@ class Commands:
         for mode in theme.Mode:
             actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
 
-    def _say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
-        self._document.notify(Notice(text, severity))
-
     @property
     def scene(self) -> MeshView | None:
         return self.pictures.scene
@@ -173,7 +170,8 @@ class Commands:
         from meshmash_viewer.app.shape_source import shape_writer
 
         if self._document.spectrum is None:  # another mesh was opened meanwhile
-            self._say("The shape was not saved: its mesh is not open any more.", Severity.WARNING)
+            text = "The shape was not saved: its mesh is not open any more."
+            self._document.say(text, Severity.WARNING)
             return
         self._write(path, shape_writer(self._document, path), "Shape")
 
@@ -183,8 +181,8 @@ class Commands:
             self._write(path, lambda: pair.write_match(path), "Match")
 
     def _write(self, path: Path, work: Callable[[], object], what: str) -> None:
-        doing = f"Writing {path.name}"
-        self._background_io.run(doing, work, lambda _: self._say(f"{what} written to {path}."))
+        written = f"{what} written to {path}."
+        self._background_io.run(f"Writing {path.name}", work, lambda _: self._document.say(written))
 
     def say_failed(self, failure: Failure) -> None:
         """Show why something is not available."""
@@ -197,7 +195,7 @@ class Commands:
         text = "Copied a Python script that makes what is on screen again"
         if output := script_output(self._document):
             text += f" and writes {output}, or the next free name where there is such a file"
-        self._say(f"{text}.")
+        self._document.say(f"{text}.")
 
     def clear_cache(self) -> None:
         """Delete the stored eigenpairs, after a question."""
@@ -213,7 +211,7 @@ class Commands:
         )
         if answer == QMessageBox.StandardButton.Yes:
             cache.clear()
-            self._say(f"Deleted {size} of stored eigenpairs.")
+            self._document.say(f"Deleted {size} of stored eigenpairs.")
 
     # -- looking ------------------------------------------------------------------------------
 
@@ -246,7 +244,7 @@ class Commands:
         if vertex >= 0:
             self._document.toggle_pin(vertex)
         else:
-            self._say("Hold the pointer over the mesh, then press P.")
+            self._document.say("Hold the pointer over the mesh, then press P.")
 
     def pin_index(self) -> None:
         """Ask for an index and pin that vertex."""
@@ -259,9 +257,10 @@ class Commands:
 
     def _pin(self, mesh: Mesh, vertex: int) -> None:
         if self._document.mesh is not mesh:
-            self._say("The vertex was not pinned: its mesh is not open any more.", Severity.WARNING)
+            text = "The vertex was not pinned: its mesh is not open any more."
+            self._document.say(text, Severity.WARNING)
         elif any(pin.vertex == vertex for pin in self._document.pins):
-            self._say(f"{mesh.named_vertex(vertex).capitalize()} is pinned already.")
+            self._document.say(f"{mesh.named_vertex(vertex).capitalize()} is pinned already.")
         else:
             self._document.toggle_pin(vertex)
 
@@ -286,7 +285,7 @@ class Commands:
 
         drawn = "none yet" if self.scene is None else graphics(self.scene.plotter.window_of_vtk)
         QGuiApplication.clipboard().setText(system_report(drawn))
-        self._say("System report copied: paste it where you report a fault.")
+        self._document.say("System report copied: paste it where you report a fault.")
 
     def about(self) -> None:
         """Show version, licence and methods."""

@@ -226,7 +226,7 @@ class MainWindow(QMainWindow):
         self.opening.look()
         for each in known_plug_ins():
             if each.fault:
-                self.document.notify(Notice(each.fault, Severity.WARNING))
+                self.document.say(each.fault, Severity.WARNING)
 
     # -- for scripts --------------------------------------------------------------------------
 

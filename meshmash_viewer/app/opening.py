@@ -18,7 +18,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.pair import LINKS, Pair
 
 if TYPE_CHECKING:
@@ -64,9 +64,6 @@ class Opening(QObject):
         self.restoration: Restoration | None = None
         self._second_restoration: Restoration | None = None
 
-    def _say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
-        self._document.notify(Notice(text, severity))
-
     def open_path(self, path: Path) -> None:
         """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
         self.open_paths([path])
@@ -89,7 +86,7 @@ class Opening(QObject):
         else:
             self.read(others[0], maps=maps)
         if len(others) > 1:
-            self._say(f"Opening {others[0].name}; one mesh at a time.")
+            self._document.say(f"Opening {others[0].name}; one mesh at a time.")
 
     def read(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
         """Read a mesh file as it was left, with files of maps; the open mesh stays if that fails.
@@ -203,7 +200,7 @@ class Opening(QObject):
         try:
             restoration = Restoration(self._document, path)
         except InputError as fault:
-            self._say(str(fault), Severity.ERROR)
+            self._document.say(str(fault), Severity.ERROR)
             return
         if self.restoration is not None:
             self.restoration.stop()
@@ -234,7 +231,7 @@ class Opening(QObject):
         """Ask for a file name, and save the session."""
         if self._document.path is None:
             text = "This mesh was handed over in memory: a session needs one that is in a file."
-            self._say(text, Severity.WARNING)
+            self._document.say(text, Severity.WARNING)
             return
         start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
         chosen, _ = QFileDialog.getSaveFileName(
@@ -248,6 +245,6 @@ class Opening(QObject):
         try:
             self.store_session(path)
         except (InputError, OSError) as fault:
-            self._say(f"The session was not saved: {fault}", Severity.ERROR)
+            self._document.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
-        self._say(f"Session saved to {path}.")
+        self._document.say(f"Session saved to {path}.")

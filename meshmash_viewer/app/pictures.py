@@ -15,7 +15,7 @@ from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.io.atomic import remove_left_overs
-from meshmash_viewer.model.document import Document, Notice
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.work.process import call_in_child
@@ -44,7 +44,7 @@ class Pictures:
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
         self.painter = SeriesPainter(window)
-        self.painter.drawn.connect(lambda _at, path: self._say(f"Picture saved to {path}."))
+        self.painter.drawn.connect(lambda _at, path: document.say(f"Picture saved to {path}."))
         self.painter.failed.connect(self._say_not_saved)
         self._background_io, self._closed = background_io, False
 
@@ -126,7 +126,7 @@ class Pictures:
 
         def say_saved(path: Path) -> None:
             self._settings.folder = path.parent
-            self._say(f"{what} saved to {path}.")
+            self._document.say(f"{what} saved to {path}.")
 
         self._open_dialogs[name] = dialog
         dialog.saved.connect(say_saved)
@@ -148,7 +148,7 @@ class Pictures:
 
         assert self.scene is not None
         self._settings.folder = path.parent
-        self._say(f"Writing {path.name} …")
+        self._document.say(f"Writing {path.name} …")
         surface = displayed_surface(self.scene.renderer)
 
         def write() -> None:
@@ -158,7 +158,7 @@ class Pictures:
                 remove_left_overs(path.parent)  # of a process that was ended
 
         self._background_io.run(
-            f"Writing {path.name}", write, lambda _: self._say(f"Scene saved to {path}.")
+            f"Writing {path.name}", write, lambda _: self._document.say(f"Scene saved to {path}.")
         )
 
     def _stop_if_closed(self, _: object) -> None:
@@ -172,7 +172,7 @@ class Pictures:
         height, width, _ = picture.shape
         image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
         QGuiApplication.clipboard().setImage(image.copy())
-        self._say("Picture copied.")
+        self._document.say("Picture copied.")
 
     def close(self) -> None:
         """Finish the pictures that are being written, and close open dialogs."""
@@ -184,9 +184,6 @@ class Pictures:
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"
         self._document.notify(notice_of(replace(failure, text=text)))
-
-    def _say(self, text: str) -> None:
-        self._document.notify(Notice(text))
 
 
 def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:

@@ -15,7 +15,7 @@ from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.spectral.weyl import Target
@@ -203,4 +203,4 @@ class Restoration:
         )
 
     def _warn(self, text: str) -> None:
-        self._document.notify(Notice(text, Severity.WARNING))
+        self._document.say(text, Severity.WARNING)

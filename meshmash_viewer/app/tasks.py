@@ -72,10 +72,10 @@ class Tasks(QObject):
             self._queue.insert(0, job)
         elif isinstance(job, ExportJob) or isinstance(self._job, ExportJob):
             self._queue.append(job)
-            self._document.notify(Notice(f"{job.label} waits for: {self._job.label}."))
+            self._document.say(f"{job.label} waits for: {self._job.label}.")
         elif isinstance(job, DecomposeJob) and not isinstance(self._job, DecomposeJob):
             text = f"{self._job.label} is not done yet: compute when it is."
-            self._document.notify(Notice(text, Severity.WARNING))
+            self._document.say(text, Severity.WARNING)
         else:
             self._queue = [waiting for waiting in self._queue if isinstance(waiting, ExportJob)]
             self._queue.insert(0, job)
@@ -133,7 +133,7 @@ class Tasks(QObject):
         ):
             self._document.accept_spectrum(message.spectrum)
             if message.remark:
-                self._document.notify(Notice(message.remark, Severity.WARNING))
+                self._document.say(message.remark, Severity.WARNING)
 
     def _on_finished(self, result: object) -> None:
         if isinstance(result, MeshReady):

@@ -252,7 +252,7 @@ class Document:
         """Request that files with values per vertex are read, and the last map shown if `shown`."""
         if self.ready is None:
             text = "There is no mesh to put a map on: open the mesh first, then its maps."
-            self.notify(Notice(text, Severity.WARNING))
+            self.say(text, Severity.WARNING)
         elif paths:
             self.maps_requested.emit(tuple(paths), shown)
 
@@ -266,7 +266,7 @@ class Document:
         if shown:
             self._show_map(more.maps[-1].name)
             names = ", ".join(each.name for each in more.maps[len(now.maps) :])
-            self.notify(Notice(f"Added {counted(len(maps), 'map')}: {names}."))
+            self.say(f"Added {counted(len(maps), 'map')}: {names}.")
         self.spectrum_changed.emit()
 
     def accept_growing(self, mesh: Mesh, grew: MapGrew) -> None:
@@ -539,7 +539,7 @@ class Document:
             f"Eigenpair {index} is damaged on the disk: it and the pairs after it are not shown."
             " Compute them again; intact pairs are kept."
         )
-        self.notify(Notice(text, Severity.WARNING))
+        self.say(text, Severity.WARNING)
 
     # -- pins -------------------------------------------------------------------------------
 
@@ -641,8 +641,12 @@ class Document:
         return decomposition_seconds(self.ready.health.n_vertices, pairs, self.seconds_rate)
 
     def notify(self, notice: Notice) -> None:
-        """Show a sentence in the message bar."""
+        """Show a notice in the message bar."""
         self.noticed.emit(notice)
+
+    def say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
+        """Show a sentence in the message bar."""
+        self.notify(Notice(text, severity))
 
 
 def _in_unit(ready: MeshReady, unit: str) -> MeshReady:

@@ -28,7 +28,7 @@ from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.field import expected_bytes
 from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
 
@@ -149,7 +149,7 @@ class MeshPanel(QWidget):
         try:
             self._document.set_unit(text)
         except InputError as fault:
-            self._document.notify(Notice(str(fault), Severity.ERROR))
+            self._document.say(str(fault), Severity.ERROR)
         self._refresh_facts()
 
     def _refresh_facts(self) -> None:

@@ -21,7 +21,7 @@ from meshmash_viewer.features.map_spectrum import MapSpectrum
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.maps import CURVATURES, VIEWS, OwnMaps
 from meshmash_viewer.io.write import SPECTRUM_WRITERS, write_map_spectrum
-from meshmash_viewer.model.document import Notice, Severity
+from meshmash_viewer.model.document import Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted, format_number
@@ -151,10 +151,10 @@ class MapTab(FamilyTab):
         try:
             write_map_spectrum(path, found, mesh, name)
         except InputError as fault:
-            document.notify(Notice(f"The coefficients were not saved: {fault}", Severity.ERROR))
+            document.say(f"The coefficients were not saved: {fault}", Severity.ERROR)
         else:
             text = f"Coefficients of {name} on {counted(len(found), 'pair')} written to {path}."
-            document.notify(Notice(text))
+            document.say(text)
 
     def _keep(self) -> None:
         document, field = self._document, self._field
