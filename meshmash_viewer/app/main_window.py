@@ -22,7 +22,6 @@ from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
     QComboBox,
-    QLabel,
     QLineEdit,
     QMainWindow,
     QMenu,
@@ -38,6 +37,7 @@ from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
+from meshmash_viewer.app.hover_label import HoverLabel
 from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
@@ -50,7 +50,6 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.plug_ins import known_plug_ins
-from meshmash_viewer.units import counted, format_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.shape_source import DrawnShape
@@ -158,8 +157,7 @@ class MainWindow(QMainWindow):
         self.addToolBar(self.toolbar)
 
     def _build_status_bar(self) -> None:
-        self.hover_label = theme.named(QLabel(), "hover_label", "Vertex under the pointer")
-        self.hover_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.hover_label = HoverLabel(self.document)
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addPermanentWidget(self.hover_label, 1)
 
@@ -209,7 +207,7 @@ class MainWindow(QMainWindow):
         self.pair_panel.save_requested.connect(self.commands.save_match)
         self.pair_panel.maps_requested.connect(self.opening.add_map_to_second)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
-        self.scene.vertex_hovered.connect(self._on_hover)
+        self.scene.vertex_hovered.connect(self.hover_label.show_vertex)
         self.scene.vertex_hovered.connect(self._point_at_pin)
         self.profile_panel.pin_pointed.connect(self.scene.point_at)
         self.scene.stepped.connect(partial(stepping.step, self.document))
@@ -300,7 +298,7 @@ class MainWindow(QMainWindow):
         if ready is not None and ready.path is not None and not ready.derived:
             self.settings.add_recent(ready.path)
             self.last_look.restore()
-        self.hover_label.setText(self._mesh_summary())
+        self.hover_label.show_vertex(-1)
 
     def _show_stage(self) -> None:
         """Show the render or the welcome, and which meshes were opened last."""
@@ -316,6 +314,7 @@ class MainWindow(QMainWindow):
 
     def _on_drawn(self, field: Field | None, limits: tuple[float, float]) -> None:
         """Show the field that was drawn in the panels, and vibrate by it."""
+        self.hover_label.field = field
         self.field_panel.set_field(field, limits)
         self.shape_source.set_field(field)
         self.shape_panel.set_field(field)
@@ -343,27 +342,6 @@ class MainWindow(QMainWindow):
     def _clear_title(self) -> None:
         self.stage.message_bar.keep_clear(self.scene.title_size, self.scene.bar_width)
 
-    def _on_hover(self, vertex: int) -> None:
-        ready = self.document.ready
-        # the vertex may be of the previous mesh
-        if ready is None or not 0 <= vertex < ready.mesh.n_vertices:
-            self.hover_label.setText(self._mesh_summary())
-            return
-        unit = ready.mesh.unit
-        place = ", ".join(f"{x:.6g}" for x in ready.mesh.vertices[vertex])
-        parts = [ready.mesh.named_vertex(vertex).capitalize()]
-        field = self.controller.field
-        if field is not None and vertex < len(field.values):
-            value = float(field.values[vertex])
-            if field.labels and value == value:
-                parts.append(field.labels[int(value)].name)
-            else:
-                number = format_quantity(value, "", digits=5)
-                parts.append(f"value {number} {field.unit}".rstrip())
-        parts.append(f"at ({place}) {unit}".rstrip())
-        parts.append("click to pin")
-        self.hover_label.setText("  ·  ".join(parts))
-
     def _point_at_pin(self, vertex: int) -> None:
         """Highlight the pin whose disc is under the pointer, if there is one."""
         place = self.scene.display_point
@@ -373,16 +351,6 @@ class MainWindow(QMainWindow):
             if vertex >= 0 and (place(pin.vertex) - place(vertex)).manhattanLength() < 9
         ]
         self.profile_panel.point_at(near[-1] if near else -1)
-
-    def _mesh_summary(self) -> str:
-        ready = self.document.ready
-        if ready is None:
-            return ""
-        health = ready.health
-        unit = ready.mesh.unit or "no unit"
-        return "  ·  ".join(
-            (counted(health.n_vertices, "vertex"), counted(health.n_faces, "face"), unit)
-        )
 
     def _on_job_changed(self) -> None:
         """Store the speed of the solver, and update the welcome page."""

@@ -39,6 +39,8 @@ run_child(*given)
 """
 #: Seconds until `call_in_child` looks at the child for the first time, and between the next ones.
 _START, _LOOK = 0.2, 0.02
+#: Exit status of a child without memory for its answer.
+_NO_MEMORY = 65
 #: Error numbers of a pipe whose other end is closed, on POSIX and on Windows.
 _CLOSED = (errno.EPIPE, errno.EINVAL)
 #: Seconds between two searches for new processes, which read the table of all processes.
@@ -133,6 +135,8 @@ def call_in_child(
         except BaseException:
             tree.end()
             raise
+    if child.returncode == _NO_MEMORY:
+        raise MemoryError
     if child.returncode:
         raise ChildEnded(f"status {child.returncode}")
     fault, result = pickle.loads(answered)
@@ -150,8 +154,11 @@ def answer(source: BinaryIO, sink: BinaryIO) -> None:
     except Exception as fault:  # noqa: BLE001  raised in the parent
         fault.add_note(traceback.format_exc())  # which does not get there otherwise
         outcome = (fault, None)
-    with sink:
-        pickle.dump(outcome, sink, pickle.HIGHEST_PROTOCOL)
+    try:
+        with sink:
+            pickle.dump(outcome, sink, pickle.HIGHEST_PROTOCOL)
+    except MemoryError:
+        os._exit(_NO_MEMORY)
 
 
 # -- messages -----------------------------------------------------------------------------------
