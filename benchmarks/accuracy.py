@@ -133,7 +133,7 @@ def measure(problem: Problem, k: int, jobs: int | None) -> dict[str, float | str
         problem.mass,
         k,
         n_jobs=jobs,
-        on_pairs=lambda start, values, residuals: borders.append(start),
+        on_pairs=lambda pairs: borders.append(len(pairs)),
     )
     gram = problem.gram(found.rows)
     slice_of = np.searchsorted(np.array(borders), np.arange(found.n_components), side="right")

@@ -113,14 +113,15 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
     """Fill the cache with eigenpairs of a mesh, real or synthetic."""
     from meshmash_viewer.io.store import EigenpairStore
     from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
-    from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+    from meshmash_viewer.spectral.eigensolver import solve
 
     operator = OperatorOptions()
     store = EigenpairStore(mesh, operator)
     if solved:
         stiffness, mass = cotangent_laplacian(mesh, robust=True)
-        found = solve(stiffness, mass, n_pairs, allocate=store.allocate, on_pairs=store.append)
-        store.finish(found)
+        options = {"allocate": store.allocate, "on_pairs": store.append}
+        store.append(solve(stiffness, mass, n_pairs, **options))
         return
     rows = store.allocate(n_pairs)
     rng = np.random.default_rng(0)
@@ -132,13 +133,12 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
         rows[index] = np.cos(place @ wave + 2.0 * np.pi * rng.random() * (index > 0))
         rows[index] /= np.sqrt((rows[index] ** 2).mean() * mesh.area)
     values = 4.0 * np.pi / mesh.area * np.arange(n_pairs)
-    found = Decomposition(
+    found = Eigenpairs(
         values, rows, np.full(n_pairs, 1e-12),
-        Certificate("none", orthonormality=0.1, remark="synthetic rows for timing"),
+        Certificate("dense", orthonormality=0.1, remark="synthetic rows for timing"),
         mass=np.full(mesh.n_vertices, mesh.area / mesh.n_vertices),
     )  # fmt: skip
-    store.append(0, values, found.residuals)
-    store.finish(found)
+    store.append(found)
 
 
 def run_window(

@@ -17,7 +17,7 @@ from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.results import MeshReady
-from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.certificate import Certificate, Method
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 Widget = TypeVar("Widget", bound=QWidget)
@@ -51,8 +51,9 @@ def rectangle_spectrum(
         eigenvalues[twins] = eigenvalues[twins.start]
     k = n_pairs if converged is None else converged
     residuals = np.full(k, 3e-12)
-    certificate = Certificate("dense", n_pairs, n_pairs) if converged is None else None
-    return Eigenpairs(eigenvalues[:k], rows, residuals, n_pairs, certificate)
+    method: Method = "dense" if converged is None else "none"
+    certificate = Certificate(method, n_pairs, n_pairs)
+    return Eigenpairs(eigenvalues[:k], rows, residuals, certificate, total=n_pairs)
 
 
 def part(within: QWidget, name: str) -> QWidget:

@@ -20,11 +20,12 @@ from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import cost, stepping
+from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
+from meshmash_viewer.spectral import cost
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog

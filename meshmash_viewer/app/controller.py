@@ -8,7 +8,6 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen, stop_listening
-from meshmash_viewer.app.row_check import RowCheck
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
@@ -78,7 +77,6 @@ class Controller(QObject):
         self._patience.timeout.connect(self._announce)
         self._fields = LatestThread(self._compute, self._take, parent=self, one_core=True)
         self._tables = LatestThread(self._prepare, self._improve, _REST, self)
-        self._row_check = RowCheck(document, self)
         listen(document.mesh_changed, self.show_mesh)
         listen(document.pins_changed, self._show_pins)
         events = document.display.events
@@ -93,7 +91,6 @@ class Controller(QObject):
         self._patience.stop()
         self._fields.close()
         self._tables.close()
-        self._row_check.close()
 
     @property
     def comes(self) -> bool:

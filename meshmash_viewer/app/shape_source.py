@@ -241,8 +241,8 @@ def shape_writer(document: Document, path: Path) -> Callable[[], None]:
         spectrum.operator or document.operator,
         document.repairs,
     )
-    count, certificate = shape.within(len(spectrum)), spectrum.certificate
-    proof = "" if certificate is None else certificate.sentence(len(spectrum), mesh.unit)
+    count = shape.within(len(spectrum))
+    proof = "" if spectrum.certificate.method == "none" else spectrum.proof(mesh.unit)
 
     def write() -> None:
         sums = Reconstruction(mesh, spectrum.rows, spectrum.vertex_areas)

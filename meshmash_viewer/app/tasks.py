@@ -16,9 +16,10 @@ from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.previews import is_worthwhile
-from meshmash_viewer.model.results import MapGrew, MeshReady, SpectrumGrew, Written
+from meshmash_viewer.model.results import MapGrew, MeshReady, Written
 from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 from meshmash_viewer.work.job import Job
 
@@ -45,13 +46,9 @@ class Tasks(QObject):
         listen(document.mesh_changed, self._on_mesh_changed)
 
     def _prepare(self, kind: str, content: object) -> None:
-        """Open files and derive geometry in the worker's thread, then pass a message on."""
-        if isinstance(content, SpectrumGrew):
-            _ = content.spectrum
-        elif isinstance(content, MeshReady):
+        """Derive geometry in the worker's thread, then pass a message on."""
+        if isinstance(content, MeshReady):
             geometry_of(content.mesh)
-            if content.known is not None:
-                _ = content.known.spectrum
         self._received.emit(kind, content)
 
     def _take(self, kind: str, content: Any) -> None:
@@ -126,14 +123,11 @@ class Tasks(QObject):
             self._document.notify(message)
         elif isinstance(message, MapGrew) and isinstance(job, PiecesJob):
             self._document.accept_growing(job.mesh, message)
-        elif (
-            isinstance(message, SpectrumGrew)
-            and isinstance(job, DecomposeJob | PreviewJob)
-            and self._is_shown(job.mesh)
-        ):
-            self._document.accept_spectrum(message.spectrum)
-            if message.remark:
-                self._document.say(message.remark, Severity.WARNING)
+        elif isinstance(job, DecomposeJob | PreviewJob) and self._is_shown(job.mesh):
+            if isinstance(message, Eigenpairs):
+                self._document.accept_spectrum(message)
+            elif isinstance(message, str):
+                self._document.say(message, Severity.WARNING)
 
     def _on_finished(self, result: object) -> None:
         if isinstance(result, MeshReady):

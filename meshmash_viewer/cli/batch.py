@@ -26,11 +26,12 @@ from meshmash_viewer.io.spectrum import obtain_eigenpairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.progress import Cancelled, ProgressBar
+from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target, wavelength
 from meshmash_viewer.units import format_quantity
 
 if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Result for a mesh: entries for JSON, and text.
 Report: TypeAlias = tuple[dict[str, Any], str]
@@ -79,7 +80,7 @@ def reach(report: dict[str, Any], mesh: Mesh) -> str:
     return f"{reached}, waves of {format_quantity(report['wavelength'], mesh.unit)}"
 
 
-def pairs_report(pairs: Decomposition, mesh: Mesh) -> dict[str, Any]:
+def pairs_report(pairs: Eigenpairs, mesh: Mesh) -> dict[str, Any]:
     """Return the entries of a report on eigenpairs."""
     largest = float(pairs.eigenvalues[-1])
     return {
@@ -171,25 +172,22 @@ def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
 # While it computes ----------------------------------------------------------------------------
 
 
-def solved(mesh: Mesh, options: Namespace, target: Target) -> Decomposition:
+def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
     """Return the eigenpairs of a mesh, stored or computed."""
-    from meshmash_viewer.model.decomposition import free_memory, refuse_what_cannot_fit
-
-    free = free_memory()
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
-        found = obtain_eigenpairs(
-            mesh,
-            chosen_operator(options),
-            target,
-            use_cache=not options.no_cache,
+        request = Request(
+            target.n_components,
+            target.max_eigenvalue,
+            n_jobs=options.jobs,
             progress=bar,
             cancel=cancel,
-            check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free, mesh.n_components),
-            n_jobs=options.jobs,
         )
-    if found.remark:
-        say(found.remark)
-    return found.decomposition
+        pairs, remark = obtain_eigenpairs(
+            mesh, chosen_operator(options), request, use_cache=not options.no_cache
+        )
+    if remark:
+        say(remark)
+    return pairs
 
 
 def progress_bar(mesh: Mesh) -> contextlib.AbstractContextManager[ProgressBar | None]:

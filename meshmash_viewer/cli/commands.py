@@ -34,10 +34,11 @@ from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.health import median_edge_length, mesh_health
 from meshmash_viewer.io.provenance import export_options, provenance
-from meshmash_viewer.io.spectrum import find_eigenpairs
+from meshmash_viewer.io.spectrum import stored_answer
 from meshmash_viewer.io.write import check_output, write_features, write_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, written_unit
 
@@ -65,12 +66,9 @@ def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
     low, high = mesh.bounds
     n = health.n_vertices - health.unreferenced_vertices
     translation = Translation(health.area, n_vertices=n)
-    stored = find_eigenpairs(mesh, OperatorOptions())
-    count = None if stored is None else stored.covers(target)
-    if stored is not None and count is not None:
-        bound = target.max_eigenvalue or 0.0
-        known = stored.eigenvalues[:count]
-        translation = replace(translation, eigenvalues=known, known_to=bound)
+    request = Request(target.n_components, target.max_eigenvalue)
+    if (known := stored_answer(mesh, OperatorOptions(), request)) is not None:
+        translation = replace(translation, eigenvalues=known.eigenvalues, known_to=known.known_to)
     reached = {
         "n_eigenpairs": translation.count(target),
         "max_eigenvalue": translation.eigenvalue(target),

@@ -35,7 +35,7 @@ from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import write_results
 from meshmash_viewer.model.pieces import described_seams, write_in_pieces
-from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
 from meshmash_viewer.units import counted
 
@@ -164,7 +164,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
             "orthonormality": float(pairs.orthonormality),
             "seconds_eigenpairs": round(seconds, 3),
         }
-    results: Features | Decomposition | None = pairs
+    results: Features | Eigenpairs | None = pairs
     if family.makes_features():
         results = _computed_features(mesh, family, pairs, target, options, report)
     assert results is not None
@@ -196,7 +196,7 @@ def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: l
 
 def _solved_target(
     mesh: Mesh, family: Family, options: Namespace, remarks: list[str]
-) -> tuple[Decomposition | None, Target]:
+) -> tuple[Eigenpairs | None, Target]:
     """Return the eigenpairs that a family needs, and the target they were solved for."""
     n, target, limit = mesh.n_vertices - len(mesh.unreferenced), options.target, ""
     if target is None:  # --count auto
@@ -221,7 +221,7 @@ def _solved_target(
 def _computed_features(
     mesh: Mesh,
     family: Family,
-    pairs: Decomposition | None,
+    pairs: Eigenpairs | None,
     target: Target,
     options: Namespace,
     report: dict[str, Any],

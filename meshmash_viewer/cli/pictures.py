@@ -5,10 +5,11 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain, islice
 from typing import Any
 
-from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, options_of
+from meshmash_viewer.cli.arguments import chosen_family, options_of
 from meshmash_viewer.cli.batch import (
     Report,
     for_each,
@@ -48,11 +49,11 @@ from meshmash_viewer.io.movie import (
 )
 from meshmash_viewer.io.write import check_output, write_picture
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.progress import Progress, ProgressBar
+from meshmash_viewer.spectral.cost import written_bytes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 
@@ -286,15 +287,7 @@ def _solved(mesh: Mesh, family: Family, options: Namespace, report: dict[str, An
         return Eigenpairs.without_pairs(mesh)
     pairs = solved(mesh, options, options.target)
     report |= pairs_report(pairs, mesh)
-    return Eigenpairs(
-        pairs.eigenvalues,
-        pairs.rows,
-        pairs.residuals,
-        total=pairs.n_components,
-        certificate=pairs.certificate,
-        operator=chosen_operator(options),
-        mesh=mesh,
-    )
+    return replace(pairs, mesh=mesh)
 
 
 # What all pictures share ----------------------------------------------------------------------

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -35,22 +36,6 @@ _CONFIDENT = 0.1
 _ENERGIES = 100
 #: Minimum number of nonzero eigenvalues for a comparison.
 _FEWEST = 3
-
-
-class Eigenpairs(Protocol):
-    """Eigenpairs of a shape to compare, such as a `Decomposition`."""
-
-    @property
-    def eigenvalues(self) -> FloatArray:
-        """Ascending, shape (k,)."""
-
-    @property
-    def rows(self) -> Any:
-        """Eigenvectors, one a row, shape (>= k, n)."""
-
-    @property
-    def mass(self) -> FloatArray:
-        """Area of each vertex, shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)

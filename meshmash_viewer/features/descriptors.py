@@ -60,6 +60,7 @@ from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.engine.request import Allocate
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 #: Any accepted form of a mesh, or its ``(L, M)``.
@@ -356,7 +357,7 @@ class _Computation:
         self,
         n_components: int | None,
         max_eigenvalue: float | None,
-        allocate: Callable[[int, int], Array] | None,
+        allocate: Allocate | None,
         stacklevel: int = 5,
     ) -> Decomposition:
         """Compute eigenpairs by their number or up to a threshold."""

@@ -22,7 +22,7 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.units import power_unit
 
 if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -298,7 +298,7 @@ def distance_features(
     mesh: MeshLike,
     vertices: npt.ArrayLike,
     measure: str = "geodesic",
-    decomposition: Decomposition | None = None,
+    decomposition: Eigenpairs | None = None,
     time: float | None = None,
 ) -> Features:
     """Compute distances from some vertices, a column for each.
@@ -364,7 +364,7 @@ def distance_features(
 
 
 def _from_pairs(
-    mesh: Mesh, vertices: list[int], measure: str, pairs: Decomposition, time: float
+    mesh: Mesh, vertices: list[int], measure: str, pairs: Eigenpairs, time: float
 ) -> FloatArray:
     if len(pairs.eigenvectors) != mesh.n_vertices:
         raise InputError(

@@ -20,7 +20,7 @@ from meshmash_viewer.features.maps import (
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -91,7 +91,7 @@ class MapSpectrum:
         return min(part / whole, 1.0) if whole > 1e-13 * self.energy else 1.0
 
 
-def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpectrum:
+def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectrum:
     """Project a map on eigenfunctions, and measure its energy.
 
     Parameters

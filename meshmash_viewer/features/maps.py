@@ -16,7 +16,7 @@ from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
@@ -113,7 +113,7 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
 
 
 def filter_map(
-    decomposition: Decomposition,
+    decomposition: Eigenpairs,
     values: npt.ArrayLike,
     response: Callable[[FloatArray], npt.ArrayLike],
 ) -> FloatArray:
@@ -168,7 +168,7 @@ def filter_map(
         )
     given = as_map_values(values, decomposition.rows.shape[1])
     weights = checked_coefficients(response(decomposition.eigenvalues), decomposition.eigenvalues)
-    columns, mass = decomposition.rows.T, decomposition.mass
+    columns, mass = decomposition.eigenvectors, decomposition.mass
     coefficients = spectral_coefficients(columns, mass, without_gaps(given, mass))
     if len(weights) == 1:
         return reconstruct(columns, (weights[0] * coefficients.T).T)

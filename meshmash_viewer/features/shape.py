@@ -21,7 +21,7 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -118,7 +118,7 @@ class Reconstruction:
         return float(np.sqrt(left @ self._mass / self._mass.sum()))
 
 
-def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> FloatArray:
+def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> FloatArray:
     """Reconstruct the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
 
     Parameters

@@ -32,7 +32,7 @@ from meshmash_viewer.vertex_map import named_apart
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -243,7 +243,7 @@ class Features:
 
 
 def compute_features(
-    decomposition: Decomposition,
+    decomposition: Eigenpairs,
     bank: FilterBank,
     *,
     unit: str = "",

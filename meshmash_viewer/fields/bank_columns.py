@@ -29,7 +29,7 @@ from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 __all__ = ["FEATURES", "MOST_COLUMNS", "BankColumns", "BankFamily", "Columns"]
 
@@ -74,7 +74,7 @@ class BankFamily(Family):
 
     def compute_features(
         self,
-        pairs: Decomposition | None,
+        pairs: Eigenpairs | None,
         mesh: Mesh,
         area: float | None = None,
         bound: float | None = None,

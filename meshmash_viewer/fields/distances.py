@@ -46,7 +46,7 @@ from meshmash_viewer.units import counted, format_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Number of steps of the arrow keys from the shortest to the longest time.
 _STEPS = 32
@@ -253,7 +253,7 @@ class Distances(Family):
 
     def compute_features(
         self,
-        pairs: Decomposition | None,
+        pairs: Eigenpairs | None,
         mesh: Mesh,
         area: float | None = None,
         bound: float | None = None,

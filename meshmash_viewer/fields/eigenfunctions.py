@@ -128,8 +128,8 @@ class Eigenfunctions(Family):
         return names, f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
-        shown = spectrum.shown
-        shown_sign = 1.0 if shown is None else shown.alignment.sign(self.index)
+        alignment = spectrum.alignment
+        shown_sign = 1.0 if alignment is None else alignment.sign(self.index)
         sign = "-" if (self.index in self.flipped) != (shown_sign == -1.0) else ""
         lines = [f"values = {sign}decomposition.eigenvectors[:, {self.index}]"]
         if shown_sign is None:

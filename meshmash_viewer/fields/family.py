@@ -26,7 +26,7 @@ from meshmash_viewer.vertex_map import Label
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
@@ -432,7 +432,7 @@ class Family(Parameters):
 
     def compute_features(
         self,
-        pairs: Decomposition | None,
+        pairs: Eigenpairs | None,
         mesh: Mesh,
         area: float | None = None,
         bound: float | None = None,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from meshmash_viewer.folders import cache_folder
 from meshmash_viewer.io.atomic import LEFT_OVER, discard
-from meshmash_viewer.io.stored_spectrum import ROWS, SEALED, published_pairs
+from meshmash_viewer.io.sealed import read_sealed
 
 if sys.platform == "win32":
     import msvcrt
@@ -21,9 +21,11 @@ else:
     import fcntl
 
 #: Version of the files of a store and of the operator; stores of other versions are not used.
-FORMAT = 5
+FORMAT = 6
 #: File that describes a store; its modification time is the time of last use.
 PROBLEM = "problem.json"
+#: Files of a store with its eigenvectors, and with all else that is published.
+ROWS, PAIRS = "eigenvectors.f64", "pairs.sealed"
 
 #: Bytes that the cache may hold: 300 pairs of eight meshes of a million vertices.
 DEFAULT_CAP = 20_000_000_000
@@ -214,10 +216,13 @@ def _tidy_store(folder: Path) -> bool:
     for name in names:
         if name.startswith(LEFT_OVER):
             discard(folder / name)
-    rows, published = folder / ROWS, 8 * n_vertices * published_pairs(names)
-    if rows.exists() and rows.stat().st_size > published:
-        os.truncate(rows, published)  # allocated for pairs that were not computed
-    return not any(name.endswith(SEALED) for name in names)
+    with contextlib.suppress(ValueError, KeyError):  # damaged, which the next read reports
+        found = read_sealed(folder / PAIRS, folder.name).arrays if PAIRS in names else {}
+        published = 8 * n_vertices * len(found.get("eigenvalues", ()))
+        rows = folder / ROWS
+        if rows.exists() and rows.stat().st_size > published:
+            os.truncate(rows, published)  # allocated for pairs that were not computed
+    return not any(name.endswith(".sealed") for name in names)
 
 
 def _last_used(folder: Path) -> int:

@@ -1,10 +1,11 @@
 """Eigenpairs on disk: written by one process, read by others, identified by content.
 
-A spectrum is stored in a folder named after its mesh and operator (see
-`meshmash_viewer.io.stored_spectrum`). Published data is never overwritten, so that it survives a
-kill, a power failure and a resumed run. Disk blocks are allocated before rows are written, rows are
-flushed before the file of their batch is written, and the certificate is written last. Batches that
-fail their checksum are ignored, and computed again.
+The folder of a store is named after its mesh and operator. It holds the eigenvectors, contiguous
+rows of float64 without a header, so that they are mapped as one array, and a sealed file (see
+`meshmash_viewer.io.sealed`) with the eigenvalues, residuals and checksums of the published rows.
+That file is replaced atomically after new rows have been flushed to the disk, and published rows
+are not written again, so that they survive a kill, a power failure and a resumed run. Always a
+leading part of the spectrum is stored: rows from the first damaged one on are computed again.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import os
 import shutil
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -30,28 +32,22 @@ from meshmash_viewer.io.atomic import persistently, written_whole
 from meshmash_viewer.io.cache import (
     DEFAULT_CAP,
     FORMAT,
+    PAIRS,
     PROBLEM,
+    ROWS,
     EigenpairCache,
     FileLock,
     folder_size,
 )
 from meshmash_viewer.io.sealed import read_sealed, write_sealed
-from meshmash_viewer.io.stored_spectrum import (
-    PROOF,
-    ROWS,
-    Batch,
-    Proof,
-    StoredRows,
-    StoredSpectrum,
-    read_spectrum,
-    write_batch,
-    write_proof,
-)
+from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.engine.request import Request
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,6 +56,12 @@ _LAPLACIAN = "laplacian.sealed"
 _CHUNK = 1 << 20
 #: Error codes of file systems that cannot allocate blocks in advance.
 _NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
+#: Threads that compare checksums, and bytes that each has in memory at a time.
+_THREADS, _BLOCK = 2, 1 << 18
+#: Exceptions raised by reading a damaged or wrong file.
+_UNUSABLE = (OSError, ValueError, KeyError, TypeError)
+#: Relative tolerance of thresholds, as in the solver.
+_THRESHOLD_MARGIN = 1e-11
 
 
 class StoreUnusable(InputError):
@@ -68,6 +70,57 @@ class StoreUnusable(InputError):
 
 class StoreBusy(StoreUnusable):
     """Another process is computing the same eigenpairs into the same folder."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Published:
+    """Content of the file that is replaced at every publication.
+
+    Parameters
+    ----------
+    eigenvalues, residuals : ndarray of float64, shape (k,)
+    checksums : ndarray of uint32, shape (k,)
+        CRC-32 of each row.
+    mass : ndarray of float64, shape (n,)
+    n_proven : int
+        Number of leading pairs of the last complete run; its certificate and timings follow.
+    known_to : float
+        The threshold of that run; 0 without one.
+    """
+
+    eigenvalues: FloatArray = field(default_factory=lambda: np.zeros(0))
+    residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
+    checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
+    mass: FloatArray = field(default_factory=lambda: np.zeros(0))
+    n_proven: int = 0
+    certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
+    timings: dict[str, float] = field(default_factory=dict)
+    known_to: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    def first(self, count: int) -> _Published:
+        """Return the part about the first pairs."""
+        return replace(
+            self,
+            eigenvalues=self.eigenvalues[:count],
+            residuals=self.residuals[:count],
+            checksums=self.checksums[:count],
+            n_proven=min(self.n_proven, count),
+            known_to=self.known_to if self.n_proven <= count else 0.0,
+        )
+
+    def write(self, path: Path, key: str) -> None:
+        content = {**vars(self), "certificate": self.certificate.as_dict()}
+        names = ("eigenvalues", "residuals", "checksums", "mass")
+        write_sealed(path, key, content, {name: content.pop(name) for name in names})
+
+    @classmethod
+    def read(cls, path: Path, key: str) -> _Published:
+        sealed = read_sealed(path, key)
+        content = {**sealed.content, **sealed.arrays}
+        return cls(**content | {"certificate": Certificate.from_dict(content["certificate"])})
 
 
 class EigenpairStore:
@@ -81,6 +134,11 @@ class EigenpairStore:
         Cache folder; None for the user's.
     cap : int
         Bytes that the whole cache may hold.
+
+    Attributes
+    ----------
+    damage : str
+        The damage that `covers` or `load` found, such as "eigenpairs 20 to 39", or "".
     """
 
     def __init__(
@@ -94,6 +152,7 @@ class EigenpairStore:
         key = self.key(mesh, operator)
         self.folder = self._cache.root / key
         self.n_vertices = mesh.n_vertices
+        self._operator = operator
         #: Content of `PROBLEM`, for users who open the folder.
         self._description = {
             "format": FORMAT,
@@ -107,11 +166,13 @@ class EigenpairStore:
             "operator": asdict(operator),
         }
         self._lock = FileLock(self._cache.lock_path(key))
+        self.damage = ""
+        #: What is published, as far as it is intact.
+        self._published = _Published()
         #: All rows, mapped for writing, and the identity of their file, to detect a replaced one.
         self._rows: np.memmap[Any, np.dtype[np.float64]] | None = None
         self._opened: os.stat_result | None = None
         self._lost = False
-        self._batches: list[Batch] = []
 
     @staticmethod
     def key(mesh: Mesh, operator: OperatorOptions) -> str:
@@ -122,20 +183,115 @@ class EigenpairStore:
 
     # Reading, by any process -----------------------------------------------------------------
 
-    def load(self) -> StoredSpectrum | None:
-        """Return the stored spectrum, or None without pairs; `faults` lists damaged ones.
+    def covers(self, request: Request) -> int | None:
+        """Return the number of leading pairs that answer a request; None if some are missing.
 
-        Rows are not compared with their checksums here, which is required before an export
-        (`StoredSpectrum.damaged_batches`).
+        Rows are not compared with their checksums here.
         """
-        spectrum = read_spectrum(self.folder, self.folder.name, self.n_vertices)
-        if spectrum.batches:
+        self._read()
+        found = self._published
+        n_proven = found.n_proven
+        is_exhausted = 0 < np.count_nonzero(found.mass > 0) <= n_proven
+        if request.n_components is not None:
+            if request.n_components <= n_proven:
+                return request.n_components
+            return n_proven if is_exhausted else None
+        bound = request.max_eigenvalue
+        assert bound is not None
+        limit = bound * (1 + _THRESHOLD_MARGIN)
+        count = int(np.searchsorted(found.eigenvalues[:n_proven], limit, side="right"))
+        is_below = 0.0 < bound <= found.known_to
+        return count if count < n_proven or is_below or is_exhausted else None
+
+    def load(
+        self, count: int | None = None, cancel: CancelCallback | None = None
+    ) -> Eigenpairs | None:
+        """Return the leading pairs whose rows agree with their checksums; None without any.
+
+        This takes two seconds for a million vertices and 300 pairs.
+
+        Parameters
+        ----------
+        count : int, optional
+            Number of pairs to return; None for all.
+        cancel : callable, optional
+            Called before each row; `Cancelled` is raised after it returned True.
+        """
+        self._read()
+        stored = len(self._published)
+        wanted = stored if count is None else min(count, stored)
+        intact = self._intact(wanted, cancel)
+        if intact < wanted:
+            self._leave_out(intact, stored)
+        try:
+            rows = self.map(intact) if intact else None
+        except (OSError, ValueError):  # just removed
+            rows = None
+        if rows is None:
+            return None
+        self._cache.touch(self.folder)
+        found = self._published
+        is_proven = intact <= found.n_proven
+        return Eigenpairs(
+            found.eigenvalues[:intact],
+            rows,
+            found.residuals[:intact],
+            certificate=found.certificate if is_proven else Certificate("none"),
+            timings=found.timings if is_proven else {},
+            mass=found.mass,
+            total=intact,
+            known_to=found.known_to if intact == found.n_proven else 0.0,
+            operator=self._operator,
+        )
+
+    def _read(self) -> None:
+        """Read what is published; rows are not read."""
+        self._published, self.damage = _Published(), ""
+        try:
+            found = _Published.read(self.folder / PAIRS, self.folder.name)
+            size = (self.folder / ROWS).stat().st_size if len(found) else 0
+        except (FileNotFoundError, NotADirectoryError):
+            if (self.folder / PAIRS).exists():
+                self.damage = "all eigenvectors"
+        except _UNUSABLE:
+            self.damage = "all eigenpairs"
+        else:
+            self._published = found
+            there = size // (8 * self.n_vertices)
+            if there < len(found):
+                self._leave_out(there, len(found))
+
+    def _leave_out(self, start: int, stop: int) -> None:
+        self._published = self._published.first(start)
+        self.damage = self.damage or f"eigenpairs {start} to {stop - 1}"
+
+    def _intact(self, count: int, cancel: CancelCallback | None) -> int:
+        """Return the number of rows, up to `count`, before the first damaged one."""
+        row_bytes, checksums = 8 * self.n_vertices, self._published.checksums
+
+        def is_intact(index: int) -> bool:
+            if cancel is not None and cancel():
+                raise Cancelled
+            checksum, block = 0, memoryview(bytearray(_BLOCK))
             try:
-                _ = spectrum.rows  # mapped while the folder is there
-            except (OSError, ValueError):
-                return None  # just removed
-            self._cache.touch(self.folder)
-        return spectrum if spectrum.batches or spectrum.faults else None
+                with (self.folder / ROWS).open("rb") as file:
+                    file.seek(index * row_bytes)
+                    for left in range(row_bytes, 0, -_BLOCK):
+                        part = block[:left]
+                        if file.readinto(part) < len(part):
+                            return False
+                        checksum = zlib.crc32(part, checksum)
+            except OSError:
+                return False
+            return bool(checksum == checksums[index])
+
+        with ThreadPoolExecutor(_THREADS) as threads:  # zlib releases the interpreter lock
+            intact = list(threads.map(is_intact, range(count)))
+        return intact.index(False) if False in intact else count
+
+    def map(self, count: int) -> FloatArray:
+        """Map the first rows read-only, shape (count, n)."""
+        return np.memmap(self.folder / ROWS, np.float64, "r", shape=(count, self.n_vertices))
 
     def laplacian(self) -> tuple[SparseMatrix, SparseMatrix] | None:
         """Return the stored L and M, or None; see `keep_laplacian`."""
@@ -164,13 +320,22 @@ class EigenpairStore:
             self._make_folder(sum(array.nbytes for array in arrays.values()))
             write_sealed(self.folder / _LAPLACIAN, self.folder.name, {}, arrays)
 
-    def allocate(self, k: int, n: int | None = None) -> FloatArray:
-        """Allocate k eigenvectors in place of the stored ones.
+    def allocate(self, k: int, n: int | None = None, n_kept: int = 0) -> FloatArray:
+        """Allocate k eigenvectors, the first of which are those that are stored.
+
+        Parameters
+        ----------
+        k : int
+        n : int, optional
+            Number of vertices, which is known.
+        n_kept : int
+            Number of leading pairs, of those that `load` returned last, that are kept. Others
+            are removed, unless all k are kept.
 
         Returns
         -------
         ndarray of float64, shape (k, n)
-            Memory map to write the rows to; call `append` when some are final.
+            Memory map to write the other rows to; call `append` when some are final.
 
         Raises
         ------
@@ -178,19 +343,10 @@ class EigenpairStore:
             If another process is writing to the same store, the disk is full, or the cache folder
             cannot be written.
         """
-        return self.extend(k, n, np.zeros(0, dtype=np.int64))
-
-    def extend(self, k: int, n: int | None, kept: npt.NDArray[np.int64]) -> FloatArray:
-        """As `allocate`, but keep the stored eigenvectors with the indices `kept`.
-
-        Batches with other indices below k are removed.
-        """
-        n = self.n_vertices if n is None else n
-        if n != self.n_vertices:
-            raise ValueError(f"a row has {self.n_vertices} values, not {n}")
+        assert n in (None, self.n_vertices)
         self.lock()
         try:
-            return self._with_room(k, set(kept.tolist()))
+            return self._with_room(k, n_kept)
         except OSError as fault:
             self.close()
             raise self._unusable(fault) from fault
@@ -198,27 +354,22 @@ class EigenpairStore:
             self.close()
             raise
 
-    def _with_room(self, k: int, kept: set[int]) -> FloatArray:
-        there = read_spectrum(self.folder, self.folder.name, self.n_vertices)
-        self._batches = [
-            batch
-            for batch in there.batches
-            if kept and kept.issuperset(range(batch.start, min(batch.stop, k)))
-        ]
-        if not self._published(k)[list(kept)].all():
-            raise FileNotFoundError(errno.ENOENT, "it was removed")
-        highest = max([k, *(batch.stop for batch in self._batches)])
-        self._make_folder(8 * highest * self.n_vertices)
-        named = {batch.path for batch in self._batches}
-        for path in self.folder.glob("pairs-*"):
-            if path not in named:
-                persistently(functools.partial(path.unlink, missing_ok=True))
-        if not kept:
-            # a new file, so that existing maps of the old one stay valid
-            for name in (PROOF, ROWS):
-                persistently(functools.partial((self.folder / name).unlink, missing_ok=True))
+    def _with_room(self, k: int, n_kept: int) -> FloatArray:
         path = self.folder / ROWS
-        _make_room(path, highest * self.stored_rows.row_bytes)
+        if n_kept and not path.exists():
+            raise FileNotFoundError(errno.ENOENT, "it was removed")
+        if n_kept < k:
+            self._published = self._published.first(n_kept)
+        highest = max(k, len(self._published))
+        self._make_folder(8 * highest * self.n_vertices)
+        if not n_kept:
+            # a new file, so that existing maps of the old one stay valid
+            for name in (PAIRS, ROWS):
+                persistently(functools.partial((self.folder / name).unlink, missing_ok=True))
+        elif self.damage:
+            # before rows behind the damaged one are written
+            self._published.write(self.folder / PAIRS, self.folder.name)
+        _make_room(path, 8 * highest * self.n_vertices)
         # of the open file, as it is compared: on Windows the device differs for the path
         with path.open("rb") as file:
             self._opened = os.fstat(file.fileno())
@@ -235,74 +386,57 @@ class EigenpairStore:
                 raise FileNotFoundError(errno.ENOENT, "it was removed")
             yield file
 
-    def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
-        """Publish pairs whose rows have been written: ``start``, ``start + 1``, ...
+    def append(self, pairs: Eigenpairs) -> None:
+        """Publish leading pairs, as far as they are not published yet, and their certificate.
 
-        Pairs that were published before are unchanged.
-
-        Parameters
-        ----------
-        start : int
-            Index of the first one.
-        eigenvalues, residuals : ndarray of float64, shape (b,)
+        Rows in other memory than `allocate` returned are copied. With a certificate the run is
+        complete, and the lock is released.
 
         Raises
         ------
         StoreUnusable
             If the disk is full, or the folder was removed; the rows stay mapped.
         """
-        assert self._rows is not None, "allocate comes before append"
-        stop = start + len(eigenvalues)
-        published = self._published(stop)[start:]
-        if published.all():
-            return
-        if published.any():
-            raise ValueError(f"some of the pairs {start} to {stop - 1} were published before")
+        start, stop, k = len(self._published), len(pairs.eigenvalues), pairs.total
+        if self._rows is None:
+            self.allocate(max(k, stop))
+            start = 0
+        rows, published = self._rows, self._published
+        assert rows is not None
+        is_proven = pairs.certificate.method != "none"
         try:
-            checksums = np.array([zlib.crc32(r) for r in self._rows[start:stop]], dtype=np.uint32)
-            self._rows.flush()
-            with self._row_file() as file:
-                os.fsync(file.fileno())
-            batch = write_batch(
-                self.folder, self.folder.name, start, eigenvalues, residuals, checksums
-            )
+            if stop > start:
+                if not np.may_share_memory(rows, pairs.rows):
+                    rows[start:stop] = pairs.rows[start:stop]
+                checksums = [zlib.crc32(row) for row in rows[start:stop]]
+                rows.flush()
+                with self._row_file() as file:
+                    os.fsync(file.fileno())
+                published = replace(
+                    published,
+                    eigenvalues=pairs.eigenvalues,
+                    residuals=pairs.residuals,
+                    checksums=np.append(published.checksums, np.array(checksums, dtype=np.uint32)),
+                    mass=np.asarray(pairs.mass, dtype=np.float64),
+                )
+            if is_proven:
+                published = replace(
+                    published,
+                    n_proven=stop,
+                    certificate=pairs.certificate,
+                    timings={name: float(value) for name, value in pairs.timings.items()},
+                    known_to=pairs.known_to,
+                    mass=np.asarray(pairs.mass, dtype=np.float64),
+                )
+            if published is not self._published:
+                with self._row_file():
+                    published.write(self.folder / PAIRS, self.folder.name)
         except OSError as fault:
-            raise self._lose(fault) from fault
-        self._batches.append(batch)
-
-    def finish(self, decomposition: Decomposition, max_eigenvalue: float | None = None) -> None:
-        """Record that a run is complete, and release the lock.
-
-        Parameters
-        ----------
-        decomposition : Decomposition
-            Result of the solver; all of its pairs have been published.
-        max_eigenvalue : float, optional
-            The requested threshold, to recognize the same request later.
-
-        Raises
-        ------
-        StoreUnusable
-            See `append`.
-        """
-        k = decomposition.n_components
-        assert self._published(k).all(), "append comes before finish"
-        try:
-            mass = np.asarray(decomposition.mass, dtype=np.float64)
-            proof = Proof(
-                n_pairs=k,
-                batches=[batch.name for batch in self._batches if batch.start < k],
-                certificate=decomposition.certificate,
-                max_eigenvalue=max_eigenvalue,
-                exhausted=k >= int(np.count_nonzero(mass > 0)),
-                timings={key: float(value) for key, value in decomposition.timings.items()},
-                mass=mass,
-            )
-            write_proof(self.folder, self.folder.name, proof)
+            self._lost = True
+            raise self._unusable(fault) from fault
+        self._published = published
+        if is_proven:
             self._cache.touch(self.folder)
-        except OSError as fault:
-            raise self._lose(fault) from fault
-        finally:
             self.close()
 
     def lock(self) -> None:
@@ -326,22 +460,9 @@ class EigenpairStore:
         """Stop writing; published pairs stay, and a run can resume from them."""
         mapped, self._rows = self._rows is not None, None
         if mapped and not self._lost:  # else the rows may still be mapped elsewhere
-            published = max((batch.stop for batch in self._batches), default=0)
             with contextlib.suppress(OSError), self._row_file() as file:
-                file.truncate(published * self.stored_rows.row_bytes)  # not on all systems
+                file.truncate(8 * len(self._published) * self.n_vertices)  # not on all systems
         self._lock.release()
-
-    @property
-    def stored_rows(self) -> StoredRows:
-        """The file of the rows."""
-        return StoredRows(self.folder / ROWS, self.n_vertices)
-
-    def _published(self, count: int) -> npt.NDArray[np.bool_]:
-        """Return a mask of the published ones of the first pairs, shape (count,)."""
-        published = np.zeros(count, dtype=bool)
-        for batch in self._batches:
-            published[batch.start : batch.stop] = True
-        return published
 
     def _make_folder(self, size: int) -> None:
         """Make the folder, and free `size` bytes for it by removing older stores."""
@@ -358,10 +479,6 @@ class EigenpairStore:
         if not (self.folder / PROBLEM).exists():
             with written_whole(self.folder / PROBLEM) as part:
                 part.write_text(json.dumps(self._description, indent=1), encoding="utf-8")
-
-    def _lose(self, fault: OSError) -> StoreUnusable:
-        self._lost = True
-        return self._unusable(fault)
 
     def _unusable(self, fault: OSError) -> StoreUnusable:
         return StoreUnusable(

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.map_spectrum import MapSpectrum
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 __all__ = [
     "EIGENPAIR_WRITERS",
@@ -123,7 +123,7 @@ def write_features(
 
 
 def write_eigenpairs(
-    path: str | Path, decomposition: Decomposition, mesh: Mesh, meta: dict[str, Any] | None = None
+    path: str | Path, decomposition: Eigenpairs, mesh: Mesh, meta: dict[str, Any] | None = None
 ) -> None:
     """Write eigenvalues and eigenvectors with their proof, as NPZ or VTP.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from psygnal import Signal
@@ -21,7 +20,6 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
@@ -35,14 +33,12 @@ from meshmash_viewer.model.jobs import (
 from meshmash_viewer.model.pins import Pin, followed_pins, free_number, same_vertex
 from meshmash_viewer.model.results import MapGrew, MeshReady
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, written_unit
 from meshmash_viewer.vertex_map import VertexMap
 from meshmash_viewer.work.job import Job
-
-if TYPE_CHECKING:
-    from meshmash_viewer.io.stored_spectrum import Compared
 
 #: Default of `Document.target`.
 _DEFAULT_TARGET = Target("count", 100)
@@ -110,7 +106,6 @@ class Document:
         self._operator = OperatorOptions()
         self._target = _DEFAULT_TARGET
         #: Stored rows whose checksums were verified last, which an export need not read again.
-        self.compared: Compared | None = None
         #: Seconds per vertex and pair of the last decomposition on this machine, if any.
         self.seconds_rate: float | None = None
         self._undo: list[_Before] = []
@@ -367,7 +362,7 @@ class Document:
         if self._target.kind != "count" and not self._measures_as(ready):
             # a length or an eigenvalue says nothing about a mesh of another size
             self.target = _DEFAULT_TARGET
-        spectrum = ready.known.spectrum if ready.known is not None else None
+        spectrum = ready.known
         if ready.derived and self.ready is not None:
             ready = replace(ready, source=self.ready.source)
             self._accept_derived(ready, spectrum)
@@ -513,7 +508,7 @@ class Document:
     def accept_spectrum(self, spectrum: Eigenpairs) -> None:
         """Show a longer spectrum or a preview; a preview is not replaced by fewer pairs."""
         known = self.spectrum
-        if known is not None and spectrum.mass is None and known.operator == spectrum.operator:
+        if known is not None and not len(spectrum.mass) and known.operator == spectrum.operator:
             spectrum = replace(spectrum, mass=known.mass)  # which is sent once
         if spectrum.preview and not spectrum.n_exact:
             self._preview = spectrum
@@ -526,20 +521,6 @@ class Document:
         if spectrum.complete:
             self._go_within(spectrum)
         self.spectrum_changed.emit()
-
-    def leave_out_damaged(self, spectrum: Eigenpairs, index: int) -> None:
-        """Remove the pairs from a damaged one on, if the spectrum is still shown."""
-        if self.spectrum is None or self.spectrum.rows is not spectrum.rows:
-            return
-        left = spectrum.first(index)
-        self.spectrum = left if index else None
-        self._go_within(left)
-        self.spectrum_changed.emit()
-        text = (
-            f"Eigenpair {index} is damaged on the disk: it and the pairs after it are not shown."
-            " Compute them again; intact pairs are kept."
-        )
-        self.say(text, Severity.WARNING)
 
     # -- pins -------------------------------------------------------------------------------
 

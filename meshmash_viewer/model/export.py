@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import listed_repairs
-from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas
+from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import Written
 from meshmash_viewer.progress import Cancelled, Progress
@@ -19,16 +19,15 @@ from meshmash_viewer.work.job import Channel
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
-    from meshmash_viewer.io.stored_spectrum import Compared
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 def write_results(
     path: Path,
-    results: Features | Decomposition,
+    results: Features | Eigenpairs,
     mesh: Mesh,
     file_mesh: Mesh | None,
-    pairs: Decomposition | None,
+    pairs: Eigenpairs | None,
     meta: dict[str, Any],
 ) -> None:
     """Write features with the eigenvalues of their `pairs`, or the pairs themselves.
@@ -69,8 +68,6 @@ class ExportJob:
         Names of the repairs made on the mesh.
     maps : bool
         Whether the maps of the mesh are added as columns.
-    compared : Compared, optional
-        Stored rows whose checksums are verified already.
     file_mesh : Mesh, optional
         The mesh before its repairs, to write the results at all its vertices, NaN at removed
         ones.
@@ -84,7 +81,6 @@ class ExportJob:
     target: Target | None = None
     repairs: tuple[str, ...] = ()
     maps: bool = False
-    compared: Compared | None = None
     file_mesh: Mesh | None = None
 
     @property
@@ -109,7 +105,7 @@ class ExportJob:
             pairs, known_to = self._pairs(channel)
             proof = pairs.proof(self.mesh.unit)
         description, missing = counted(self.n_pairs, "eigenpair"), ""
-        results: Features | Decomposition | None = pairs
+        results: Features | Eigenpairs | None = pairs
         if self.family.makes_features():
             channel.report(Progress("features", message="Computing features"))
             results = self.family.compute_features(pairs, self.mesh, known_to=known_to)
@@ -139,32 +135,26 @@ class ExportJob:
         remark = ". ".join(filter(None, (missing, repairs)))
         return Written(self.path, description, remark, warns=bool(missing))
 
-    def _pairs(self, channel: Channel) -> tuple[Decomposition, float | None]:
+    def _pairs(self, channel: Channel) -> tuple[Eigenpairs, float | None]:
         """Return the leading eigenpairs, and the bound below which they are complete."""
         from meshmash_viewer.io.spectrum import find_eigenpairs
         from meshmash_viewer.model.decomposition import SPARE
 
         channel.report(Progress("reading", message="Reading eigenpairs"))
-        stored = find_eigenpairs(self.mesh, self.operator, channel.folder / SPARE)
-        if stored is None or stored.n_converged < self.n_pairs:
-            raise InputError(
-                "The eigenpairs of this mesh are no longer in the cache: compute them again."
-            )
-        damaged = stored.damaged_batches(self.n_pairs, channel.cancelled, self.compared)
-        if channel.cancelled():
-            raise Cancelled  # maybe before all rows were compared
-        if damaged:
+        pairs, damage = find_eigenpairs(
+            self.mesh,
+            self.operator,
+            channel.folder / SPARE,
+            count=self.n_pairs,
+            cancel=channel.cancelled,
+        )
+        if pairs is not None and len(pairs) == self.n_pairs:
+            return pairs, pairs.known_to or None
+        if damage:
             raise InputError(
                 "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
                 " which keeps the intact ones."
             )
-        decomposition = stored.decomposition(self.n_pairs)
-        if self.family.makes_features() and not len(decomposition.mass):
-            # a cancelled solve leaves pairs without the mass matrix
-            operator = self.operator
-            areas = compute_vertex_areas(self.mesh, operator.robust, operator.mollify_factor)
-            decomposition = replace(decomposition, mass=areas)
-        # the threshold of the solve may be above the last eigenvalue
-        bound = None if stored.proof is None else stored.proof.max_eigenvalue
-        all_of_them = decomposition.complete and self.n_pairs == len(stored.eigenvalues)
-        return decomposition, bound if all_of_them else None
+        raise InputError(
+            "The eigenpairs of this mesh are no longer in the cache: compute them again."
+        )

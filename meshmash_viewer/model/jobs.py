@@ -17,8 +17,9 @@ from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import MeshReady, SpectrumGrew
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import NO_VOXEL, Voxel, parse_unit
 from meshmash_viewer.work.job import Channel, Job
@@ -141,13 +142,13 @@ class RepairJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class PreviewJob(_OnMesh):
-    """Approximate the first eigenfunctions within seconds; returns `SpectrumGrew` or None."""
+    """Approximate the first eigenfunctions within seconds; returns `Eigenpairs` or None."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
     doing: ClassVar[str] = "Previewing"
 
-    def run(self, channel: Channel) -> SpectrumGrew | None:
+    def run(self, channel: Channel) -> Eigenpairs | None:
         from meshmash_viewer.model.previews import open_preview
 
         return open_preview(self.mesh, self.operator, channel)
@@ -155,14 +156,14 @@ class PreviewJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class DecomposeJob(_OnMesh):
-    """Solve the eigenproblem into the store; sends `SpectrumGrew`, returns the last of them."""
+    """Solve the eigenproblem into the store; sends and returns `Eigenpairs`, see `decompose`."""
 
     operator: OperatorOptions
     target: Target
 
     doing: ClassVar[str] = "Decomposing"
 
-    def run(self, channel: Channel) -> SpectrumGrew:
+    def run(self, channel: Channel) -> Eigenpairs:
         from meshmash_viewer.model.decomposition import decompose
 
         return decompose(self.mesh, self.operator, self.target, channel)
@@ -217,12 +218,13 @@ def _inspect(
     path: Path | None = None,
 ) -> MeshReady:
     """Measure a mesh, and look up its eigenpairs in the store."""
-    from meshmash_viewer.model.decomposition import find_known
+    from meshmash_viewer.io.spectrum import find_eigenpairs
 
     channel.report(Progress("inspecting", message="Looking for faults of the mesh"))
     health = mesh_health(mesh)
     channel.report(Progress("preparing", message="Preparing the render"))
     normals = mesh.vertex_normals
-    known, remark = find_known(mesh, operator)
+    channel.report(Progress("checking", message="Checking the stored eigenpairs"))
+    known, remark = find_eigenpairs(mesh, operator, cancel=channel.cancelled)
     sample = mesh.area_sample()
     return MeshReady(mesh, health, normals, path, known=known, remark=remark, sample=sample)

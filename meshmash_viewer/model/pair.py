@@ -12,10 +12,9 @@ import contextlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from psygnal import Signal
 
 from meshmash_viewer.errors import InputError
@@ -37,7 +36,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 
@@ -56,16 +54,10 @@ MATCHED_IN: dict[str, type[BankFamily]] = {
 }
 
 
-class _Pairs(NamedTuple):
-    eigenvalues: npt.NDArray[np.float64]
-    rows: Any
-    mass: npt.NDArray[np.float64]
-
-
-def _pairs_of(spectrum: Eigenpairs) -> _Pairs:
-    # as they are drawn, with the displayed signs
-    rows = spectrum.rows if spectrum.shown is None else spectrum.shown[: len(spectrum)]
-    return _Pairs(spectrum.eigenvalues, rows, spectrum.vertex_areas)
+def _as_shown(pairs: Eigenpairs) -> Eigenpairs:
+    """Return pairs with the displayed signs."""
+    rows = pairs.rows if pairs.alignment is None else pairs.shown_rows[: len(pairs)]
+    return replace(pairs, rows=rows, alignment=None, mass=pairs.vertex_areas)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +82,10 @@ class ComparisonRequest:
         assert second is not None
         for mesh, spectrum in ((first, self.first), (second, self.second)):
             check_comparable(mesh.name, spectrum.n_vertices, spectrum.eigenvalues)
-        mine, other = _pairs_of(self.first), _pairs_of(self.second)
+        mine, other = _as_shown(self.first), _as_shown(self.second)
         vertices = corresponding_vertices(first, second)
         if vertices is not None:
-            other = other._replace(rows=self.second.rows)  # they are aligned again
+            other = replace(other, rows=self.second.rows)  # they are aligned again
         bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
         return compare_shapes(mine, other, bank, cancel, vertices)
 
@@ -258,10 +250,8 @@ class Pair:
             self.comparison = comparison
             spectrum = self.second.spectrum
             if comparison.given and spectrum is not None and spectrum.rows is request.second.rows:
-                assert not isinstance(spectrum.rows, ShownRows)  # its pairs are exact
                 rotations = comparison.functions.rotations
-                shown = ShownRows(spectrum.rows, len(spectrum), None, rotations)
-                self.second.spectrum = replace(spectrum, shown=shown)
+                self.second.spectrum = replace(spectrum, alignment=rotations)
                 self.second.spectrum_changed.emit()
             self._apply_display(everything=True)
             self._follow_pins()
@@ -286,9 +276,9 @@ class Pair:
         assert first.mesh is not None
         assert second.mesh is not None
         proofs = (
-            each.certificate.sentence(len(each), each.mesh.unit)
+            each.proof(each.mesh.unit)
             for each in (first, second)
-            if each.certificate is not None and each.mesh is not None
+            if each.certificate.method != "none" and each.mesh is not None
         )
         operator = first.operator or self.first.operator
         options = export_options(
@@ -355,7 +345,7 @@ class Pair:
         if all(one is other for one, other in zip(asked, self._asked, strict=True)):
             return  # only once: a cancelled job is not requested again
         self._asked = asked
-        top = matched_top(_pairs_of(first), mesh.area)
+        top = matched_top(_as_shown(first), mesh.area)
         self.second.operator = self.first.operator
         if top > 0.0:
             self.second.target = Target("max_eigenvalue", top)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from meshmash_viewer.io.atomic import discard
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import NO_ROWS, MeshReady, SpectrumGrew
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.work.job import Channel
@@ -29,7 +29,7 @@ def is_worthwhile(ready: MeshReady) -> bool:
     mesh = ready.mesh
     if mesh.n_vertices < FROM_VERTICES:
         return False
-    known = 0 if ready.known is None else len(ready.known.summary)
+    known = 0 if ready.known is None else len(ready.known)
     return known < ready.health.n_components + _pairs(mesh)
 
 
@@ -37,50 +37,48 @@ def _pairs(mesh: Mesh) -> int:
     return _PAIRS if mesh.n_vertices < _HUGE else _PAIRS_OF_HUGE
 
 
-def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> SpectrumGrew | None:
+def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Eigenpairs | None:
     """Compute the preview of a mesh, or find it in the temporary folder.
 
     None for a small mesh, or one with more than `_MOST_COMPONENTS` components.
     """
     if mesh.n_vertices < FROM_VERTICES:
         return None
-    path = channel.folder / f"preview-{mesh.content_hash[:32]}.npy"
+    path = channel.folder / f"preview-{mesh.content_hash[:32]}.f32"
     notes = path.with_suffix(".npz")
-    if path.exists() and notes.exists():
-        with np.load(notes) as known:
-            return _previewed(path, known["eigenvalues"], float(known["error"]), operator)
-    if mesh.n_components > _MOST_COMPONENTS:
+    if not (path.exists() and notes.exists()) and not _write_preview(mesh, path, notes, channel):
         return None
+    with np.load(notes) as known:
+        values, error = known["eigenvalues"], float(known["error"])
+    rows = np.memmap(path, np.float32, "r", shape=(len(values), mesh.n_vertices))
+    residuals = np.full(len(values), np.nan)
+    return Eigenpairs(values, rows, residuals, n_exact=0, error=error, operator=operator)
+
+
+def _write_preview(mesh: Mesh, path: Path, notes: Path, channel: Channel) -> bool:
+    """Write the rows of a preview, and its eigenvalues; return whether there is one."""
+    if mesh.n_components > _MOST_COMPONENTS:
+        return False
     from meshmash_viewer.spectral.preview import preview_eigenpairs  # which loads the compiler
 
     # the window no longer uses previews of other meshes
     discard(*channel.folder.glob("preview-*"))
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
-    n_pairs = mesh.n_components + _pairs(mesh)
 
     def allocate(k: int, n: int) -> npt.NDArray[np.float32]:
         # straight into the file that the window maps
-        rows = np.lib.format.open_memmap(path, "w+", np.float32, (k, n))
+        rows = np.memmap(path, np.float32, "w+", shape=(k, n))
         if hasattr(os, "posix_fallocate"):
             # a full disk raises here; at the write into the mapping it would crash the process
             with path.open("rb+") as file:
                 os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
         return rows
 
+    n_pairs = mesh.n_components + _pairs(mesh)
     found = preview_eigenpairs(mesh, n_pairs, allocate=allocate, cancel=channel.cancelled)
-    if len(found.eigenvalues) <= mesh.n_components:
+    if len(found) <= mesh.n_components:
         del found  # some systems delete no file that is mapped
         discard(path)
-        return None
+        return False
     np.savez(notes, eigenvalues=found.eigenvalues, error=found.error)
-    return _previewed(path, found.eigenvalues, found.error, operator)
-
-
-def _previewed(
-    path: Path, eigenvalues: npt.NDArray[np.float64], error: float, operator: OperatorOptions
-) -> SpectrumGrew:
-    unknown = np.full(len(eigenvalues), np.nan)
-    summary = Eigenpairs(
-        eigenvalues, NO_ROWS, unknown, preview=True, operator=operator, error=error
-    )
-    return SpectrumGrew(summary, preview_path=path)
+    return True

@@ -1,9 +1,8 @@
-"""Results of jobs: meshes ready to be drawn, growing spectra, written files."""
+"""Results of jobs: meshes ready to be drawn, maps that grow, written files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,45 +10,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.health import Health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.spectral.alignment import Alignment, ShownRows
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
-#: Placeholder for rows in a file that is not opened yet.
-NO_ROWS = np.empty((0, 0))
-
-
-@dataclass(frozen=True, eq=False)
-class SpectrumGrew:
-    """Leading eigenpairs that are final, and whose rows can be mapped from a file.
-
-    Parameters
-    ----------
-    summary : Eigenpairs
-        Without rows, which are in the file `Eigenpairs.stored`; residuals of approximate pairs are
-        NaN.
-    preview_path : Path, optional
-        ``.npy`` file with rows, if these are approximate.
-    alignment : Alignment, optional
-        Signs and rotations of the displayed rows.
-    remark : str
-        A sentence for the message bar, or "".
-    """
-
-    summary: Eigenpairs
-    preview_path: Path | None = None
-    alignment: Alignment | None = None
-    remark: str = ""
-
-    @cached_property
-    def spectrum(self) -> Eigenpairs:
-        """The spectrum with rows; the first access opens the files."""
-        if self.preview_path is not None:
-            return replace(self.summary, rows=np.load(self.preview_path, mmap_mode="r"))
-        count = len(self.summary)
-        rows, shown = self.summary.stored.map(count), None
-        if self.alignment is not None:
-            shown = ShownRows(rows, count, None, self.alignment)
-        return replace(self.summary, rows=rows, shown=shown, n_exact=count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +26,7 @@ class MeshReady:
         The file of the mesh.
     repairs : tuple of str
         Names of the repairs made since it was read, oldest first.
-    known : SpectrumGrew, optional
+    known : Eigenpairs, optional
         Eigenpairs found in the store.
     remark : str
         A sentence for the message bar, or "".
@@ -88,7 +49,7 @@ class MeshReady:
     normals: npt.NDArray[np.float32]
     path: Path | None = None
     repairs: tuple[str, ...] = ()
-    known: SpectrumGrew | None = None
+    known: Eigenpairs | None = None
     remark: str = ""
     derived: bool = False
     sample: npt.NDArray[np.int64] | None = None

@@ -50,8 +50,8 @@ class Alignment:
 
 
 def align(
-    shown: FloatArray,
-    rows: FloatArray,
+    shown: FloatArray | ShownRows,
+    rows: FloatArray | ShownRows,
     eigenvalues: npt.NDArray[np.float64],
     mass: npt.NDArray[np.float64],
     before: Alignment | None = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -16,6 +16,7 @@ from scipy import sparse
 from meshmash_viewer.errors import InputError, UnprovenWarning, of_mesh
 from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.progress import ProgressBar, ProgressCallback
+from meshmash_viewer.spectral.engine.request import Allocate
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import whole_number
 
@@ -128,14 +129,14 @@ def refuse_two_extents(
 
 
 @contextmanager
-def scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
+def scratch_rows(dtype: np.dtype[Any]) -> Iterator[Allocate]:
     """Provide an allocator of rows, shape (k, n), in memory if they fit, else in a temporary file.
 
     The rows are deleted when the context is left.
     """
     with ExitStack() as files:
 
-        def allocate(k: int, n: int) -> Array:
+        def allocate(k: int, n: int, n_kept: int) -> Array:
             import psutil
 
             size = k * n * dtype.itemsize

@@ -1,10 +1,11 @@
-"""Spectrum: the eigenpairs computed so far, as displayed."""
+"""Eigenpairs: eigenvalues and eigenvectors of a mesh, as far as they are computed."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,13 +13,15 @@ import numpy.typing as npt
 from meshmash_viewer.features.filter_parameters import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
+from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.units import named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.certificate import Certificate
+
+Rows: TypeAlias = npt.NDArray[np.floating[Any]]
 
 #: Number of values (pairs times vertices) up to which a sum takes negligible time.
 _SMALL = 3_000_000
@@ -35,83 +38,198 @@ class Multiplet:
 
 @dataclass(frozen=True, eq=False)
 class Eigenpairs:
-    """The eigenpairs computed so far; a longer spectrum replaces it as the computation continues.
+    """Eigenpairs of L φ = λ M φ in ascending order; more of them are another, longer object.
+
+    Solver, store, jobs, fields and window use this type. Rows that are mapped from a file are
+    pickled as a reference to it, and mapped again by the receiver.
 
     Parameters
     ----------
     eigenvalues : ndarray of float64, shape (k,)
-        Ascending, in inverse squared length units.
-    rows : ndarray or ShownRows, shape (>= k, n)
-        Eigenvectors, one a row, for features; may be a read-only map of the store. NaN at
-        unreferenced vertices.
+        In the inverse squared unit of the mesh.
+    rows : ndarray of float64 or float32, or ShownRows, shape (>= k, n)
+        Row i is eigenvector i, M-orthonormal; NaN at vertices without mass. The entry of largest
+        magnitude is positive.
     residuals : ndarray of float64, shape (k,)
-        Relative residuals ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``.
+        ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
+        NaN for approximate pairs.
+    certificate : Certificate
+        Evidence that none is missing, with the worst residual and the orthonormality; of method
+        "none" until the computation has ended.
+    timings : dict of float
+        Seconds by stage.
+    mass : ndarray of float64, shape (n,)
+        Diagonal of M; empty if it is not known. See `vertex_areas`.
     total : int
         Number of pairs requested; 0 while unknown.
-    certificate : Certificate, optional
-        Certificate of the exact pairs; None until the computation has ended.
-    preview : bool
-        Whether some pairs are approximations that will be replaced.
-    operator : OperatorOptions, optional
-        Parameters of the Laplacian.
-    n_exact : int
-        With `preview`: number of leading pairs that are exact.
-    error : float
-        Expected relative error of approximate eigenvalues.
-    stored : StoredRows, optional
-        File of the exact rows, with checksums that have not been verified yet.
-    shown : ShownRows, optional
-        The rows as drawn, if they differ from `rows` by signs and rotations.
     known_to : float
         Eigenvalue up to which these are complete; 0 if no threshold was requested.
-    mass : ndarray of float64, shape (n,), optional
-        Diagonal of the mass matrix; see `vertex_areas`.
+    n_exact : int, optional
+        Number of leading pairs that are exact, not approximations; None for all of them.
+    error : float
+        Expected relative error of approximate eigenvalues.
+    operator : OperatorOptions, optional
+        Parameters of the Laplacian.
+    alignment : Alignment, optional
+        Signs and rotations of the rows as drawn.
     mesh : Mesh, optional
         The surface, in its present unit.
     """
 
     eigenvalues: npt.NDArray[np.float64]
-    rows: npt.NDArray[np.floating] | ShownRows
+    rows: Rows | ShownRows
     residuals: npt.NDArray[np.float64]
+    certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
+    timings: Mapping[str, float] = field(default_factory=dict)
+    mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
     total: int = 0
-    certificate: Certificate | None = None
-    preview: bool = False
-    operator: OperatorOptions | None = None
-    n_exact: int = 0
-    error: float = 0.0
-    shown: ShownRows | None = None
     known_to: float = 0.0
-    stored: Any = None
-    mass: npt.NDArray[np.float64] | None = field(default=None, repr=False)
+    n_exact: int | None = None
+    error: float = 0.0
+    operator: OperatorOptions | None = None
+    alignment: Alignment | None = None
     mesh: Mesh | None = field(default=None, repr=False)
 
     @classmethod
     def without_pairs(cls, mesh: Mesh) -> Eigenpairs:
-        """Create the spectrum of a mesh that has not been decomposed."""
+        """Create the eigenpairs of a mesh that has not been decomposed."""
         none = np.empty(0)
         return cls(none, np.empty((0, mesh.n_vertices)), none, mesh=mesh)
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
-    def file_index(self, vertex: int) -> int:
-        """Return the index of a vertex in the file of the mesh, see `Mesh.file_index`."""
-        return vertex if self.mesh is None else self.mesh.file_index(vertex)
+    def __getstate__(self) -> dict[str, Any]:
+        state = self.__dict__.copy()
+        if isinstance(self.rows, np.memmap):
+            state["rows"] = _MappedRows(self.rows.filename, self.rows.dtype, self.rows.shape)
+        return state
 
-    def named_vertex(self, vertex: int) -> str:
-        """Return the displayed name of a vertex: "vertex 22,351"."""
-        return named_vertex(self.file_index(vertex))
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        if isinstance(rows := state["rows"], _MappedRows):
+            state["rows"] = np.memmap(rows.path, rows.dtype, "r", shape=rows.shape)
+        self.__dict__.update(state)
 
-    def vertex_script(self, vertex: int) -> str:
-        """Return the Python expression for a vertex of its ``mesh``."""
-        if self.mesh is None or self.mesh.numbering is None:
-            return str(vertex)
-        return f"mesh.vertex_of({self.file_index(vertex)})"
+    # -- quality ----------------------------------------------------------------------------------
+
+    @property
+    def n_components(self) -> int:
+        """Number of pairs."""
+        return len(self.eigenvalues)
+
+    @property
+    def eigenvectors(self) -> Rows:
+        """The eigenvectors as columns, shape (n, k); a view of `rows`."""
+        return self.rows[: self.n_components].T
 
     @property
     def complete(self) -> bool:
-        """Whether the computation has ended with a complete certificate."""
-        return self.certificate is not None and self.certificate.complete
+        """Whether the certificate proves that no pair is missing and all are within tolerance."""
+        return self.certificate.complete
+
+    @property
+    def orthonormality(self) -> float:
+        """Largest entry of ``|ΦᵀMΦ - I|``."""
+        return self.certificate.orthonormality
+
+    def proof(self, unit: str = "") -> str:
+        """Describe in one line the number of pairs, their count and their errors.
+
+        `unit` is the length unit of the mesh, "" for none.
+        """
+        return self.certificate.sentence(self.n_components, unit)
+
+    def verify(self, stiffness: Any, mass: Any) -> Certificate:
+        """Recompute the certificate independently of the solver.
+
+        Residuals and all inner products are computed anew, and eigenvalues are counted from
+        another factorization, up to the bound of the certificate or, if these pairs are not all
+        those below it, up to the highest gap between them.
+
+        Parameters
+        ----------
+        stiffness : sparse matrix or array, shape (n, n)
+            The L that was decomposed.
+        mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
+            Its M.
+
+        Returns
+        -------
+        Certificate
+            The numbers measured here; `complete` is the verdict.
+
+        Raises
+        ------
+        InputError
+            If the size of the matrices differs.
+        """
+        from meshmash_viewer.spectral.verification import verify_pairs
+
+        assert isinstance(self.rows, np.ndarray)
+        return verify_pairs(self.eigenvalues, self.rows, self.certificate, stiffness, mass)
+
+    # -- parts ------------------------------------------------------------------------------------
+
+    def first(self, count: int) -> Eigenpairs:
+        """Return the lowest pairs alone."""
+        return replace(
+            self,
+            eigenvalues=self.eigenvalues[:count],
+            residuals=self.residuals[:count],
+            total=count,
+            known_to=self.known_to if count == len(self.eigenvalues) else 0.0,
+            n_exact=None if self.n_exact is None else min(self.n_exact, count),
+        )
+
+    @property
+    def preview(self) -> bool:
+        """Whether some pairs are approximations, which will be replaced."""
+        return self.n_exact is not None and self.n_exact < len(self.eigenvalues)
+
+    def is_exact(self, index: int) -> bool:
+        """Whether a pair is exact, not an approximation."""
+        return self.n_exact is None or index < self.n_exact
+
+    @property
+    def exact(self) -> Eigenpairs:
+        """The exact pairs; all of them without a preview."""
+        if self.n_exact is None:
+            return self
+        return replace(self.first(self.n_exact), total=self.total, n_exact=None)
+
+    def before(self, preview: Eigenpairs) -> Eigenpairs:
+        """Append the pairs of a preview beyond these."""
+        assert not isinstance(self.rows, ShownRows)
+        assert not isinstance(preview.rows, ShownRows)
+        count, rest = len(self), preview.eigenvalues[len(self) :]
+        return replace(
+            self,
+            eigenvalues=np.maximum.accumulate(np.concatenate([self.eigenvalues, rest])),
+            rows=ShownRows(self.rows, count, preview.rows, self.alignment or Alignment()),
+            residuals=np.concatenate([self.residuals, np.full(len(rest), np.nan)]),
+            n_exact=count,
+            error=preview.error,
+            alignment=None,
+        )
+
+    def on_file(self, mesh: Mesh) -> Eigenpairs:
+        """Expand to all vertices of the file of a repaired mesh, as `Mesh.on_file`.
+
+        Of merged vertices one has the mass, the others none. `mesh` is the one decomposed.
+        """
+        mass = np.zeros(mesh.n_file_vertices)
+        mass[mesh.file_indices] = self.mass
+        return replace(self, rows=mesh.on_file(self.eigenvectors).T, mass=mass)
+
+    # -- display ----------------------------------------------------------------------------------
+
+    @cached_property
+    def shown_rows(self) -> Rows | ShownRows:
+        """The rows as drawn and plotted, shape (>= k, n)."""
+        if self.alignment is None:
+            return self.rows
+        assert not isinstance(self.rows, ShownRows)
+        return ShownRows(self.rows, len(self), None, self.alignment)
 
     @property
     def small(self) -> bool:
@@ -119,17 +237,12 @@ class Eigenpairs:
         return self.rows.size <= _SMALL
 
     @property
-    def shown_rows(self) -> npt.NDArray[np.floating] | ShownRows:
-        """The rows as drawn and plotted, shape (>= k, n)."""
-        return self.rows if self.shown is None else self.shown
-
-    @property
     def vertex_areas(self) -> npt.NDArray[np.float64]:
-        """Area of each vertex, shape (n,): `mass`, or until a computation has ended that of faces.
+        """Area of each vertex, shape (n,): `mass`, or while it is not known that of faces.
 
         The robust Laplacian distributes area slightly differently between neighbours.
         """
-        if self.mass is not None and len(self.mass):
+        if len(self.mass):
             return self.mass
         assert self.mesh is not None
         return self.mesh.vertex_areas
@@ -156,43 +269,6 @@ class Eigenpairs:
         known_to = self.known_to or None
         return mean_shares(bank, self.eigenvalues, area, self.n_vertices, known_to)
 
-    def first(self, count: int) -> Eigenpairs:
-        """Return the spectrum of the lowest pairs alone."""
-        return replace(
-            self,
-            eigenvalues=self.eigenvalues[:count],
-            residuals=self.residuals[:count],
-            total=count,
-        )
-
-    def is_exact(self, index: int) -> bool:
-        """Whether a pair is exact, not an approximation."""
-        return not self.preview or index < self.n_exact
-
-    @property
-    def exact(self) -> Eigenpairs:
-        """The exact pairs; all of them without a preview."""
-        if not self.preview:
-            return self
-        return replace(self.first(self.n_exact), total=self.total, preview=False, n_exact=0)
-
-    def before(self, preview: Eigenpairs) -> Eigenpairs:
-        """Append the pairs of a preview beyond these."""
-        assert not isinstance(self.rows, ShownRows)
-        assert not isinstance(preview.rows, ShownRows)
-        count, rest = len(self), preview.eigenvalues[len(self) :]
-        alignment = Alignment() if self.shown is None else self.shown.alignment
-        return replace(
-            self,
-            eigenvalues=np.maximum.accumulate(np.concatenate([self.eigenvalues, rest])),
-            rows=ShownRows(self.rows, count, preview.rows, alignment),
-            residuals=np.concatenate([self.residuals, np.full(len(rest), np.nan)]),
-            preview=True,
-            n_exact=count,
-            error=preview.error,
-            shown=None,
-        )
-
     def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
         """Return the multiplet that contains an index, by relative gaps, or None."""
         values = self.eigenvalues
@@ -206,6 +282,29 @@ class Eigenpairs:
             last += 1
         return None if first == last else Multiplet(first, last, gap)
 
+    def file_index(self, vertex: int) -> int:
+        """Return the index of a vertex in the file of the mesh, see `Mesh.file_index`."""
+        return vertex if self.mesh is None else self.mesh.file_index(vertex)
+
+    def named_vertex(self, vertex: int) -> str:
+        """Return the displayed name of a vertex: "vertex 22,351"."""
+        return named_vertex(self.file_index(vertex))
+
+    def vertex_script(self, vertex: int) -> str:
+        """Return the Python expression for a vertex of its ``mesh``."""
+        if self.mesh is None or self.mesh.numbering is None:
+            return str(vertex)
+        return f"mesh.vertex_of({self.file_index(vertex)})"
+
+
+@dataclass(frozen=True)
+class _MappedRows:
+    """Reference to rows in a file."""
+
+    path: Any
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+
 
 def first_nonzero(spectrum: Eigenpairs) -> int:
     """Return the index of the first nonzero eigenvalue (within rounding), or their number.
@@ -216,7 +315,7 @@ def first_nonzero(spectrum: Eigenpairs) -> int:
 
 
 def grew(old: Eigenpairs, new: Eigenpairs) -> bool:
-    """Whether a spectrum is the same as another one, or an extension of it."""
+    """Whether eigenpairs are the same as others, or an extension of them."""
     count = len(old)
     last = slice(max(count - 1, 0), count)
     return old is new or (
@@ -230,5 +329,5 @@ def grew(old: Eigenpairs, new: Eigenpairs) -> bool:
 
 
 def same_pairs(old: Eigenpairs, new: Eigenpairs) -> bool:
-    """Whether two spectra have the same pairs; their certificates may differ."""
+    """Whether two are the same pairs; their certificates may differ."""
     return len(old) == len(new) and grew(old, new)

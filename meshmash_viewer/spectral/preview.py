@@ -14,7 +14,6 @@ Iteration Method for Laplace-Beltrami Eigenproblems", ACM Transactions on Graphi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -24,6 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.split.partition import edge_graph
 from meshmash_viewer.surface.rays import curve_order
@@ -43,28 +43,6 @@ _NEIGHBOURS = 8
 _BLOCK = 1 << 16
 
 
-@dataclass(frozen=True, eq=False)
-class Preview:
-    """Approximate eigenpairs, ascending.
-
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (k,)
-        In the inverse squared unit of the mesh.
-    rows : ndarray of float32, shape (k, n)
-        Of unit norm in M, roughly orthogonal; NaN at unreferenced vertices.
-    error : float
-        Expected relative error of an eigenvalue.
-    n_cells : int
-        Number of cells.
-    """
-
-    eigenvalues: FloatArray
-    rows: npt.NDArray[np.float32]
-    error: float
-    n_cells: int
-
-
 def expected_error(n_cells: int, n_pairs: int) -> float:
     """Return the relative error of the eigenvalues, an empirical fit over many meshes.
 
@@ -80,12 +58,13 @@ def preview_eigenpairs(
     n_cells: int | None = None,
     allocate: Callable[[int, int], npt.NDArray[np.float32]] | None = None,
     cancel: CancelCallback | None = None,
-) -> Preview:
+) -> Eigenpairs:
     """Approximate the lowest pairs of a mesh, including one zero eigenvalue for each component.
 
-    There are fewer pairs than requested if the cells have no more. `n_cells` is by default 100 for
-    each pair, limited to 2500 to 8000. ``allocate(k, n)`` returns the float32 array for the rows;
-    `cancel` is called between the steps, and `Cancelled` raised after it returns True.
+    Rows are float32, of unit norm in M, and roughly orthogonal. There are fewer pairs
+    than requested if the cells have no more. `n_cells` is by default 100 for each pair, limited to
+    2500 to 8000. ``allocate(k, n)`` returns the float32 array for the rows; `cancel` is called
+    between the steps, and `Cancelled` raised after it returns True.
     """
     if n_cells is None:
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)
@@ -114,7 +93,8 @@ def preview_eigenpairs(
     if not mesh.referenced.all():
         rows[:, ~mesh.referenced] = np.nan
     eigenvalues = np.concatenate([np.zeros(n_null), values[:count]])
-    return Preview(eigenvalues, rows, expected_error(len(seeds), n_pairs), len(seeds))
+    error = expected_error(len(seeds), n_pairs)
+    return Eigenpairs(eigenvalues, rows, np.full(len(rows), np.nan), n_exact=0, error=error)
 
 
 def _ask(cancel: CancelCallback | None) -> None:

@@ -22,6 +22,7 @@ from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
+from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import required_eigenvalue
 from meshmash_viewer.units import format_quantity
 
@@ -112,7 +113,7 @@ def test_a_preview_is_marked_until_exact_pairs_replace_it(panel: FieldPanel, doc
     exact = document.spectrum
     document.display.change(Eigenfunctions, index=5)
     document.spectrum = None
-    document.accept_spectrum(replace(exact, preview=True, certificate=None))
+    document.accept_spectrum(replace(exact, n_exact=0, certificate=Certificate("none")))
     assert part(panel, "eigenvalue_label").text().startswith("λ₅ ≈ ")
     assert not part(panel, "preview_label").isHidden()
     assert part(panel, "residual_label").text() == "–"

@@ -321,7 +321,7 @@ def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
     session.wait(lambda: document.spectrum.complete)
     session.wait_until_idle()
     assert not document.spectrum.preview
-    assert document.spectrum.shown is not None
+    assert document.spectrum.alignment is not None
 
 
 def test_compute_need_not_wait_for_a_preview_and_runs_once(

@@ -303,7 +303,7 @@ def test_a_proof_is_of_what_is_computed_and_not_of_a_preview(
     values = np.concatenate([[0.0], np.linspace(1.0, 2.0, 19)]) * exact.eigenvalues[-1]
     rows = np.ones((20, window.document.mesh.n_vertices))
     nothing = np.full(20, np.nan)
-    window.document.accept_spectrum(Eigenpairs(values, rows, nothing, preview=True, error=0.1))
+    window.document.accept_spectrum(Eigenpairs(values, rows, nothing, n_exact=0, error=0.1))
     assert len(window.document.spectrum) == 20
     said = text_of(window, "proof_label")
     assert said.startswith("5 pairs · complete")

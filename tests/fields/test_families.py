@@ -203,7 +203,7 @@ def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Eigenpa
 def test_exact_pairs_come_before_those_of_a_preview(spectrum: Eigenpairs) -> None:
     """Then the preview goes on, ascending, and says that it is one."""
     preview = replace(
-        spectrum, eigenvalues=0.9 * spectrum.eigenvalues, rows=-spectrum.rows, preview=True
+        spectrum, eigenvalues=0.9 * spectrum.eigenvalues, rows=-spectrum.rows, n_exact=0
     )
     few = replace(
         spectrum,

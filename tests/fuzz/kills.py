@@ -26,11 +26,13 @@ import numpy.typing as npt
 import psutil
 
 from meshmash_viewer.io.atomic import remove_abandoned
+from meshmash_viewer.io.cache import ROWS
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
-from meshmash_viewer.io.stored_spectrum import ROWS
+from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.worker import serve
+from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.work.process import Wire, end_group, start_child
 from tests.fuzz.store_faults import OPERATOR, blanket
@@ -52,6 +54,7 @@ from PySide6.QtWidgets import QApplication
 from meshmash_viewer.app.run import application, run_app
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target
 
 said, done = [], set()
@@ -94,7 +97,7 @@ if __name__ == "__main__":
 #: All that a cache folder may hold when nobody writes into it.
 _BELONGS = re.compile(
     r"eigenpairs(/locks(/[0-9a-f]{32}\.lock)?"
-    r"|/[0-9a-f]{32}(/(problem\.json|eigenvectors\.f64|(proof|laplacian|pairs-\d+-\d+)\.sealed))?)?"
+    r"|/[0-9a-f]{32}(/(problem\.json|eigenvectors\.f64|(laplacian|pairs)\.sealed))?)?"
 )
 
 
@@ -133,10 +136,10 @@ def prepare(
     path = folder / "blanket.npz"
     np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
     with cache_at(folder / "whole"):
-        whole = obtain_eigenpairs(mesh, OPERATOR, Target("count", WANTED)).decomposition
+        whole = obtain_eigenpairs(mesh, OPERATOR, Request(WANTED))[0]
         heat = _heat_kernel(whole.eigenvalues, whole.rows)
     with cache_at(folder / "proven"):
-        first = obtain_eigenpairs(mesh, OPERATOR, Target("count", PROVEN)).decomposition
+        first = obtain_eigenpairs(mesh, OPERATOR, Request(PROVEN))[0]
     seconds = {}
     for kind in kinds:
         began = time.perf_counter()
@@ -206,28 +209,20 @@ def _see_that_nothing_is_lost(
     undisturbed: Undisturbed, cache: Path, from_proven: bool, what: str
 ) -> None:
     mesh = undisturbed.mesh
-    stored = find_eigenpairs(mesh, OPERATOR, count=WANTED)
-    published: dict[Path, tuple[int, int]] = {}
-    before = np.zeros((0, mesh.n_vertices))
-    if stored is not None:
-        assert not stored.faults, (what, stored.faults)
-        published = {b.path: (b.path.stat().st_mtime_ns, b.start) for b in stored.batches}
-        before = np.array(stored.rows[: stored.n_converged])
+    stored, remark = find_eigenpairs(mesh, OPERATOR, count=WANTED)
+    assert not remark, (what, remark)
+    before = np.zeros((0, mesh.n_vertices)) if stored is None else np.array(stored.rows)
     if from_proven:
-        assert stored is not None, what
-        assert stored.n_proven >= PROVEN, what
+        assert EigenpairStore(mesh, OPERATOR).covers(Request(PROVEN)) == PROVEN, what
         np.testing.assert_array_equal(before[:PROVEN], undisturbed.first_rows, err_msg=what)
-    found = obtain_eigenpairs(mesh, OPERATOR, Target("count", WANTED))
-    assert not found.remark, (what, found.remark)
-    pairs = found.decomposition
+    pairs, remark = obtain_eigenpairs(mesh, OPERATOR, Request(WANTED))
+    assert not remark, (what, remark)
     assert pairs.complete, what
     np.testing.assert_allclose(
         pairs.eigenvalues, undisturbed.eigenvalues, rtol=1e-9, atol=1e-12, err_msg=what
     )
     heat = _heat_kernel(pairs.eigenvalues, pairs.rows)
     np.testing.assert_allclose(heat, undisturbed.heat_kernel, rtol=1e-6, err_msg=what)
-    for path, (written, _) in published.items():
-        assert path.stat().st_mtime_ns == written, f"{what}: {path.name} was written again"
     np.testing.assert_array_equal(pairs.rows[: len(before)], before, err_msg=what)
     root = cache
     odd = [
@@ -382,12 +377,11 @@ def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
         (disk / "filling").unlink()
         if what == "cache":
             with cache_at(disk):
-                stored = find_eigenpairs(undisturbed.mesh, OPERATOR, count=WANTED)
+                stored, remark = find_eigenpairs(undisturbed.mesh, OPERATOR, count=WANTED)
             if from_proven:
                 assert stored is not None, about
                 np.testing.assert_array_equal(stored.rows[:PROVEN], undisturbed.first_rows)
-            if stored is not None:
-                assert not stored.faults, about
+            assert not remark, about
         else:
             left = {file.name for file in disk.rglob("*")} - {"hks.npz"}
             assert not left, (*about, left)

@@ -1,7 +1,7 @@
 """Random faults of stored eigenpairs, from a seed, and what must hold after each.
 
 Whatever is done to the files of a store, no number that leaves the program may be another one than
-was stored; whatever was not touched must still be there; and what was touched, and nothing else, is
+was stored; all pairs below the first that was touched must still be there; and only the others are
 made again. `benchmarks/stores.py` tries any number of faults.
 """
 
@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.io.cache import PAIRS, ROWS
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.store import EigenpairStore
-from meshmash_viewer.io.stored_spectrum import PROOF, ROWS, StoredSpectrum
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.certificate import Certificate
-from meshmash_viewer.spectral.eigensolver import Decomposition
-from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.engine.request import Request
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,17 +51,14 @@ class Truth:
     Parameters
     ----------
     mesh : Mesh
-    pairs : Decomposition
+    pairs : Eigenpairs
         What is in it.
-    borders : list of (int, int)
-        Start and stop of its batches.
     solved : bool
         Whether these are the mesh's eigenpairs; otherwise they are noise, which costs nothing.
     """
 
     mesh: Mesh
-    pairs: Decomposition
-    borders: list[tuple[int, int]]
+    pairs: Eigenpairs
     solved: bool
 
     @property
@@ -76,32 +73,28 @@ def make_store(mesh: Mesh, n_pairs: int, n_batches: int, solved: bool, seed: int
     store = EigenpairStore(mesh, OPERATOR)
     if solved:
         for stop in stops:
-            obtain_eigenpairs(mesh, OPERATOR, Target("count", stop))
+            obtain_eigenpairs(mesh, OPERATOR, Request(stop))
     else:
         rng = np.random.default_rng(seed)
         rows = store.allocate(n_pairs)
         values = np.sort(rng.random(n_pairs))
+        stiffness, mass = cotangent_laplacian(mesh)
+        begun = Eigenpairs(values, rows, np.full(n_pairs, 1e-12), mass=mass.diagonal())
         for start, stop in zip([0, *stops[:-1]], stops, strict=True):
             for index in range(start, stop):
                 rng.standard_normal(out=rows[index])
-            store.append(start, values[start:stop], np.full(stop - start, 1e-12))
-        stiffness, mass = cotangent_laplacian(mesh)
+            store.append(begun.first(stop))
         store.keep_laplacian(stiffness, mass)
-        certificate = Certificate("inertia", n_pairs, n_pairs, 1.0)
-        store.finish(
-            Decomposition(values, rows, np.full(n_pairs, 1e-12), certificate, mass=mass.diagonal())
-        )
+        store.append(replace(begun, certificate=Certificate("inertia", n_pairs, n_pairs, 1.0)))
     return _as_stored(mesh, n_pairs, solved)
 
 
 def _as_stored(mesh: Mesh, n_pairs: int, solved: bool) -> Truth:
-    stored = find_eigenpairs(mesh, OPERATOR, count=n_pairs)
-    assert stored is not None
-    assert not stored.faults
-    found = stored.decomposition(n_pairs)
+    found, remark = find_eigenpairs(mesh, OPERATOR, count=n_pairs)
+    assert found is not None
+    assert not remark
     # In memory: what is in the file will change.
-    pairs = replace(found, rows=np.array(found.rows))
-    return Truth(mesh, pairs, [(b.start, b.stop) for b in stored.batches], solved)
+    return Truth(mesh, replace(found, rows=np.array(found.rows)), solved)
 
 
 @dataclass
@@ -113,16 +106,16 @@ class Fault:
     kind : str
     what : str
         In words, to repeat it.
-    batches : set of (int, int)
-        Those that it touches.
-    proof, laplacian : bool
-        Whether it touches these.
+    first : int
+        The first pair whose row it touches, or the number of pairs.
+    pairs, laplacian : bool
+        Whether it touches the file of all else about the pairs, and that of the Laplacian.
     """
 
     kind: str
     what: str = ""
-    batches: set[tuple[int, int]] = field(default_factory=set)
-    proof: bool = False
+    first: int = 1 << 30
+    pairs: bool = False
     laplacian: bool = False
 
 
@@ -148,7 +141,7 @@ class Mutator:
             "moved page": self._move_page,
             "truncation": self._truncate,
             "garbage at the end": self._append,
-            "swapped batches": self._swap_batches,
+            "swapped files": self._swap_files,
             "file of another mesh": self._take_file,
             "folder of another mesh": self._take_folder,
             "edited text": self._edit,
@@ -164,7 +157,8 @@ class Mutator:
     def inflict(self, kind: str | None = None) -> Fault:
         """Do something random, or something random of a kind."""
         fault = Fault(kind or str(self._rng.choice(self.kinds)))
-        while not (fault.batches or fault.proof or fault.laplacian):
+        k = self.truth.pairs.n_components
+        while fault.first >= k and not (fault.pairs or fault.laplacian):
             self._kinds[fault.kind](fault)  # again, where it has changed nothing
         return fault
 
@@ -221,11 +215,8 @@ class Mutator:
             file.write(self._rng.bytes(int(self._rng.integers(1, 100))))
         self._touch(fault, path, 0, 0, "longer")
 
-    def _swap_batches(self, fault: Fault) -> None:
-        one, two = (
-            self._batch_file(self.truth.borders[i])
-            for i in self._rng.choice(len(self.truth.borders), 2, replace=False)
-        )
+    def _swap_files(self, fault: Fault) -> None:
+        one, two = self._folder / PAIRS, self._folder / LAPLACIAN
         content = one.read_bytes()
         one.write_bytes(two.read_bytes())
         two.write_bytes(content)
@@ -243,7 +234,7 @@ class Mutator:
         shutil.rmtree(self._folder)
         shutil.copytree(self._other, self._folder)
         fault.what = "all files taken from another mesh"
-        fault.batches, fault.proof, fault.laplacian = set(self.truth.borders), True, True
+        fault.first, fault.pairs, fault.laplacian = 0, True, True
 
     def _edit(self, fault: Fault) -> None:
         """Change a character of the JSON, the length staying the same."""
@@ -276,26 +267,16 @@ class Mutator:
         """Half the time the file of rows, which is nearly all there is."""
         if not sealed and self._rng.integers(2):
             return self._folder / ROWS
-        names = [PROOF, LAPLACIAN, *(self._batch_file(b).name for b in self.truth.borders)]
-        return self._folder / str(self._rng.choice(names))
-
-    def _batch_file(self, batch: tuple[int, int]) -> Path:
-        return self._folder / f"pairs-{batch[0]:06d}-{batch[1]:06d}.sealed"
+        return self._folder / str(self._rng.choice([PAIRS, LAPLACIAN]))
 
     def _touch(self, fault: Fault, path: Path, begin: int, end: int, how: str) -> None:
         fault.what += f"{path.name}: {how} at {begin}. "
         if path.name == ROWS:
-            row = 8 * self.truth.mesh.n_vertices
-            first, last = begin // row, -(-end // row)
-            fault.batches |= {
-                (start, stop) for start, stop in self.truth.borders if start < last and first < stop
-            }
-        elif path.name == PROOF:
-            fault.proof = True
-        elif path.name == LAPLACIAN:
-            fault.laplacian = True
+            fault.first = min(fault.first, begin // (8 * self.truth.mesh.n_vertices))
+        elif path.name == PAIRS:
+            fault.pairs = True
         else:
-            fault.batches.add(next(b for b in self.truth.borders if self._batch_file(b) == path))
+            fault.laplacian = True
 
 
 def examine(truth: Truth, fault: Fault) -> None:
@@ -307,18 +288,16 @@ def examine(truth: Truth, fault: Fault) -> None:
         If another number came out, or something whole did not.
     """
     k = truth.pairs.n_components
-    stored = find_eigenpairs(truth.mesh, OPERATOR, count=k)
-    there = set() if stored is None else {(b.start, b.stop) for b in stored.batches}
-    assert there == set(truth.borders) - fault.batches, (fault, sorted(there))
+    left = 0 if fault.pairs else min(fault.first, k)
+    stored, remark = find_eigenpairs(truth.mesh, OPERATOR, count=k)
+    assert (0 if stored is None else len(stored)) == left, fault
+    # Without any file pairs are as before the first run, which is nothing to speak of.
+    silent = fault.kind == "removed file" and fault.pairs
+    assert bool(remark) == (left < k and not silent), fault
     if stored is not None:
         _compare(truth, stored)
-        assert (stored.proof is None) == fault.proof, fault
-        for start, stop in fault.batches:
-            said = f"eigenpairs {start} to {stop - 1}" in stored.faults
-            # The batches of another mesh may have other borders.
-            assert said or (fault.kind == "folder of another mesh" and stored.faults), fault
-        first = min((start for start, _ in fault.batches), default=k)
-        assert stored.n_proven == (0 if fault.proof else first), fault
+        assert truth.store.covers(Request(left)) == left
+        assert stored.complete, fault
     matrices = truth.store.laplacian()
     assert (matrices is None) == fault.laplacian, fault
 
@@ -336,35 +315,25 @@ def mend(truth: Truth, fault: Fault) -> Truth:
     AssertionError
         If something else was written, or the result is another one.
     """
-    k, folder = truth.pairs.n_components, truth.store.folder
-    kept = {
-        path: path.stat().st_mtime_ns
-        for start, stop in set(truth.borders) - fault.batches
-        for path in folder.glob(f"pairs-{start:06d}-{stop:06d}*")
-    }
+    k = truth.pairs.n_components
+    left = 0 if fault.pairs else min(fault.first, k)
     if truth.solved:
-        if fault.laplacian and not (fault.batches or fault.proof):  # nobody needs it
+        if fault.laplacian and left == k:  # nobody needs it
             truth.store.keep_laplacian(*cotangent_laplacian(truth.mesh, robust=True))
-        found = obtain_eigenpairs(truth.mesh, OPERATOR, Target("count", k))
-        # Without a proof pairs are as after a kill, which is nothing to speak of.
-        silent = fault.kind == "removed file" and fault.proof
-        worth = bool(fault.batches or fault.proof) and not silent
-        assert bool(found.remark) == worth, (fault, found.remark)
-        assert found.decomposition.complete
+        found, remark = obtain_eigenpairs(truth.mesh, OPERATOR, Request(k))
+        silent = fault.kind == "removed file" and fault.pairs
+        assert bool(remark) == (left < k and not silent), (fault, remark)
+        assert found.complete
         np.testing.assert_allclose(
-            found.decomposition.eigenvalues, truth.pairs.eigenvalues, rtol=1e-9, atol=1e-12
+            found.eigenvalues, truth.pairs.eigenvalues, rtol=1e-9, atol=1e-12
         )
-    elif fault.batches or fault.proof or fault.laplacian:
+    elif left < k or fault.laplacian:
         _write_again(truth, fault)
-    for path, written in kept.items():
-        assert path.stat().st_mtime_ns == written, f"{fault}: {path.name} was written again"
-    stored = find_eigenpairs(truth.mesh, OPERATOR, count=k)
+    stored, remark = find_eigenpairs(truth.mesh, OPERATOR, count=k)
     assert stored is not None
-    assert not stored.faults, fault
-    assert stored.n_proven == k, fault
-    for start, stop in truth.borders:
-        if (start, stop) not in fault.batches:
-            np.testing.assert_array_equal(stored.rows[start:stop], truth.pairs.rows[start:stop])
+    assert not remark, fault
+    assert truth.store.covers(Request(k)) == k, fault
+    np.testing.assert_array_equal(stored.rows[:left], truth.pairs.rows[:left])
     if not truth.solved:
         _compare(truth, stored)
         return truth
@@ -378,30 +347,25 @@ def _heat_kernel(truth: Truth) -> FloatArray:
     return np.exp(-10.0 * pairs.eigenvalues / pairs.eigenvalues[-1]) @ pairs.rows**2
 
 
-def _compare(truth: Truth, stored: StoredSpectrum) -> None:
-    pairs = truth.pairs
-    for batch in stored.batches:
-        part = slice(batch.start, batch.stop)
-        np.testing.assert_array_equal(batch.eigenvalues, pairs.eigenvalues[part])
-        np.testing.assert_array_equal(batch.residuals, pairs.residuals[part])
-        np.testing.assert_array_equal(stored.rows[part], pairs.rows[part])
-    if stored.proof is not None:
-        assert stored.proof.certificate == pairs.certificate
-        assert stored.proof.n_pairs == pairs.n_components
-        np.testing.assert_array_equal(stored.proof.mass, pairs.mass)
+def _compare(truth: Truth, stored: Eigenpairs) -> None:
+    pairs, count = truth.pairs, len(stored)
+    np.testing.assert_array_equal(stored.eigenvalues, pairs.eigenvalues[:count])
+    np.testing.assert_array_equal(stored.residuals, pairs.residuals[:count])
+    np.testing.assert_array_equal(stored.rows, pairs.rows[:count])
+    np.testing.assert_array_equal(stored.mass, pairs.mass)
+    assert stored.certificate == pairs.certificate
 
 
 def _write_again(truth: Truth, fault: Fault) -> None:
     """What the solver would do for noise."""
     pairs, store = truth.pairs, truth.store
-    touched = [i for start, stop in fault.batches for i in range(start, stop)]
-    kept = np.setdiff1d(np.arange(pairs.n_components), touched)
     with store:
         if fault.laplacian:
             store.keep_laplacian(*cotangent_laplacian(truth.mesh))
-        rows = store.extend(pairs.n_components, None, kept)
-        np.testing.assert_array_equal(rows[kept], pairs.rows[kept])
-        for start, stop in sorted(fault.batches):
-            rows[start:stop] = pairs.rows[start:stop]
-            store.append(start, pairs.eigenvalues[start:stop], pairs.residuals[start:stop])
-        store.finish(pairs)
+        stored = store.load()
+        kept = 0 if stored is None else len(stored)
+        if kept < len(pairs):
+            rows = store.allocate(len(pairs), n_kept=kept)
+            np.testing.assert_array_equal(rows[:kept], pairs.rows[:kept])
+            rows[kept:] = pairs.rows[kept:]
+            store.append(pairs)

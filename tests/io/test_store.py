@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,12 +17,14 @@ import pytest
 
 from meshmash_viewer.io.cache import EigenpairCache, folder_size
 from meshmash_viewer.io.spectrum import obtain_eigenpairs
-from meshmash_viewer.io.store import EigenpairStore, StoreBusy, StoredSpectrum, StoreUnusable
+from meshmash_viewer.io.store import EigenpairStore, StoreBusy, StoreUnusable
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
-from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.engine.request import Request
 
 OPERATOR = OperatorOptions()
 
@@ -30,9 +33,9 @@ def open_store(mesh: Mesh, root: Path, **options: Any) -> EigenpairStore:
     return EigenpairStore(mesh, OPERATOR, root, **options)
 
 
-def synthetic(n: int, k: int, seed: int = 0) -> Decomposition:
+def synthetic(n: int, k: int, seed: int = 0) -> Eigenpairs:
     rng = np.random.default_rng(seed)
-    return Decomposition(
+    return Eigenpairs(
         eigenvalues=np.arange(k, dtype=np.float64),
         rows=rng.normal(size=(k, n)),
         residuals=np.full(k, 1e-12),
@@ -42,33 +45,35 @@ def synthetic(n: int, k: int, seed: int = 0) -> Decomposition:
     )
 
 
-def loaded(mesh: Mesh, root: Path) -> StoredSpectrum:
+def loaded(mesh: Mesh, root: Path) -> Eigenpairs:
     found = open_store(mesh, root).load()
     assert found is not None
     return found
 
 
-def fill(store: EigenpairStore, whole: Decomposition, start: int, stop: int) -> None:
+def n_proven(mesh: Mesh, root: Path) -> int:
+    counts = range(1, mesh.n_vertices + 1)
+    store = open_store(mesh, root)
+    return next((k - 1 for k in counts if store.covers(Request(k)) is None), mesh.n_vertices)
+
+
+def fill(store: EigenpairStore, whole: Eigenpairs, stop: int) -> None:
+    """Publish the pairs up to one, without a certificate."""
     stored = store.load()
-    there = np.zeros(0) if stored is None else stored.eigenvalues
-    rows = store.extend(whole.n_components, None, np.flatnonzero(np.isfinite(there)))
+    start = 0 if stored is None else len(stored)
+    rows = store.allocate(len(whole), n_kept=start)
     rows[start:stop] = whole.rows[start:stop]
-    store.append(start, whole.eigenvalues[start:stop], whole.residuals[start:stop])
+    store.append(replace(whole.first(stop), certificate=Certificate("none")))
 
 
-def finish(
-    store: EigenpairStore, whole: Decomposition, max_eigenvalue: float | None = None
-) -> None:
-    """Publish the pairs that have not come yet, and the proof."""
-    stored = store.load()
-    start = 0 if stored is None else stored.n_converged
-    if start < whole.n_components:
-        fill(store, whole, start, whole.n_components)
-    store.finish(whole, max_eigenvalue)
+def finish(store: EigenpairStore, whole: Eigenpairs, known_to: float = 0.0) -> None:
+    """Publish the pairs that have not come yet, and the certificate."""
+    fill(store, whole, len(whole))
+    store.append(replace(whole, known_to=known_to))
 
 
 @pytest.fixture
-def whole(sphere: Mesh) -> Decomposition:
+def whole(sphere: Mesh) -> Eigenpairs:
     return synthetic(sphere.n_vertices, 10)
 
 
@@ -92,10 +97,10 @@ def test_nothing_is_written_before_there_is_something(sphere: Mesh, tmp_path: Pa
 
 
 def test_room_that_nothing_came_into_is_given_back(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
+    sphere: Mesh, tmp_path: Path, whole: Eigenpairs
 ) -> None:
     with open_store(sphere, tmp_path) as store:
-        store.extend(whole.n_components, None, np.zeros(0, dtype=np.int64))
+        store.allocate(len(whole))
         rows = store.folder / "eigenvectors.f64"
         assert rows.stat().st_size == whole.rows.nbytes
     assert rows.stat().st_size == 0
@@ -105,11 +110,10 @@ def test_solved_into_the_store_and_found_again(sphere: Mesh, tmp_path: Path) -> 
     stiffness, mass = cotangent_laplacian(sphere, robust=True)
     with open_store(sphere, tmp_path) as store:
         solved = solve(stiffness, mass, 12, allocate=store.allocate, on_pairs=store.append)
-        store.finish(solved)
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert found.n_proven == 12
-    again = found.decomposition(12)
+        store.append(solved)
+    assert n_proven(sphere, tmp_path) == 12
+    again = open_store(sphere, tmp_path).load(12)
+    assert again is not None
     np.testing.assert_array_equal(again.rows, solved.rows)
     np.testing.assert_array_equal(again.eigenvalues, solved.eigenvalues)
     np.testing.assert_array_equal(again.mass, solved.mass)
@@ -118,51 +122,47 @@ def test_solved_into_the_store_and_found_again(sphere: Mesh, tmp_path: Path) -> 
     assert not again.rows.flags["WRITEABLE"]
 
 
-def test_pairs_are_published_as_they_come(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
-) -> None:
+def test_pairs_are_published_as_they_come(sphere: Mesh, tmp_path: Path, whole: Eigenpairs) -> None:
     with open_store(sphere, tmp_path) as store:
-        fill(store, whole, 0, 4)
+        fill(store, whole, 4)
         first = loaded(sphere, tmp_path)
-        assert (first.n_proven, first.n_converged) == (0, 4)
-        fill(store, whole, 6, 8)  # a slice further up: not a leading pair yet
-        assert loaded(sphere, tmp_path).n_converged == 4
-        fill(store, whole, 4, 6)
-        assert loaded(sphere, tmp_path).n_converged == 8
+        assert len(first) == 4
+        fill(store, whole, 8)
+        assert len(loaded(sphere, tmp_path)) == 8
         np.testing.assert_array_equal(first.rows, whole.rows[:4])
     # Cut off here: what has converged is kept, and is no answer to anything.
-    kept = loaded(sphere, tmp_path)
-    assert kept.n_converged == 8
-    assert kept.covers(Target("count", 2)) is None
-    assert not kept.decomposition().complete
+    assert len(loaded(sphere, tmp_path)) == 8
+    assert open_store(sphere, tmp_path).covers(Request(2)) is None
+    assert not loaded(sphere, tmp_path).complete
 
 
 def test_asking_for_fewer_is_a_slice_and_for_more_is_more(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
+    sphere: Mesh, tmp_path: Path, whole: Eigenpairs
 ) -> None:
     with open_store(sphere, tmp_path) as store:
-        finish(store, whole, max_eigenvalue=9.5)
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert found.covers(Target("count", 3)) == 3
-    assert found.covers(Target("count", 10)) == 10
-    assert found.covers(Target("count", 11)) is None
-    assert found.covers(Target("max_eigenvalue", 5.0)) == 6  # the threshold is included
-    assert found.covers(Target("max_eigenvalue", 5.5)) == 6
-    assert found.covers(Target("max_eigenvalue", 9.2)) == 10
-    assert found.covers(Target("max_eigenvalue", 9.6)) is None
-    assert found.decomposition(3).complete
-    assert found.decomposition(3).certificate.counted == 10
+        finish(store, whole, known_to=9.5)
+    covers = open_store(sphere, tmp_path).covers
+    assert covers(Request(3)) == 3
+    assert covers(Request(10)) == 10
+    assert covers(Request(11)) is None
+    assert covers(Request(max_eigenvalue=5.0)) == 6  # the threshold is included
+    assert covers(Request(max_eigenvalue=5.5)) == 6
+    assert covers(Request(max_eigenvalue=9.2)) == 10
+    assert covers(Request(max_eigenvalue=9.6)) is None
+    few = open_store(sphere, tmp_path).load(3)
+    assert few is not None
+    assert few.complete
+    assert (len(few), few.known_to, few.certificate.counted) == (3, 0.0, 10)
+    assert loaded(sphere, tmp_path).known_to == 9.5
 
 
 def test_the_whole_spectrum_answers_everything(sphere: Mesh, tmp_path: Path) -> None:
     n = sphere.n_vertices
     with open_store(sphere, tmp_path) as store:
         finish(store, synthetic(n, n))
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert found.covers(Target("count", 10 * n)) == n
-    assert found.covers(Target("max_eigenvalue", 1e9)) == n
+    covers = open_store(sphere, tmp_path).covers
+    assert covers(Request(10 * n)) == n
+    assert covers(Request(max_eigenvalue=1e9)) == n
 
 
 def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Path) -> None:
@@ -170,24 +170,21 @@ def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Pat
     np.testing.assert_array_equal(few.rows, many.rows[:10])
     with open_store(sphere, tmp_path) as store:
         finish(store, few)
-    before = open_store(sphere, tmp_path).load()
-    assert before is not None
+    before = loaded(sphere, tmp_path)
     with open_store(sphere, tmp_path) as store:
-        rows = store.extend(1200, None, np.arange(10))
+        assert store.load() is not None
+        rows = store.allocate(1200, n_kept=10)
         np.testing.assert_array_equal(rows[:10], few.rows)
         rows[10:] = many.rows[10:]
-        store.append(0, many.eigenvalues[:10], many.residuals[:10])  # known pairs come again
-        store.append(10, many.eigenvalues[10:20], many.residuals[10:20])
-        found = open_store(sphere, tmp_path).load()
-        assert found is not None
-        assert (found.n_proven, found.n_converged) == (10, 20)
-        assert found.covers(Target("count", 10)) == 10
+        begun = replace(many, certificate=Certificate("none"))
+        store.append(begun.first(10))  # known pairs come again
+        store.append(begun.first(20))
+        assert len(loaded(sphere, tmp_path)) == 20
+        assert n_proven(sphere, tmp_path) == 10
     with open_store(sphere, tmp_path) as store:
-        store.extend(1200, None, np.arange(20))
         finish(store, many)
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert (found.n_proven, found.damaged_batches()) == (1200, [])
+    assert len(loaded(sphere, tmp_path)) == 1200
+    assert open_store(sphere, tmp_path).covers(Request(1200)) == 1200
     np.testing.assert_array_equal(before.rows, few.rows)  # an old map stays valid
 
 
@@ -200,89 +197,66 @@ def flip_bit(path: Path, place: int = -100) -> None:
 def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -> None:
     whole = synthetic(sphere.n_vertices, 12)
     with open_store(sphere, tmp_path) as store:
-        for start in (0, 4, 8):
-            fill(store, whole, start, start + 4)
         finish(store, whole)
-    flip_bit(store.folder / "pairs-000004-000008.sealed")
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert found.faults == ("eigenpairs 4 to 7",)
-    assert (found.n_proven, found.n_converged) == (4, 4)
-    assert found.covers(Target("count", 4)) == 4
-    assert found.covers(Target("count", 5)) is None
-    known = found.decomposition()
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(known.eigenvalues)), [4, 5, 6, 7])
-    np.testing.assert_array_equal(known.rows[8:], whole.rows[8:])
-    untouched = [store.folder / f"pairs-{i:06d}-{i + 4:06d}.sealed" for i in (0, 8)]
-    written = [path.stat().st_mtime_ns for path in untouched]
-    kept = np.flatnonzero(np.isfinite(known.eigenvalues))
-    with open_store(sphere, tmp_path) as store:
-        rows = store.extend(12, None, kept)
-        rows[4:8] = whole.rows[4:8]
-        store.append(4, whole.eigenvalues[4:8], 2.0 * whole.residuals[4:8])
-        # Other numbers than those that the proof was made of.
-        found = loaded(sphere, tmp_path)
-        assert (found.n_proven, found.n_converged, found.faults) == (4, 12, ())
-        finish(store, whole)
-    assert [path.stat().st_mtime_ns for path in untouched] == written
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert (found.n_proven, found.faults) == (12, ())
-    np.testing.assert_array_equal(found.rows, whole.rows)
+    flip_bit(store.folder / "eigenvectors.f64", 8 * 5 * sphere.n_vertices + 5)
+    found = open_store(sphere, tmp_path)
+    assert found.covers(Request(12)) == 12
+    few = found.load(5)
+    assert few is not None
+    assert (len(few), few.complete, found.damage) == (5, True, "")
+    part = found.load()
+    assert part is not None
+    assert (len(part), part.complete, found.damage) == (5, True, "eigenpairs 5 to 11")
+    with found:
+        rows = found.allocate(12, n_kept=5)
+        assert n_proven(sphere, tmp_path) == 5  # whatever is written behind them
+        rows[5:] = whole.rows[5:]
+        found.append(whole.first(8))
+        assert n_proven(sphere, tmp_path) == 8
+        found.append(whole)
+    assert n_proven(sphere, tmp_path) == 12
+    np.testing.assert_array_equal(loaded(sphere, tmp_path).rows, whole.rows)
+    with pytest.raises(Cancelled):
+        open_store(sphere, tmp_path).load(cancel=lambda: True)
 
 
-def test_a_batch_that_is_gone_is_named(sphere: Mesh, tmp_path: Path) -> None:
-    whole = synthetic(sphere.n_vertices, 12)
-    with open_store(sphere, tmp_path) as store:
-        for start in (0, 4, 8):
-            fill(store, whole, start, start + 4)
-        finish(store, whole)
-    (store.folder / "pairs-000008-000012.sealed").unlink()
-    found = loaded(sphere, tmp_path)
-    assert found.faults == ("eigenpairs 8 to 11",)
-    assert found.n_converged == 8
-
-
-def test_a_file_in_place_of_another_is_none(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
+@pytest.mark.parametrize("name", ["pairs.sealed", "eigenvectors.f64"])
+def test_damage_is_named_and_nothing_damaged_is_used(
+    sphere: Mesh, tmp_path: Path, whole: Eigenpairs, name: str
 ) -> None:
+    other = Mesh(sphere.vertices + 1.0, sphere.faces)
+    for mesh, pairs in ((sphere, whole), (other, synthetic(sphere.n_vertices, 10, seed=1))):
+        with open_store(mesh, tmp_path) as store:
+            finish(store, pairs)
+    path = open_store(sphere, tmp_path).folder / name
+    content = path.read_bytes()
+    changed = bytearray(content)
+    changed[-100] ^= 1
+    of_another = (store.folder / name).read_bytes()
+    for spoiled in (changed, content[:-9], b"", of_another):
+        path.write_bytes(spoiled)
+        found = open_store(sphere, tmp_path)
+        pairs = found.load()
+        assert found.damage
+        if pairs is not None:
+            assert name == "eigenvectors.f64"
+            np.testing.assert_array_equal(pairs.rows, whole.rows[:9])
+    path.unlink()
+    assert open_store(sphere, tmp_path).load() is None
     with open_store(sphere, tmp_path) as store:
-        fill(store, whole, 0, 5)
         finish(store, whole)
-    proof, batch = store.folder / "proof.sealed", store.folder / "pairs-000005-000010.sealed"
-    content = proof.read_bytes()
-    proof.write_bytes(batch.read_bytes())
-    batch.write_bytes(content)
-    found = loaded(sphere, tmp_path)
-    assert found.faults == ("eigenpairs 5 to 9", "their proof")
-    assert (found.n_proven, found.n_converged) == (0, 5)
+    assert len(loaded(sphere, tmp_path)) == 10
 
 
-def test_rows_are_compared_with_their_checksums_when_asked(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
+def test_a_store_of_another_version_is_absent(
+    sphere: Mesh, tmp_path: Path, whole: Eigenpairs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with open_store(sphere, tmp_path) as store:
-        fill(store, whole, 0, 5)
-        finish(store, whole)
-    flip_bit(store.folder / "eigenvectors.f64", 8 * 7 * sphere.n_vertices + 5)
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert found.n_proven == 10
-    assert found.damaged_batches(5) == []
-    damaged = found.damaged_batches()
-    assert [(batch.start, batch.stop) for batch in damaged] == [(5, 10)]
-    assert found.without(damaged).n_proven == 5
-    assert found.damaged_batches(cancel=lambda: True) == []
-
-
-def test_nothing_published_is_written_again(sphere: Mesh, tmp_path: Path) -> None:
-    whole = synthetic(sphere.n_vertices, 10)
-    with open_store(sphere, tmp_path) as store:
-        fill(store, whole, 0, 6)
-        with pytest.raises(ValueError, match="published before"):
-            store.append(3, whole.eigenvalues[3:8], whole.residuals[3:8])
-        store.append(0, whole.eigenvalues[:6], whole.residuals[:6])
-        assert len(list(store.folder.glob("pairs-*"))) == 1
+    with monkeypatch.context() as patch:
+        patch.setattr("meshmash_viewer.io.store.FORMAT", 5)
+        with open_store(sphere, tmp_path) as store:
+            finish(store, whole)
+    store = open_store(sphere, tmp_path)
+    assert (store.load(), store.damage) == (None, "")
 
 
 def test_room_is_on_the_disk_before_anything_is_written(sphere: Mesh, tmp_path: Path) -> None:
@@ -309,29 +283,27 @@ def test_a_full_disk_is_said_and_takes_nothing_away(
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     store = open_store(sphere, tmp_path)
+    assert store.load() is not None
     if supported:
         with pytest.raises(StoreUnusable, match="no space left"):
-            store.extend(40, None, np.arange(10))
+            store.allocate(40, n_kept=10)
     else:
-        store.extend(40, None, np.arange(10))
+        store.allocate(40, n_kept=10)
         store.close()
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert found.n_proven == 10
-    assert found.damaged_batches() == []
-    assert found.path.stat().st_size == 8 * 10 * sphere.n_vertices
+    assert len(loaded(sphere, tmp_path)) == n_proven(sphere, tmp_path) == 10
+    assert (store.folder / "eigenvectors.f64").stat().st_size == 8 * 10 * sphere.n_vertices
 
 
 def test_left_overs_go_and_stores_of_other_versions_when_they_are_old(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
+    sphere: Mesh, tmp_path: Path, whole: Eigenpairs
 ) -> None:
     with open_store(sphere, tmp_path) as store:
-        fill(store, whole, 0, 5)
+        fill(store, whole, 5)
     parts = [
         store.folder / name
         for name in (
             ".meshmash-01234567-99999999-89abcdef-eigenvectors.f64",
-            ".meshmash-01234567-99999999-89abcdef-proof.sealed",
+            ".meshmash-01234567-99999999-89abcdef-pairs.sealed",
         )
     ]
     for part in parts:
@@ -357,14 +329,13 @@ def test_left_overs_go_and_stores_of_other_versions_when_they_are_old(
     assert not removed.exists()
     assert others[2].exists()
     assert not others[30].exists()
-    found = open_store(sphere, tmp_path).load()
-    assert found is not None
-    assert found.path.stat().st_size == 8 * 5 * sphere.n_vertices
-    np.testing.assert_array_equal(found.rows, whole.rows[:5])
+    path = store.folder / "eigenvectors.f64"
+    assert path.stat().st_size == 8 * 5 * sphere.n_vertices
+    np.testing.assert_array_equal(loaded(sphere, tmp_path).rows, whole.rows[:5])
     # What is missing of a file is not made up for by zeros.
-    os.truncate(found.path, 100)
+    os.truncate(path, 100)
     EigenpairCache(tmp_path).tidy()
-    assert found.path.stat().st_size == 100
+    assert path.stat().st_size == 100
 
 
 def test_the_laplacian_is_kept(sphere: Mesh, tmp_path: Path) -> None:
@@ -384,15 +355,13 @@ def test_the_laplacian_is_kept(sphere: Mesh, tmp_path: Path) -> None:
 
 def _hold(mesh: Mesh, root: Path, ready: Any, go: Any) -> None:
     store = open_store(mesh, root)
-    fill(store, synthetic(mesh.n_vertices, 10), 0, 5)
+    fill(store, synthetic(mesh.n_vertices, 10), 5)
     ready.set()
     go.wait(30)
     os._exit(9)  # killed in the middle
 
 
-def test_two_processes_never_write_at_once(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
-) -> None:
+def test_two_processes_never_write_at_once(sphere: Mesh, tmp_path: Path, whole: Eigenpairs) -> None:
     context = multiprocessing.get_context("spawn")
     ready, go = context.Event(), context.Event()
     other = context.Process(target=_hold, args=(sphere, tmp_path, ready, go))
@@ -402,7 +371,7 @@ def test_two_processes_never_write_at_once(
         store = open_store(sphere, tmp_path)
         with pytest.raises(StoreBusy, match="Another process"):
             store.allocate(10)
-        assert loaded(sphere, tmp_path).n_converged == 5  # looking is allowed
+        assert len(loaded(sphere, tmp_path)) == 5  # looking is allowed
         assert EigenpairCache(tmp_path).clear() == 0
     finally:
         go.set()
@@ -411,7 +380,7 @@ def test_two_processes_never_write_at_once(
     # A killed process leaves no lock behind.
     with store:
         finish(store, whole)
-    assert loaded(sphere, tmp_path).n_proven == 10
+    assert n_proven(sphere, tmp_path) == 10
 
 
 def test_same_process_is_no_exception(sphere: Mesh, tmp_path: Path) -> None:
@@ -428,7 +397,7 @@ def shifted(mesh: Mesh, by: int) -> Mesh:
 
 
 def test_oldest_goes_when_the_cap_is_reached(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
+    sphere: Mesh, tmp_path: Path, whole: Eigenpairs
 ) -> None:
     stores = [open_store(shifted(sphere, i), tmp_path) for i in range(3)]
     for age, store in enumerate(stores[:2]):
@@ -464,15 +433,15 @@ def test_too_much_for_the_disk_is_refused_beforehand(sphere: Mesh, tmp_path: Pat
 
 
 def test_a_smaller_request_goes_on_in_a_file_with_room_for_more(
-    sphere: Mesh, tmp_path: Path, whole: Decomposition
+    sphere: Mesh, tmp_path: Path, whole: Eigenpairs
 ) -> None:
     with open_store(sphere, tmp_path) as store:
-        fill(store, whole, 0, 4)
-        rows = store.extend(6, None, np.arange(4))
+        fill(store, whole, 4)
+        rows = store.allocate(6, n_kept=4)
         assert rows.shape == (6, sphere.n_vertices)
         np.testing.assert_array_equal(rows[:4], whole.rows[:4])
         rows[4:] = whole.rows[4:6]
-        store.append(4, whole.eigenvalues[4:6], whole.residuals[4:6])
+        store.append(whole.first(6))
     np.testing.assert_array_equal(loaded(sphere, tmp_path).rows[:6], whole.rows[:6])
 
 
@@ -495,14 +464,13 @@ def test_what_is_stored_is_read_while_another_process_may_write(
     sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path))
-    target = Target("count", 12)
-    computed = obtain_eigenpairs(sphere, OPERATOR, target).decomposition
+    computed, _ = obtain_eigenpairs(sphere, OPERATOR, Request(12))
 
     def locked(_: EigenpairStore) -> None:
         raise AssertionError("kept others from writing")
 
     monkeypatch.setattr(EigenpairStore, "lock", locked)
-    again = obtain_eigenpairs(sphere, OPERATOR, target).decomposition
+    again, _ = obtain_eigenpairs(sphere, OPERATOR, Request(12))
     np.testing.assert_array_equal(again.rows, computed.rows)
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from meshmash_viewer.model.cost import (
+from meshmash_viewer.spectral.cost import (
     decomposition_bytes,
     decomposition_seconds,
+    estimate_memory,
     measured_rate,
     written_bytes,
     written_duration,
 )
-from meshmash_viewer.spectral.eigensolver import estimate_memory
 
 
 @pytest.mark.parametrize(

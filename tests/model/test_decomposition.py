@@ -16,7 +16,7 @@ from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import decomposition
-from meshmash_viewer.model.decomposition import decompose, find_known, refuse_what_cannot_fit
+from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
@@ -25,8 +25,10 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
-from meshmash_viewer.model.results import SpectrumGrew
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral import cost
+from meshmash_viewer.spectral.cost import refuse_what_cannot_fit
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
@@ -37,8 +39,8 @@ def listener(tmp_path: Path) -> Listener:
     return Listener(tmp_path)
 
 
-def residuals(mesh: Mesh, grew: SpectrumGrew) -> np.ndarray:
-    spectrum = grew.spectrum
+def residuals(mesh: Mesh, grew: Eigenpairs) -> np.ndarray:
+    spectrum = grew
     stiffness, mass = cotangent_laplacian(mesh, robust=True)
     rows = np.asarray(spectrum.rows[: len(spectrum)])
     defect = rows @ stiffness - spectrum.eigenvalues[:, None] * (rows @ mass)
@@ -47,7 +49,7 @@ def residuals(mesh: Mesh, grew: SpectrumGrew) -> np.ndarray:
 
 def test_pairs_are_mapped_from_the_store(sphere: Mesh, listener: Listener) -> None:
     grew = DecomposeJob(sphere, OPERATOR, Target("count", 25)).run(listener)
-    spectrum = grew.spectrum
+    spectrum = grew
     assert len(spectrum) == spectrum.total == 25
     assert spectrum.complete
     assert "all 642 eigenvalues computed" in spectrum.certificate.sentence(25)
@@ -60,45 +62,45 @@ def test_pairs_are_mapped_from_the_store(sphere: Mesh, listener: Listener) -> No
 
 def test_growth_never_shows_the_null_space_alone(three_spheres: Mesh, listener: Listener) -> None:
     decompose(three_spheres, OPERATOR, Target("count", 12), listener)
-    assert all(message.summary.eigenvalues.any() for message in listener.messages)
-    assert all(message.summary.certificate is None for message in listener.messages)
+    assert all(message.eigenvalues.any() for message in listener.messages)
+    assert all(message.certificate.method == "none" for message in listener.messages)
 
 
 def test_what_is_stored_is_not_computed_again(
     sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = decompose(sphere, OPERATOR, Target("count", 20), listener)
-    assert find_known(Mesh(sphere.vertices + 1.0, sphere.faces), OPERATOR) == (None, "")
+    assert find_eigenpairs(Mesh(sphere.vertices + 1.0, sphere.faces), OPERATOR) == (None, "")
     monkeypatch.delattr("meshmash_viewer.spectral.eigensolver.solve")
-    known, remark = find_known(sphere, OPERATOR)
+    known, remark = find_eigenpairs(sphere, OPERATOR)
     assert known is not None
     assert not remark
-    assert known.spectrum.certificate == first.summary.certificate
+    assert known.certificate == first.certificate
     fewer = decompose(sphere, OPERATOR, Target("count", 7), listener)
-    assert len(fewer.spectrum) == 7
-    assert fewer.spectrum.complete
-    threshold = 0.5 * (first.summary.eigenvalues[8] + first.summary.eigenvalues[9])
+    assert len(fewer) == 7
+    assert fewer.complete
+    threshold = 0.5 * (first.eigenvalues[8] + first.eigenvalues[9])
     below = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener)
-    assert len(below.spectrum) == 9
+    assert len(below) == 9
 
 
 def test_all_below_a_threshold_are_known_to_be_all(sphere: Mesh, listener: Listener) -> None:
     first = decompose(sphere, OPERATOR, Target("count", 12), listener)
-    threshold = float(first.summary.eigenvalues[8]) + 0.9 * float(
-        first.summary.eigenvalues[9] - first.summary.eigenvalues[8]
+    threshold = float(first.eigenvalues[8]) + 0.9 * float(
+        first.eigenvalues[9] - first.eigenvalues[8]
     )
     below = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener)
-    assert below.summary.eigenvalues[-1] < below.spectrum.known_to <= first.summary.eigenvalues[9]
+    assert below.eigenvalues[-1] < below.known_to <= first.eigenvalues[9]
 
 
 def test_more_pairs_go_on_from_the_known_ones(sphere: Mesh, listener: Listener) -> None:
     decompose(sphere, OPERATOR, Target("count", 10), listener)
     listener.messages.clear()
     grew = decompose(sphere, OPERATOR, Target("count", 30), listener)
-    lengths = [len(message.summary) for message in listener.messages]
+    lengths = [len(message) for message in listener.messages]
     assert lengths == sorted(lengths)
     assert lengths[0] == 10
-    assert len(grew.spectrum) == 30
+    assert len(grew) == 30
     assert residuals(sphere, grew).max() < 1e-8
 
 
@@ -106,15 +108,15 @@ def test_cancelled_run_keeps_what_converged(tmp_path: Path) -> None:
     mesh = shapes.icosphere(4)
     with pytest.raises(Cancelled):
         decompose(mesh, OPERATOR, Target("count", 300), Listener(tmp_path, stop_at=50))
-    known, remark = find_known(mesh, OPERATOR)
+    known, remark = find_eigenpairs(mesh, OPERATOR)
     assert not remark
     assert known is not None
-    assert len(known.summary) >= 50
-    assert not known.spectrum.complete
+    assert len(known) >= 50
+    assert not known.complete
     listener = Listener(tmp_path)
     grew = decompose(mesh, OPERATOR, Target("count", 300), listener)
-    assert grew.spectrum.complete
-    assert len(listener.messages[0].summary) >= 50
+    assert grew.complete
+    assert len(listener.messages[0]) >= 50
 
 
 def test_what_a_cancelled_run_has_found_is_told_to_the_last(
@@ -124,9 +126,9 @@ def test_what_a_cancelled_run_has_found_is_told_to_the_last(
     mesh, listener = shapes.icosphere(4), Listener(tmp_path, stop_at=200)
     with pytest.raises(Cancelled):
         decompose(mesh, OPERATOR, Target("count", 600), listener)
-    known, _ = find_known(mesh, OPERATOR)
+    known, _ = find_eigenpairs(mesh, OPERATOR)
     assert known is not None
-    assert len(listener.messages[-1].summary) == len(known.summary) >= 200
+    assert len(listener.messages[-1]) == len(known) >= 200
 
 
 def test_what_cannot_fit_is_refused_with_a_way_out(
@@ -139,53 +141,50 @@ def test_what_cannot_fit_is_refused_with_a_way_out(
         refuse_what_cannot_fit(1_000_000, 7_000_000, 300, 5 * 10**9)
     with pytest.raises(InputError, match="simplify the mesh"):
         refuse_what_cannot_fit(10**9, 7 * 10**9, 300, 10**9)
-    monkeypatch.setattr(decomposition, "free_memory", lambda: 10_000)
+    monkeypatch.setattr(cost, "free_memory", lambda: 10_000)
     with pytest.raises(InputError, match="of memory"):
         decompose(sphere, OPERATOR, Target("count", 20), listener)
     with pytest.raises(InputError, match="of memory"):
         decompose(sphere, OPERATOR, Target("max_eigenvalue", 20.0), listener)
 
 
-def test_a_damaged_batch_is_found_before_a_number_is_used_and_only_it_is_made_again(
+def test_a_damaged_row_is_found_before_a_number_is_used_and_only_what_is_behind_is_made_again(
     sphere: Mesh, listener: Listener, tmp_path: Path
 ) -> None:
-    for count in (20, 40):
-        decompose(sphere, OPERATOR, Target("count", count), listener)
-    stored = find_eigenpairs(sphere, OPERATOR)
-    assert stored is not None
-    before = np.array(stored.rows)
-    n_first = stored.batches[-1].start
-    with stored.path.open("r+b") as file:
-        file.seek(8 * (sphere.n_vertices * (n_first + 3) + 100))
+    whole = decompose(sphere, OPERATOR, Target("count", 40), listener)
+    before = np.array(whole.rows)
+    path = EigenpairStore(sphere, OPERATOR).folder / "eigenvectors.f64"
+    with path.open("r+b") as file:
+        file.seek(8 * (sphere.n_vertices * 23 + 100))
         file.write(b"1")
-    # Opening looks at no row; whatever uses one does.
-    known, remark = find_known(sphere, OPERATOR)
-    assert known is not None
-    assert not remark
     job = ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 40)
     with pytest.raises(InputError, match="damaged"):
         job.run(listener)
-    dataclasses.replace(job, n_pairs=n_first).run(listener)
+    dataclasses.replace(job, n_pairs=23).run(listener)
+    ready = InspectJob(sphere).run(listener)
+    assert "eigenpairs 23 to 39" in ready.remark
+    assert ready.known is not None
+    assert len(ready.known) == 23
+    np.testing.assert_array_equal(ready.known.rows, before[:23])
     again = decompose(sphere, OPERATOR, Target("count", 40), listener)
-    assert f"eigenpairs {n_first} to 39" in again.remark
-    assert again.spectrum.complete
-    np.testing.assert_array_equal(again.spectrum.rows[:n_first], before[:n_first])
+    assert "eigenpairs 23 to 39" in listener.remarks.pop()
+    assert again.complete
+    np.testing.assert_array_equal(again.rows[:23], before[:23])
     assert residuals(sphere, again).max() < 1e-8
     job.run(listener)
-    assert not decompose(sphere, OPERATOR, Target("count", 40), listener).remark
+    decompose(sphere, OPERATOR, Target("count", 40), listener)
+    assert not listener.remarks
 
 
-def test_a_damaged_file_of_a_batch_is_told_of_on_opening(sphere: Mesh, listener: Listener) -> None:
-    for count in (20, 40):
-        decompose(sphere, OPERATOR, Target("count", count), listener)
-    stored = find_eigenpairs(sphere, OPERATOR)
-    assert stored is not None
-    last = stored.batches[-1]
-    last.path.write_bytes(last.path.read_bytes()[:-1])
-    known, remark = find_known(sphere, OPERATOR)
-    assert known is not None
-    assert len(known.spectrum) == last.start
-    assert f"eigenpairs {last.start} to 39" in remark
+def test_a_damaged_file_of_eigenvalues_is_told_of_on_opening(
+    sphere: Mesh, listener: Listener
+) -> None:
+    decompose(sphere, OPERATOR, Target("count", 40), listener)
+    path = EigenpairStore(sphere, OPERATOR).folder / "pairs.sealed"
+    path.write_bytes(path.read_bytes()[:-1])
+    known, remark = find_eigenpairs(sphere, OPERATOR)
+    assert known is None
+    assert "all eigenpairs" in remark
     assert InspectJob(sphere).run(listener).remark == remark
 
 
@@ -193,15 +192,15 @@ def test_how_far_all_pairs_are_known_is_that_of_a_threshold_alone(
     sphere: Mesh, listener: Listener
 ) -> None:
     decompose(sphere, OPERATOR, Target("count", 9), listener)
-    known, _ = find_known(sphere, OPERATOR)
+    known, _ = find_eigenpairs(sphere, OPERATOR)
     assert known is not None
-    assert known.summary.known_to == 0.0
+    assert known.known_to == 0.0
     other = Mesh(2.0 * sphere.vertices, sphere.faces)
     decompose(other, OPERATOR, Target("max_eigenvalue", 1.0), listener)
-    known, _ = find_known(other, OPERATOR)
+    known, _ = find_eigenpairs(other, OPERATOR)
     assert known is not None
-    assert known.summary.known_to == 1.0
-    assert len(known.summary) == 4
+    assert known.known_to == 1.0
+    assert len(known) == 4
 
 
 def test_without_a_cache_the_session_has_a_store(
@@ -211,13 +210,12 @@ def test_without_a_cache_the_session_has_a_store(
     monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path / "file"))
     listener = Listener(tmp_path)
     grew = decompose(sphere, OPERATOR, Target("count", 8), listener)
-    assert grew.summary.stored is not None
-    assert grew.summary.stored.path.is_relative_to(tmp_path / "eigenpairs")
-    assert "until the window is closed" in grew.remark
-    assert len(decompose(sphere, OPERATOR, Target("count", 5), listener).spectrum) == 5
+    assert Path(grew.rows.filename).is_relative_to(tmp_path / "eigenpairs")
+    assert "until the window is closed" in listener.remarks[-1]
+    assert len(decompose(sphere, OPERATOR, Target("count", 5), listener)) == 5
     ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 8).run(listener)
     more = decompose(sphere, OPERATOR, Target("count", 30), listener)
-    assert more.spectrum.complete
+    assert more.complete
 
 
 @pytest.mark.parametrize("from_known", [False, True])
@@ -231,17 +229,20 @@ def test_a_cache_removed_while_computing_costs_nothing(
 
     if from_known:
         decompose(sphere, OPERATOR, Target("count", 30), Listener(tmp_path))
-    grew = decompose(sphere, OPERATOR, Target("count", 300), Remover(tmp_path))
+    remover = Remover(tmp_path)
+    grew = decompose(sphere, OPERATOR, Target("count", 300), remover)
     assert not list(own_cache.glob("**/*.sealed"))
-    assert "until the window is closed" in grew.remark
-    assert grew.spectrum.complete
+    assert "until the window is closed" in remover.remarks[-1]
+    assert grew.complete
     assert residuals(sphere, grew).max() < 1e-7
     ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 300).run(
         Listener(tmp_path)
     )
     # The next mesh finds a cache again.
     other = Mesh(sphere.vertices * 1.1, sphere.faces)
-    assert not decompose(other, OPERATOR, Target("count", 8), Listener(tmp_path)).remark
+    listener = Listener(tmp_path)
+    decompose(other, OPERATOR, Target("count", 8), listener)
+    assert not listener.remarks
 
 
 def test_while_another_process_computes_the_same_it_is_computed_twice_and_said(
@@ -249,9 +250,10 @@ def test_while_another_process_computes_the_same_it_is_computed_twice_and_said(
 ) -> None:
     with EigenpairStore(sphere, OPERATOR) as busy:
         busy.lock()
-        grew = decompose(sphere, OPERATOR, Target("count", 20), Listener(tmp_path))
-        assert "Another process" in grew.remark
-        assert grew.spectrum.complete
+        listener = Listener(tmp_path)
+        grew = decompose(sphere, OPERATOR, Target("count", 20), listener)
+        assert "Another process" in listener.remarks[-1]
+        assert grew.complete
 
 
 def test_read_repair_and_scale_bring_a_mesh_with_all_to_draw_it(

@@ -31,6 +31,7 @@ from meshmash_viewer.model.jobs import (
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import Target
 
 
@@ -330,7 +331,7 @@ def test_an_index_beyond_a_finished_spectrum_comes_back_to_its_end(
 ) -> None:
     document.display.change(Eigenfunctions, index=30)
     spectrum = spectrum_of(sphere, 8)
-    document.accept_spectrum(replace(spectrum, certificate=None))
+    document.accept_spectrum(replace(spectrum, certificate=Certificate("none")))
     assert document.display[Eigenfunctions].index == 30  # it may still come
     document.accept_spectrum(spectrum)
     assert document.display[Eigenfunctions].index == 7
@@ -345,7 +346,7 @@ def test_exact_eigenvalues_translate_a_target_only_for_the_operator_they_belong_
     assert document.translation().eigenvalue(fifth) == (spectrum.eigenvalues[4], True)
     document.operator = OperatorOptions(robust=not document.operator.robust)
     assert not document.translation().eigenvalue(fifth)[1]
-    document.accept_spectrum(replace(spectrum, operator=document.operator, preview=True))
+    document.accept_spectrum(replace(spectrum, operator=document.operator, n_exact=0))
     assert not document.translation().eigenvalue(fifth)[1]
 
 

@@ -51,7 +51,7 @@ def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: List
     grew = decompose(sphere, OPERATOR, Target("count", 20), listener)
     for n_pairs in (20, 9):
         content = exported(sphere, "eigenpairs", n_pairs, listener)
-        np.testing.assert_array_equal(content["eigenvalues"], grew.summary.eigenvalues[:n_pairs])
+        np.testing.assert_array_equal(content["eigenvalues"], grew.eigenvalues[:n_pairs])
         assert content["eigenvectors"].shape == (sphere.n_vertices, n_pairs)
     with pytest.raises(InputError, match="no longer in the cache"):
         exported(sphere, "eigenpairs", 21, listener)
@@ -69,7 +69,7 @@ def test_pairs_of_a_cancelled_solve_make_features_too(tmp_path: Path) -> None:
 
 def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: Listener) -> None:
     grew = decompose(sphere, OPERATOR, Target("count", 30), listener)
-    values, rows = grew.summary.eigenvalues[:25], np.asarray(grew.spectrum.rows)[:25]
+    values, rows = grew.eigenvalues[:25], np.asarray(grew.rows)[:25]
     cases: list[tuple[str, dict[str, Any], Any]] = [
         ("hks", {"n_columns": 5}, heat_kernel_bank(hks_times(values, n_scales=5))),
         (
@@ -99,8 +99,8 @@ def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
     sphere: Mesh, listener: Listener
 ) -> None:
     grew = decompose(sphere, OPERATOR, Target("max_eigenvalue", 19.0), listener)
-    assert grew.summary.eigenvalues[-1] < 13.0
-    for n_pairs, known_to in ((16, 19.0), (9, float(grew.summary.eigenvalues[8]))):
+    assert grew.eigenvalues[-1] < 13.0
+    for n_pairs, known_to in ((16, 19.0), (9, float(grew.eigenvalues[8]))):
         content = exported(sphere, "hks", n_pairs, listener, n_columns=2, t_min=0.1, t_max=0.2)
         said = json.loads(str(content["meta"]))["options"]["truncation"]["known_to"]
         assert said == pytest.approx(known_to, rel=1e-6)

@@ -81,8 +81,8 @@ def test_each_job_looks_for_the_pairs_of_its_own_operator(
     ):
         known = job.run(listener).known
         assert known is not None
-        assert len(known.summary) == 8
-        assert known.summary.operator == PLAIN
+        assert len(known) == 8
+        assert known.operator == PLAIN
     for job in (ReadJob(file), InspectJob(sphere), RepairJob(sphere, name)):
         assert job.operator == OperatorOptions()
         assert job.run(listener).known is None
@@ -104,10 +104,10 @@ def test_a_preview_is_made_of_large_meshes_alone(
     monkeypatch.setattr(previews, "FROM_VERTICES", 1000)
     grew = PreviewJob(shapes.rectangle(50, 50), PLAIN).run(listener)
     assert grew is not None
-    assert grew.spectrum.preview
-    assert grew.spectrum.operator == PLAIN
-    assert grew.spectrum.n_exact == 0
-    assert not grew.spectrum.complete
+    assert grew.preview
+    assert grew.operator == PLAIN
+    assert grew.n_exact == 0
+    assert not grew.complete
 
 
 @pytest.mark.parametrize("mesh_name", ["ball", ""])

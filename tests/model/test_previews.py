@@ -40,7 +40,7 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     listener = Listener(tmp_path)
     grew = PreviewJob(large).run(listener)
     assert grew is not None
-    spectrum = grew.spectrum
+    spectrum = grew
     assert spectrum.preview
     assert not spectrum.complete
     assert not spectrum.is_exact(0)
@@ -64,30 +64,30 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
 def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count: int) -> None:
     listener = Listener(tmp_path)
     last = decompose(large, OPERATOR, Target("count", count), listener)
-    first = listener.messages[0].spectrum
+    first = listener.messages[0]
     assert first.preview
     shown = np.array(first.rows)
     document = Document()
     document.accept_spectrum(first)
     for message in listener.messages[1:]:
-        document.accept_spectrum(message.spectrum)
+        document.accept_spectrum(message)
         spectrum = document.spectrum
         assert spectrum is not None
         assert len(spectrum) >= min(len(first), count)
         assert np.all(np.diff(spectrum.eigenvalues) >= 0.0)
-        assert spectrum.preview is (spectrum.n_exact < len(first))
+        assert spectrum.preview is (len(spectrum.exact) < len(first))
         assert spectrum.error == (first.error if spectrum.preview else 0.0)
         assert spectrum.rows[: len(spectrum), 5].shape == (len(spectrum),)
-    final = last.spectrum
+    final = last
     assert final.complete
     assert not final.preview
     assert len(final) == count
     common = min(count, len(first), 12)
     agreement = products(large, final.shown_rows[:common], shown[:common])
     assert np.all(agreement > 0.9)
-    assert len(list(tmp_path.glob("preview-*.npy"))) == 1
+    assert len(list(tmp_path.glob("preview-*.f32"))) == 1
     PreviewJob(Mesh(large.vertices + 1.0, large.faces)).run(listener)
-    assert len(list(tmp_path.glob("preview-*.npy"))) == 1
+    assert len(list(tmp_path.glob("preview-*.f32"))) == 1
     # what is drawn are eigenfunctions still, but features are made of the store's
     stiffness, mass = cotangent_laplacian(large, robust=True)
     drawn = np.asarray(final.shown_rows[:common])
@@ -101,7 +101,7 @@ def test_stored_pairs_make_a_preview_needless(large: Mesh, tmp_path: Path) -> No
     decompose(large, OPERATOR, Target("count", 10), listener)
     listener.messages.clear()
     decompose(large, OPERATOR, Target("count", 40), listener)
-    assert not any(message.preview_path for message in listener.messages)
+    assert not any(message.preview for message in listener.messages)
 
 
 def test_a_preview_is_worth_it_while_it_shows_more_than_what_is_known(
@@ -114,6 +114,6 @@ def test_a_preview_is_worth_it_while_it_shows_more_than_what_is_known(
     assert previews.is_worthwhile(ready)
     preview = previews.open_preview(large, OPERATOR, listener)
     assert preview is not None
-    for count, worthwhile in ((10, True), (len(preview.summary), False)):
+    for count, worthwhile in ((10, True), (len(preview), False)):
         decompose(large, OPERATOR, Target("count", count), listener)
         assert previews.is_worthwhile(InspectJob(large).run(listener)) is worthwhile

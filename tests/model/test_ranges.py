@@ -140,7 +140,7 @@ def test_a_multiplet_is_the_run_of_equal_eigenvalues_around_an_index() -> None:
 def test_a_spectrum_without_a_preview_is_exact_as_it_is() -> None:
     assert TWO_PIECES.exact is TWO_PIECES
     assert all(TWO_PIECES.is_exact(index) for index in range(7))
-    rough = replace(TWO_PIECES, preview=True, n_exact=4)
+    rough = replace(TWO_PIECES, n_exact=4)
     assert [rough.is_exact(index) for index in range(7)] == [True] * 4 + [False] * 3
     np.testing.assert_array_equal(rough.exact.eigenvalues, TWO_PIECES.eigenvalues[:4])
     assert not rough.exact.preview

@@ -29,7 +29,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
-from meshmash_viewer.spectral.alignment import Alignment, ShownRows
+from meshmash_viewer.spectral.alignment import Alignment
 from meshmash_viewer.spectral.eigensolver import solve
 
 VOXEL = (4.0, 4.0, 40.0)
@@ -139,8 +139,7 @@ def test_signs_that_follow_a_preview_are_in_the_script(document: Document) -> No
     plain = reproduction_script(document)
     spectrum = document.spectrum
     turn = Alignment(((4, np.array([[-1.0]])), (5, np.eye(2))))
-    shown = ShownRows(spectrum.rows, len(spectrum), None, turn)
-    document.accept_spectrum(replace(spectrum, shown=shown))
+    document.accept_spectrum(replace(spectrum, alignment=turn))
     turned = reproduction_script(document)
     assert "-decomposition" not in plain
     assert "-decomposition" in turned

@@ -207,7 +207,7 @@ def test_a_mesh_of_the_same_name_is_not_taken_for_the_one_before(
         assert (ready.mesh.unit, ready.mesh.voxel) == (mesh.unit, mesh.voxel)
         assert ready.health.area == pytest.approx(mesh.area)
     grew = lasting.run(DecomposeJob(other, OperatorOptions(), Target("count", 4)))
-    np.testing.assert_allclose(grew.summary.eigenvalues[1:], 0.5, rtol=0.02)
+    np.testing.assert_allclose(grew.eigenvalues[1:], 0.5, rtol=0.02)
     errors = lasting.worker.folder / "stderr.txt"
     printed = errors.read_bytes().replace(b"a stray line on standard output", b"")
     assert printed == b"", "what it prepares next to the jobs works"

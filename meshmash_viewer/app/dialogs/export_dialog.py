@@ -29,10 +29,10 @@ from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import MOST_COUNT, Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.io.write import EIGENPAIR_WRITERS
-from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.plug_ins import known_plug_ins
+from meshmash_viewer.spectral.cost import written_bytes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
@@ -210,7 +210,6 @@ class ExportDialog(SaveDialog):
             self._document.target,
             self._document.repairs,
             self.maps_check.isChecked(),
-            self._document.compared,
             self._whole if self.whole_check.isChecked() else None,
         )
 
@@ -228,13 +227,7 @@ class ExportDialog(SaveDialog):
         return chosen.resolved(used, self._document.display.fields)
 
     def _used(self) -> Eigenpairs:
-        spectrum, count = self._spectrum, self.pairs_spin.value()
-        return replace(
-            spectrum,
-            eigenvalues=spectrum.eigenvalues[:count],
-            residuals=spectrum.residuals[:count],
-            known_to=spectrum.known_to if count == len(spectrum) else 0.0,
-        )
+        return self._spectrum.first(self.pairs_spin.value())
 
     @property
     def _n_rows(self) -> int:

@@ -33,9 +33,9 @@ from meshmash_viewer.io.movie import (
     missing_encoder,
     movie_file,
 )
-from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import request_of, shown_family
+from meshmash_viewer.spectral.cost import written_bytes
 from meshmash_viewer.units import counted
 
 _SWEEP, _TURN = "sweep", "turn"

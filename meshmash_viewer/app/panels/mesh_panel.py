@@ -27,9 +27,9 @@ from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.field import expected_bytes
+from meshmash_viewer.spectral import cost
 from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
 
 #: Least width, in pixels: that of the panel before a mesh is open.
@@ -328,7 +328,7 @@ class MeshPanel(QWidget):
     def _refresh_proof(self) -> None:
         spectrum, state = self._document.spectrum, self._document.job
         text, role, mesh = "", "muted", self._document.mesh
-        if mesh is not None and spectrum is not None and spectrum.certificate is not None:
+        if mesh is not None and spectrum is not None and spectrum.certificate.method != "none":
             exact = len(spectrum.exact)
             text = spectrum.certificate.sentence(exact, mesh.unit)
             if exact < len(spectrum):

@@ -6,22 +6,15 @@ slice is orthogonalised against the one before, which is already final.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
-#: ``(k, n) -> array of shape (k, n)`` that the rows are written into.
-Allocate: TypeAlias = Callable[[int, int], npt.NDArray[np.floating[Any]]]
-#: ``(k, n, kept) -> array of shape (k, n)`` that contains the rows of indices `kept` already.
-Extend: TypeAlias = Callable[[int, int, npt.NDArray[np.int64]], npt.NDArray[np.floating[Any]]]
-#: ``(start, eigenvalues, residuals)`` of pairs that have become final.
-PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
-
 #: Inner products of neighbouring slices below this are not corrected.
 _TOUCHING = 1e-11
 #: Inner products with earlier slices above this are more than rounding.
@@ -34,7 +27,7 @@ _ZERO = 1e-9
 _MIXTURES = 8
 #: Vertices processed at a time.
 _CHUNK = 8192
-#: Known rows measured at a time.
+#: Earlier or known rows at a time.
 _KEPT = 128
 
 
@@ -45,41 +38,40 @@ class Output:
     ----------
     pencil : Pencil
         In the vertex order of the rows to be written.
-    k : int
-        Number of pairs.
-    dtype : dtype
-        Of the rows.
+    rows : ndarray, shape (k, n_all)
+        Array to write into; the first ones may be final already (see `keep`).
     ceiling : float, optional
         Threshold to which eigenvalues are limited, against rounding.
-    rows : ndarray, shape (k, n_all), optional
-        Array to write into; some rows may be final already (see `keep`).
     """
 
     def __init__(
-        self,
-        pencil: Pencil,
-        k: int,
-        dtype: np.dtype[Any],
-        ceiling: float | None,
-        rows: npt.NDArray[np.floating[Any]] | None = None,
+        self, pencil: Pencil, rows: npt.NDArray[np.floating[Any]], ceiling: float | None
     ) -> None:
-        shape = (k, pencil.n_all)
-        self.pencil, self.ceiling = pencil, ceiling
-        self.eigenvalues, self.residuals = np.zeros(k), np.zeros(k)
-        self.rows = np.empty(shape, dtype=dtype) if rows is None else rows
+        self.pencil, self.rows, self.ceiling = pencil, rows, ceiling
+        self.eigenvalues, self.residuals = np.zeros(len(rows)), np.zeros(len(rows))
         self.written = 0
         self.orthonormality = 0.0
         self._before = slice(0, 0)
         self._inverse_root_mass = 1.0 / pencil.root_mass
         self._random = np.random.default_rng(1)
         self._mixture = np.zeros((_MIXTURES, pencil.n_all))
-        self._mass = np.zeros(pencil.n_all)
-        self._mass[pencil.active] = pencil.root_mass**2
+        self.mass = np.zeros(pencil.n_all)
+        self.mass[pencil.active] = pencil.root_mass**2
 
     @property
     def total(self) -> int:
         """Total number of pairs."""
         return len(self.eigenvalues)
+
+    def leading(self, count: int) -> Eigenpairs:
+        """Return the first pairs, which are final; the rows are a view."""
+        return Eigenpairs(
+            self.eigenvalues[:count].copy(),
+            self.rows[:count],
+            self.residuals[:count].copy(),
+            total=self.total,
+            mass=self.mass,
+        )
 
     def write(
         self,
@@ -87,7 +79,6 @@ class Output:
         residuals: FloatArray,
         rows: FloatArray,
         orthonormality: float | None = None,
-        n_kept_after: int = 0,
     ) -> slice:
         """Finish pairs of the reduced problem and write them after those already written.
 
@@ -100,8 +91,6 @@ class Output:
             Orthonormal; overwritten.
         orthonormality : float, optional
             Largest defect of their inner products, if it has been measured.
-        n_kept_after : int
-            Number of following rows that are final already.
         """
         pencil = self.pencil
         count = min(len(values), self.total - self.written)
@@ -123,10 +112,7 @@ class Output:
                 _level(row)
             written[i, pencil.active] = fix_sign(row, pencil.active)
         if pencil.n < pencil.n_all:
-            written[:, self._mass == 0.0] = np.nan
-        after = slice(place.stop, place.stop + min(n_kept_after, _KEPT))
-        if after.stop > after.start:
-            self._separate(place, after)
+            written[:, self.mass == 0.0] = np.nan
         worst = self._agree(place)
         if orthonormality is None or self.rows.dtype != np.float64:
             orthonormality = self._defect(written)
@@ -203,7 +189,7 @@ class Output:
         shared = np.zeros((len(written), len(before)))
         far = np.zeros((len(written), _MIXTURES))
         for part in self._chunks():
-            weighted = self._finite(written[:, part]) * self._mass[part]
+            weighted = self._finite(written[:, part]) * self.mass[part]
             shared += weighted @ self._finite(before[:, part]).T
             far += weighted @ self._mixture[:, part].T
         return shared, far
@@ -214,7 +200,7 @@ class Output:
         return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
     def _chunks(self) -> list[slice]:
-        return [slice(i, i + _CHUNK) for i in range(0, len(self._mass), _CHUNK)]
+        return [slice(i, i + _CHUNK) for i in range(0, len(self.mass), _CHUNK)]
 
     def _finite(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
         """Return rows in float64, zero where a vertex has no mass."""

@@ -1,22 +1,61 @@
-"""Checked arguments of a decomposition."""
+"""Options of the eigensolver."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.compiler import check_compiler
-from meshmash_viewer.spectral.engine.output import Allocate, Extend, PairsCallback
+
+#: ``(k, n, n_kept) -> array of shape (k, n)`` whose first `n_kept` rows are those of known pairs.
+Allocate: TypeAlias = Callable[[int, int, int], npt.NDArray[np.floating[Any]]]
 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """The arguments of `meshmash_viewer.spectral.eigensolver.solve`, which documents them.
+    """Options of `meshmash_viewer.solve`: what to compute, how, and what to report.
+
+    Parameters
+    ----------
+    n_components : int, optional
+        Number of pairs; all of them if it exceeds their number.
+    max_eigenvalue : float, optional
+        Threshold: all pairs with λ ≤ max_eigenvalue. Exactly one of the two is given.
+    sigma : float, optional
+        With `n_components`: the pairs nearest sigma. None or a negative value: the lowest.
+    tol : float
+        Requested residual relative to λ, limited by float64 precision.
+    dtype : dtype
+        float64 or float32, of the rows. float32 relaxes `tol` to 1e-7 and uses smaller slices:
+        about a third less memory. None is float64.
+    n_jobs : int, optional
+        Number of slices computed in parallel threads; None for as many as cores and memory allow.
+    known : Eigenpairs, optional
+        Lowest pairs of the same problem, found earlier; they are returned bit by bit, and only
+        the others are computed.
+    allocate : callable, optional
+        ``(k, n, n_kept) -> array`` that the rows are written into, called once when k is known.
+        Its first `n_kept` rows must be those of `known`, and are not written to.
+    on_pairs : callable, optional
+        Receives all leading pairs that are final, each time that there are more.
+    early : bool
+        Whether a long run yields about sixteen of the lowest pairs first, in less than half the
+        time; the whole run then takes about a tenth longer.
+    progress, cancel : callable, optional
+        Receives reports; is called often, and `Cancelled` is raised after it returns True.
+    op_inv : LinearOperator or array, optional
+        ``(L - sigma M)^-1``, with which ARPACK finds the pairs; requires `n_components`. They are
+        still counted by one factorization; if some are missing, the solver recomputes all.
+    ncv : int, optional
+        Number of Lanczos vectors of ARPACK, with `op_inv` only: the solver's own bases grow as
+        needed.
 
     Raises
     ------
@@ -30,10 +69,9 @@ class Request:
     tol: float = 1e-10
     dtype: npt.DTypeLike = np.float64
     n_jobs: int | None = None
-    known: Any = None
+    known: Eigenpairs | None = None
     allocate: Allocate | None = None
-    extend: Extend | None = None
-    on_pairs: PairsCallback | None = None
+    on_pairs: Callable[[Eigenpairs], None] | None = None
     early: bool = False
     progress: ProgressCallback | None = None
     cancel: CancelCallback | None = None

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
 from meshmash_viewer.spectral.engine.dense import dense_pairs, dense_residuals
@@ -24,7 +25,7 @@ from meshmash_viewer.spectral.engine.factorization import (
     OrderedPencil,
     order_pencil,
 )
-from meshmash_viewer.spectral.engine.known import KnownPairs, verified_pairs
+from meshmash_viewer.spectral.engine.known import KnownPairs
 from meshmash_viewer.spectral.engine.lanczos import (
     IntervalPairs,
     find_pairs,
@@ -68,8 +69,6 @@ class Run:
     ----------
     output : Output
         Results so far.
-    certificate : Certificate
-        Evidence that `output` is complete, once it is written.
     timings : dict of float
     pace : Pace
         Reports progress.
@@ -97,11 +96,26 @@ class Run:
         # Computed here, since joblib's result depends on the calling thread.
         self._cores = core_count() if request.n_jobs is None else 1
         self._known: KnownPairs | None = None
-        self._is_kept = np.zeros(0, dtype=bool)
+        self._n_kept = 0
 
-    @property
-    def certificate(self) -> Certificate:
-        """Certificate of `output`, with the measured errors of its pairs."""
+    def pairs(self) -> Eigenpairs:
+        """Compute and return all pairs, with their certificate."""
+        for _ in self.batches():
+            pass
+        output = self.output
+        if output.written != output.total:
+            raise ArithmeticError(f"{output.written} of {output.total} eigenpairs found")
+        certificate = self._certificate()
+        return replace(
+            output.leading(output.total),
+            rows=output.rows,
+            certificate=certificate,
+            timings={**self.timings, "total": time.perf_counter() - self.pace.began},
+            known_to=(self.request.max_eigenvalue or 0.0) if certificate.complete else 0.0,
+        )
+
+    def _certificate(self) -> Certificate:
+        """Return the certificate of `output`, with the measured errors of its pairs."""
         output = self.output
         worst = int(np.argmax(output.residuals)) if output.total else 0
         return replace(
@@ -161,9 +175,7 @@ class Run:
         """Report pairs that are final."""
         output = self.output
         if self.request.on_pairs is not None:
-            self.request.on_pairs(
-                place.start, output.eigenvalues[place].copy(), output.residuals[place].copy()
-            )
+            self.request.on_pairs(output.leading(place.stop))
         self.pace.pairs(place.stop, output.total, self._steps())
 
     def _poll(self) -> None:
@@ -238,7 +250,7 @@ class Run:
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
             return
-        known = verified_pairs(request.known, ordered)
+        known = KnownPairs.verified(request.known, ordered)
         below, last_slice = 0.0, None
         if request.max_eigenvalue is not None:
             threshold = min(request.max_eigenvalue / pencil.unit, plan.top)
@@ -271,8 +283,12 @@ class Run:
         end, last = (top, wanted)
         if last_slice is not None:
             end, last = below, last_slice.interval.first
-        parts = None if known is None else known.missing_ranges(plan, last, end)
-        self._open(wanted, None if parts is None else known)
+        begin: float | None = 0.0
+        if known is not None:
+            first = min(len(known.values), last)
+            is_all = first == last == plan.count(end)
+            begin = end if is_all else known.border(plan, first)
+        yield from self._open(wanted, None if begin is None else known)
         yield from self._place_null()
         if wanted <= pencil.n_null:
             self._refuse_negative(plan)
@@ -280,9 +296,7 @@ class Run:
             if pencil.n_null:
                 self._count = Certificate("null space", pencil.n_null, pencil.n_null)
             return
-        if parts is None:
-            parts = [(0.0, end)] if end > 0.0 else []
-        yield from self._slices(ordered, plan, parts)
+        yield from self._slices(ordered, plan, begin or 0.0, end)
         if last_slice is not None:
             yield from self._place_slice(ordered, last_slice)
         self._count = Certificate("inertia", counted, counted, top * pencil.unit)
@@ -335,28 +349,25 @@ class Run:
         return self.request.n_jobs or worker_count(ordered, self._cores, pairs, self.request.lean)
 
     def _slices(
-        self,
-        ordered: OrderedPencil,
-        plan: SpectrumPlan,
-        ranges: list[tuple[float, float]],
+        self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
     ) -> Iterator[slice]:
-        """Compute and write the pairs of some ranges of the spectrum.
+        """Compute and write the pairs between two values.
 
         That a border lies on an eigenvalue is detected when its slice is computed. The slices below
         it are kept, and all further borders are counted on both sides.
         """
+        if low >= high:
+            return
         started = time.perf_counter()
-        jobs = self._workers(ordered, plan.count(ranges[-1][1])) if ranges else 1
-        pairs_left = sum(plan.count(high) - plan.count(low) for low, high in ranges)
-        self._events.put(partial(self.pace.begin_slices, pairs_left))
+        jobs = self._workers(ordered, plan.count(high))
+        self._events.put(partial(self.pace.begin_slices, plan.count(high) - plan.count(low)))
         for settled in (False, True):
             try:
                 for pairs in run_slices(
                     ordered,
                     (
                         replace(each, most=self._needed(each.first))
-                        for part in ranges
-                        for each in plan.slices(*part, settled)
+                        for each in plan.slices(low, high, settled)
                         if self._needed(each.first) != 0
                     ),
                     self.request.tolerance,
@@ -364,42 +375,37 @@ class Run:
                     self._stop,
                 ):
                     yield from self._place_slice(ordered, pairs)
-                    done = pairs.interval.high
-                    ranges = [(max(low, done), high) for low, high in ranges if high > done]
+                    low = pairs.interval.high
                     del pairs  # free its memory
                 break
             except (ArithmeticError, FactorizationError):
                 self._resume()
                 if settled:
                     raise
-                ranges = [(low, plan.settle(high, wide=True)) for low, high in ranges]
-        yield from self._keep()
+                high = plan.settle(high, wide=True)
         self._spend("slices", started)
 
     def _needed(self, first: int) -> int | None:
         """Return the number of pairs needed from an index on; None for all, with known pairs."""
-        return max(self.output.total - first, 0) if self._known is None else None
+        return max(self.output.total - first, 0) if first >= self._n_kept else None
 
     def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
         """Write the pairs of a slice that are not known."""
-        first, count = pairs.interval.first, len(pairs.values)
-        inside = first + np.flatnonzero(self._is_kept[first : first + count])
-        if self._known is None or len(inside) == 0:
+        first, kept = pairs.interval.first, self._n_kept
+        if self._known is None or kept <= first:
             yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
-        elif len(inside) < count:
-            values, rows = self._known.complement(inside, pairs.values, pairs.rows)
+        elif kept < first + len(pairs.values):
+            values, rows = self._known.complement(first, kept, pairs.values, pairs.rows)
             yield from self._place(values, measure_pairs(ordered, rows)[1], rows)
 
     def _place_null(self) -> Iterator[slice]:
         """Write the null space, as far as it is requested and not kept."""
-        pencil = self.pencil
-        missing = np.flatnonzero(~self._is_kept[: pencil.n_null])
-        if len(missing):
-            rows = pencil.null_rows(int(missing[-1]) + 1)
-            if len(missing) < len(rows):
-                rows = rows[missing]
-            yield from self._place(np.zeros(len(missing)), pencil.null_residuals[missing], rows)
-        yield from self._keep()
+        pencil, kept = self.pencil, self._n_kept
+        count = min(pencil.n_null, self.output.total)
+        if kept < count:
+            rows = pencil.null_rows(count)[kept:]
+            residuals = pencil.null_residuals[kept:count]
+            yield from self._place(np.zeros(count - kept), residuals, rows)
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
         """Compute all pairs within a radius that holds enough, and select those nearest a value."""
@@ -456,14 +462,19 @@ class Run:
         n_null = pencil.n_null
         every = np.concatenate([np.zeros(n_null), values])
         chosen = self._chosen(every)
-        count = len(chosen)
-        known = None if hasattr(self, "output") else self._known_of_dense(every, count)
-        if known is not None:
-            # Include all copies of a multiple eigenvalue, of which some may be known.
-            stop = count
-            while n_null < stop < len(every) and known.equal(every[stop - 1 : stop + 1]):
-                stop += 1
-            chosen = np.arange(stop)
+        count, known, kept = len(chosen), None, 0
+        if hasattr(self, "output"):
+            kept = self.output.written
+            if self.output.total != count:
+                raise ArithmeticError("two counts disagree")
+        elif self.request.target is None:
+            known = KnownPairs.of_shape(self.request.known, pencil)
+            if known is not None and known.agrees_with(every):
+                kept = min(len(known.values), count)
+            if kept > n_null:
+                # Include all copies of a multiple eigenvalue, of which some may be known.
+                gaps = np.diff(every[count - 1 :]) > 1e-6 * np.maximum(every[count:], 1e-3)
+                chosen = np.arange(count + (int(np.argmax(gaps)) if gaps.any() else len(gaps)))
         null = chosen[chosen < n_null]
         rest = columns[:, chosen[len(null) :] - n_null].toarray().T
         rows = np.concatenate([pencil.null_rows(len(null) and int(null[-1]) + 1)[null], rest])
@@ -471,39 +482,20 @@ class Run:
         # Pairs around a shift have a lower end, as in a count.
         low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
         self._count = Certificate("dense", pencil.n, pencil.n, low=low)
-        if known is None:
-            self._spend("dense", started)
-            residuals = dense_residuals(pencil, values, rows)
-            residuals[: len(null)] = pencil.null_residuals[null]
-            if not hasattr(self, "output"):
-                self._open(count)
-            elif self.output.total != count:
-                raise ArithmeticError("two counts disagree")
-            done = self.output.written
-            yield from self._place(values[done:], residuals[done:], rows[done:])
-            return
-        inside = np.flatnonzero(known.kept(count)[n_null:]) + n_null
-        try:
-            values, rows = known.complement(inside, values[n_null:], rows[n_null:])
-        except ArithmeticError:
-            known, values, rows = None, values[n_null:], rows[n_null:]
+        if known is not None and kept > n_null:
+            try:
+                values, rows = known.complement(n_null, kept, values[n_null:], rows[n_null:])
+            except ArithmeticError:
+                kept = 0
+        else:
+            values, rows = values[kept:], rows[kept:]
         self._spend("dense", started)
-        self._open(count, known)
-        yield from self._place_null()
-        missing = int(np.count_nonzero(~self._is_kept[n_null:]))
-        values, rows = values[:missing], rows[:missing]
-        yield from self._place(values, dense_residuals(pencil, values, rows), rows)
-        yield from self._keep()
-
-    def _known_of_dense(self, values: FloatArray, count: int) -> KnownPairs | None:
-        """Return known pairs if the dense solution has the same eigenvalues, else None."""
-        if self.request.known is None or self.request.target is not None:
-            return None
-        known = KnownPairs.of_shape(self.request.known, self.pencil)
-        if known is None or not known.has_null_rows():
-            return None
-        kept = np.flatnonzero(known.kept(count))
-        return known if known.equal(np.stack([known.values[kept], values[kept]])) else None
+        if not hasattr(self, "output"):
+            yield from self._open(count, known if kept else None)
+        values, rows, null = values[: count - kept], rows[: count - kept], null[kept:]
+        residuals = dense_residuals(pencil, values, rows)
+        residuals[: len(null)] = pencil.null_residuals[null]
+        yield from self._place(values, residuals, rows)
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
         """Return the indices of the requested pairs among all eigenvalues in ascending order."""
@@ -540,7 +532,8 @@ class Run:
 
     # -- output -----------------------------------------------------------------------------------
 
-    def _open(self, k: int, known: KnownPairs | None = None) -> None:
+    def _open(self, k: int, known: KnownPairs | None = None) -> Iterator[slice]:
+        """Allocate the rows, of which the first are those of known pairs."""
         request, n = self.request, self.pencil.n_all
         smallest, largest = self.pencil.root_mass.min(), self.pencil.root_mass.max()
         if request.lean and not 1.0 / _LARGEST_SINGLE < smallest <= largest < _LARGEST_SINGLE:
@@ -549,27 +542,25 @@ class Run:
                 "beyond the range of float32: ask for float64, or scale the mesh."
             )
         self._known = known
-        self._is_kept = np.zeros(k, dtype=bool) if known is None else known.kept(k)
-        kept = np.flatnonzero(self._is_kept)
-        rows = None
-        if len(kept) and request.extend is not None:
-            rows = request.extend(k, n, kept)
+        self._n_kept = kept = 0 if known is None else min(k, len(known.values))
+        if request.allocate is not None:
+            rows = request.allocate(k, n, kept)
         else:
-            if request.allocate is not None:
-                rows = request.allocate(k, n)
-            elif known is not None:
-                rows = np.empty((k, n), dtype=request.precision)
-            if rows is not None and known is not None:
-                for index in kept:
-                    rows[index] = known.given.rows[index]
-        if rows is not None and rows.shape != (k, n):
+            rows = np.empty((k, n), dtype=request.precision)
+            if known is not None:
+                rows[:kept] = known.given.rows[:kept]
+        if rows.shape != (k, n):
             raise ValueError(f"{rows.shape} was allocated for {(k, n)}")
-        self.output = Output(self.pencil, k, request.precision, request.max_eigenvalue, rows)
+        self.output = Output(self.pencil, rows, request.max_eigenvalue)
+        if known is not None:
+            started = time.perf_counter()
+            yield self.output.keep(known.given.eigenvalues[:kept], known.given.residuals[:kept])
+            self._spend("output", started)
 
     def _write_all(
         self, values: FloatArray, residuals: FloatArray, rows: FloatArray
     ) -> Iterator[slice]:
-        self._open(len(values))
+        yield from self._open(len(values))
         yield from self._place(values, residuals, rows)
 
     def _place(
@@ -579,31 +570,10 @@ class Run:
         rows: FloatArray,
         orthonormality: float | None = None,
     ) -> Iterator[slice]:
-        """Write the next missing pairs, and accept kept ones between them."""
-        output, done = self.output, 0
-        while done < len(values):
-            yield from self._keep()
-            if output.written == output.total:
-                return
-            ahead = self._is_kept[output.written :]
-            room = int(np.argmax(ahead)) if ahead.any() else len(ahead)
-            part = slice(done, min(done + room, len(values)))
-            done = part.stop
+        """Write the next pairs, as far as they are requested."""
+        if len(values) and self.output.written < self.output.total:
             started = time.perf_counter()
-            n_after = int(ahead[room:].sum()) if part.stop - part.start == room else 0
-            place = output.write(values[part], residuals[part], rows[part], orthonormality, n_after)
-            self._spend("output", started)
-            yield place
-
-    def _keep(self) -> Iterator[slice]:
-        """Accept the kept pairs that come next, if any."""
-        output = self.output
-        ahead = self._is_kept[output.written :]
-        count = len(ahead) if ahead.all() else int(np.argmin(ahead))
-        if count and self._known is not None:
-            place = slice(output.written, output.written + count)
-            started = time.perf_counter()
-            output.keep(self._known.given.eigenvalues[place], self._known.given.residuals[place])
+            place = self.output.write(values, residuals, rows, orthonormality)
             self._spend("output", started)
             yield place
 
