@@ -13,12 +13,6 @@ _OF_EXTENT = 2.0**-26
 #: The same relative to the smallest face at either vertex, measured by its longest edge. A face
 #: smaller than the second, relative to the longest side of the mesh, is itself a residue.
 _OF_FACE, _LEAST_FACE = 2.0**-7, 2.0**-38
-#: Vertices whose distances differ by more are searched one after the other: with the distance of
-#: the larger the smaller would all be neighbours.
-_RATIO = 64.0
-#: Residues come in twos and threes. So many vertices are counted around, and so many neighbours
-#: may be found on average: beyond that the pairs would not fit into memory.
-_SAMPLE, _MOST_NEIGHBOURS = 256, 64.0
 #: Beyond it squared distances are not finite.
 _LARGEST = 1e150
 
@@ -48,7 +42,7 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     Raises
     ------
     InputError
-        If a coordinate is not finite, or too many vertices are at nearly the same place.
+        If a coordinate is not finite, or is so large that most faces are residues next to it.
     """
     if not len(vertices):
         return vertices, faces, np.arange(0)
@@ -57,14 +51,13 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     points = vertices + 0.0  # -0.0 and 0.0 are the same place
     representative = first_equal(points)
     faces = _without_collapsed(representative[faces])
-    # Joining exact copies first leaves the slower search for near copies a sixth of the points.
+    # joining exact copies first leaves a sixth of the points to the search for near copies
     used = np.zeros(len(points), dtype=np.bool_)
     used[faces] = True
-    used_at = np.flatnonzero(used)
+    used_at, number = np.flatnonzero(used), np.cumsum(used) - 1
     near = np.arange(len(points))
-    near[used_at] = used_at[_first_near(points[used_at], _numbered(used)[faces])]
-    representative = near[representative]
-    kept = np.unique(representative)
+    near[used_at] = used_at[_first_near(points[used_at], number[faces])]
+    kept = np.unique(near[representative])
     return vertices[kept], _without_collapsed(np.searchsorted(kept, near[faces])), kept
 
 
@@ -74,61 +67,44 @@ def _without_collapsed(faces: IntArray) -> IntArray:
     return np.asarray(faces[(a != b) & (b != c) & (a != c)])
 
 
-def _numbered(used: np.typing.NDArray[np.bool_]) -> IntArray:
-    return np.asarray(np.cumsum(used) - 1)
-
-
 def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
     """For each of the points, all of which are in faces, the first at its place."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
 
-    n = len(points)
-    if not n or np.abs(points).max() > _LARGEST:  # larger ones are refused by the mesh itself
-        return np.arange(n)
-    pairs = _near_pairs(points, _reach(points, faces))
-    if not len(pairs):
-        return np.arange(n)
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, labels = connected_components(links, directed=False)
-    _, first = np.unique(labels, return_index=True)
-    return np.asarray(first[labels])
+    first = np.arange(len(points))
+    if not len(points) or np.abs(points).max() > _LARGEST:  # the mesh itself refuses larger ones
+        return first
+    reach = _reach(points, faces)
+    while True:
+        left = np.unique(first)
+        tree, most = cKDTree(points[left]), float(reach[left].max())
+        distances, nearest = tree.query(tree.data, k=2, distance_upper_bound=most)
+        other = np.minimum(nearest[:, 1], len(left) - 1)  # where there is none, the distance is inf
+        near = np.flatnonzero(distances[:, 1] <= np.minimum(reach[left], reach[left[other]]))
+        if not len(near):
+            return first
+        # the nearest of the joined points may be near, too: points of one place are many
+        links = coo_array((np.ones(len(near)), (near, other[near])), shape=(len(left),) * 2)
+        _, labels = connected_components(links, directed=False)
+        _, lowest = np.unique(labels, return_index=True)
+        first = left[lowest[labels]][np.searchsorted(left, first)]
 
 
 def _reach(points: FloatArray, faces: IntArray) -> FloatArray:
     """How near another vertex must be to be the same, shape (n,)."""
     a, b, c = (points[faces[:, corner]] for corner in range(3))
-    longest = np.sqrt(
-        np.max([np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], 0)
-    )
+    edges = [np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))]
+    longest = np.max(edges, axis=0)
+    extent = float(np.ptp(points, axis=0).max())
+    if np.median(longest) < _LEAST_FACE * extent:
+        raise InputError(
+            f"has a coordinate as large as {np.abs(points).max():.3g}, next to which the others are"
+            " so small that they cannot be distinguished"
+        )
     smallest = np.full(len(points), np.inf)
     for corner in faces.T:
         np.minimum.at(smallest, corner, longest)
-    extent = float(np.ptp(points, axis=0).max())
     smallest = np.maximum(smallest, _LEAST_FACE * extent)
     return np.asarray(np.minimum(_OF_FACE * smallest, _OF_EXTENT * extent))
-
-
-def _near_pairs(points: FloatArray, reach: FloatArray) -> IntArray:
-    """Pairs of points that are nearer than either reaches, shape (p, 2)."""
-    from scipy.spatial import cKDTree
-
-    found = [np.zeros((0, 2), dtype=np.int64)]
-    left = np.arange(len(points) if reach.any() else 0)  # one place alone has no extent
-    while len(left):
-        least = float(reach[left].min())
-        small = reach[left] <= _RATIO * least
-        distance = float(reach[left][small].max())
-        tree = cKDTree(points[left])
-        sample = tree.data[:: len(left) // _SAMPLE + 1]
-        if tree.query_ball_point(sample, distance, return_length=True).mean() > _MOST_NEIGHBOURS:
-            raise InputError(
-                f"has a coordinate as large as {np.abs(points).max():.3g}, next to which the others"
-                " are so small that they cannot be distinguished"
-            )
-        pairs = left[tree.query_pairs(distance, output_type="ndarray")]
-        first, second = pairs.T
-        apart = np.linalg.norm(points[first] - points[second], axis=1)
-        found.append(pairs[apart <= np.minimum(reach[first], reach[second])])
-        left = left[~small]
-    return np.concatenate(found)
