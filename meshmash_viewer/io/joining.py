@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from meshmash_viewer.errors import InputError
@@ -79,7 +81,8 @@ def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
     reach = _reach(points, faces)
     while True:
         left = np.unique(first)
-        tree, most = cKDTree(points[left]), float(reach[left].max())
+        tree: Any = cKDTree(points[left])
+        most = float(reach[left].max())
         distances, nearest = tree.query(tree.data, k=2, distance_upper_bound=most)
         other = np.minimum(nearest[:, 1], len(left) - 1)  # where there is none, the distance is inf
         near = np.flatnonzero(distances[:, 1] <= np.minimum(reach[left], reach[left[other]]))

@@ -15,13 +15,13 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
-from meshmash_viewer.io.formats.gltf import gltf_limits, read_gltf
-from meshmash_viewer.io.formats.neuroimaging import (
+from meshmash_viewer.io.formats.freesurfer import (
     FREESURFER_ENDINGS,
     freesurfer_kind,
     read_freesurfer,
-    read_gifti,
 )
+from meshmash_viewer.io.formats.gifti import read_gifti
+from meshmash_viewer.io.formats.gltf import gltf_limits, read_gltf
 from meshmash_viewer.io.formats.npz import npz_limits, read_npz
 from meshmash_viewer.io.formats.obj import read_obj
 from meshmash_viewer.io.formats.off import read_off

@@ -226,7 +226,8 @@ class _Scene:
             if name == "POSITION" or name.startswith(("_", *_SKIN))
         }
         packed = (primitive.get("extensions") or {}).get(DRACO)
-        if packed and not self._file.has_data(attributes["POSITION"]):
+        stored = self._file.entry("accessors", attributes["POSITION"])
+        if packed and "bufferView" not in stored and "sparse" not in stored:
             arrays, faces = self._unpacked(packed, wanted)
         else:
             arrays = {name: self._file.array(index) for name, index in wanted.items()}
@@ -285,7 +286,8 @@ class _Scene:
             if found is None:
                 raise InputError(f"has a mesh packed by {DRACO} that lacks its {name}")
             values = np.asarray(found["data"]).reshape(-1, int(found["num_components"]))
-            arrays[name] = scaled(values) if self._file.is_normalized(index) else values
+            normalized = self._file.entry("accessors", index).get("normalized")
+            arrays[name] = scaled(values) if normalized else values
         faces = getattr(content, "faces", np.zeros((0, 3)))
         return arrays, np.asarray(faces).astype(np.int64).reshape(-1, 3)
 

@@ -58,22 +58,19 @@ class GltfFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         text, self._own = _content(path)
-        self.description = _description(text)
+        try:
+            self.description: Entry = json.loads(text)
+        except (ValueError, RecursionError):
+            self.description = {}
+        if not isinstance(self.description, dict) or not self.description:
+            raise InputError("does not hold the JSON that a glTF scene begins with")
         self._loaded: dict[int, bytes | memoryview] = {}
-        self._check_version()
-        _refuse(
-            [
-                printable(each, 60)
-                for each in self.description.get("extensionsRequired") or []
-                if each not in _UNDERSTOOD and not str(each).startswith(_APPEARANCE)
-            ]
-        )
-
-    def _check_version(self) -> None:
-        asset = self.description.get("asset")
-        version = str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0"
+        version = str((self.description.get("asset") or {}).get("version", "2.0"))
         if version.split(".")[0] != "2":
             raise InputError(f"is of version {printable(version, 20)}, of which only 2 can be read")
+        required = self.description.get("extensionsRequired") or []
+        unknown = [each for each in required if each not in _UNDERSTOOD]
+        _refuse([each for each in unknown if not str(each).startswith(_APPEARANCE)])
 
     @cached_property
     def size(self) -> int:
@@ -103,11 +100,6 @@ class GltfFile:
         found: Entry = entries[index]
         return found
 
-    def has_data(self, accessor: object) -> bool:
-        """Whether the values of an array are in a buffer as they are."""
-        entry = self.entry("accessors", accessor)
-        return "bufferView" in entry or "sparse" in entry
-
     def array(self, accessor: object) -> npt.NDArray[Any]:
         """Values of an array, shape (count, width); integers in units of their range are float64.
 
@@ -117,8 +109,11 @@ class GltfFile:
             If it is not an array, or is not within its buffer.
         """
         entry = self.entry("accessors", accessor)
-        dtype, width = _layout(entry)
-        count = _whole(entry, "count")
+        dtype, count = _dtype(entry), _whole(entry, "count")
+        if entry.get("type") not in _WIDTHS:
+            kind = printable(entry.get("type"), 20)
+            raise InputError(f"has an array of type {kind} where numbers should be")
+        width = _WIDTHS[entry["type"]]
         if "bufferView" in entry:
             offset = _whole(entry, "byteOffset", 0)
             values = self._rows(entry["bufferView"], offset, count, width, dtype)
@@ -127,10 +122,6 @@ class GltfFile:
         if "sparse" in entry:
             values = self._replaced(values, entry["sparse"])
         return scaled(values) if entry.get("normalized") else values
-
-    def is_normalized(self, accessor: object) -> bool:
-        """Whether integers of an array are in units of their range."""
-        return bool(self.entry("accessors", accessor).get("normalized"))
 
     def view(self, index: object) -> memoryview:
         """The bytes of a part of a buffer.
@@ -183,7 +174,7 @@ class GltfFile:
             elif uri is not None:
                 data = _data_of(uri)
             elif index == 0 and self._own is not None:
-                data = self._own_data(*self._own)
+                data = self._own
             else:
                 _refuse([each for each in _PACKED_VIEWS if each in view.get("extensions", {})])
                 raise InputError(f"has no data for its buffer {index}")
@@ -191,11 +182,6 @@ class GltfFile:
                 raise _shorter()
             self._loaded[index] = data
         return self._loaded[index]
-
-    def _own_data(self, start: int, length: int) -> bytes:
-        with self._path.open("rb") as file:
-            file.seek(start)
-            return file.read(min(length, self._path.stat().st_size))
 
     def _file_of(self, buffer: Entry) -> Path | None:
         """The file of a buffer; None where its data is in the description or the GLB."""
@@ -207,15 +193,9 @@ class GltfFile:
         if uri[:5].lower() == "file:":
             names = [urllib.request.url2pathname(urllib.parse.urlsplit(uri).path)]
         for each in names:
-            if self._is_file(each):
+            if "\0" not in each and os.path.isfile(self._path.parent / each):
                 return self._path.parent / each
         raise InputError(f"refers to a file {printable(uri, 60)} that is not next to it")
-
-    def _is_file(self, name: str) -> bool:
-        try:
-            return os.path.isfile(self._path.parent / name)
-        except ValueError:  # a null character
-            return False
 
 
 def scaled(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -226,9 +206,9 @@ def scaled(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.asarray(np.maximum(values / largest, -1.0))
 
 
-def _refuse(extensions: list[str]) -> None:
+def _refuse(extensions: list[Any]) -> None:
     if extensions:
-        names = ", ".join(dict.fromkeys(extensions))
+        names = ", ".join(dict.fromkeys(printable(each, 60) for each in extensions))
         raise InputError(
             f"requires {names}, which {'is' if len(extensions) == 1 else 'are'} not understood:"
             f" export it without {'it' if len(extensions) == 1 else 'them'}."
@@ -254,48 +234,27 @@ def _dtype(entry: Entry) -> np.dtype[Any]:
     return np.dtype(_COMPONENTS[kind])
 
 
-def _layout(entry: Entry) -> tuple[np.dtype[Any], int]:
-    kind = entry.get("type")
-    if kind not in _WIDTHS:
-        raise InputError(f"has an array of type {printable(kind, 20)} where numbers should be")
-    return _dtype(entry), _WIDTHS[kind]
-
-
-def _content(path: Path) -> tuple[bytes, tuple[int, int] | None]:
-    """The text of the description, and where in a GLB its own buffer is: start and length."""
-    with path.open("rb") as file:
-        begin = file.read(4)
-        if begin != b"glTF":
-            if path.suffix.lower() == ".glb":
-                raise InputError('does not begin with "glTF"')
-            return begin + file.read(), None
-        head = file.read(8)
-        if len(head) < 8:
-            raise InputError('does not begin with "glTF" and the length of its parts')
-        version, _ = struct.unpack("<II", head)
-        if version != 2:
-            raise InputError(f"is of version {version}, of which only 2 can be read")
-        length, kind = struct.unpack("<I4s", file.read(8).ljust(8, b"\0"))
-        if kind != _JSON:
-            raise InputError("does not begin with the description of a scene")
-        text = file.read(min(length, path.stat().st_size))  # asking for 4 GB takes them
-        while len(head := file.read(8)) == 8:
-            length, kind = struct.unpack("<I4s", head)
-            if kind == _BIN:
-                return text, (file.tell(), length)
-            file.seek(length, os.SEEK_CUR)
-        return text, None
-
-
-def _description(text: bytes) -> Entry:
-    """The JSON that a scene begins with, alone in a .gltf and as the first chunk of a .glb."""
-    try:
-        scene = json.loads(text)
-    except (ValueError, RecursionError):
-        scene = None
-    if not isinstance(scene, dict):
-        raise InputError("does not hold the JSON that a glTF scene begins with")
-    return scene
+def _content(path: Path) -> tuple[bytes, memoryview | None]:
+    """Return the text of the description, and the buffer that a GLB holds."""
+    data = path.read_bytes()
+    if not data.startswith(b"glTF"):
+        if path.suffix.lower() == ".glb":
+            raise InputError('does not begin with "glTF"')
+        return data, None
+    if len(data) < 12:
+        raise InputError('does not begin with "glTF" and the length of its parts')
+    version = int.from_bytes(data[4:8], "little")
+    if version != 2:
+        raise InputError(f"is of version {version}, of which only 2 can be read")
+    chunks: dict[bytes, memoryview] = {}
+    place = 12
+    while place + 8 <= len(data):
+        length, kind = struct.unpack_from("<I4s", data, place)
+        chunks.setdefault(kind, memoryview(data)[place + 8 : place + 8 + length])
+        place += 8 + length
+    if next(iter(chunks), b"") != _JSON:
+        raise InputError("does not begin with the description of a scene")
+    return bytes(chunks[_JSON]), chunks.get(_BIN)
 
 
 def _data_of(uri: str) -> bytes:
