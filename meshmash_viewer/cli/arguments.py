@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
+from statistics import mode
 from typing import TYPE_CHECKING, NoReturn
 
 from meshmash_viewer.cli import numbers
@@ -99,7 +100,7 @@ def command_parser() -> argparse.ArgumentParser:
 
     features = command("features", "compute features of meshes", None)
     features.add_argument("--kind", choices=tuple(EXPORTS), default="hks", help="default: hks")
-    _add_columns(features, "number of columns, default 32; 1 of --kind filter")
+    _add_columns(features, f"number of columns, {_usual_counts(EXPORTS)}")
     _add_families(features, EXPORTS)
     features.add_argument(
         "--tail",
@@ -178,10 +179,8 @@ def command_parser() -> argparse.ArgumentParser:
     for drawn in (gallery, movie):
         kind = next(iter(SWEPT))
         drawn.add_argument("--kind", choices=tuple(SWEPT), default=kind, help=f"default: {kind}")
-        _add_columns(
-            drawn,
-            "number of columns of the kinds that have as many as one likes, default 32",
-        )
+        about = _usual_counts(SWEPT, least=2)
+        _add_columns(drawn, f"number of columns of the kinds that have any number, {about}")
         _add_families(drawn, SWEPT)
         _add_maps(drawn)
     gallery.add_argument(
@@ -237,6 +236,20 @@ def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Fami
             action="append" if each.many else "store",
             help=f"of --kind {', '.join(kinds[name])}: {each.help}",
         )
+
+
+def usual_count(family: type[Family], least: int = 1) -> int:
+    """Return the number of columns unless one is given; 32 if that is below a minimum."""
+    count = getattr(family(), family.counted)
+    return count if count >= least else 32
+
+
+def _usual_counts(table: Mapping[str, type[Family]], least: int = 1) -> str:
+    """Describe the numbers of columns: that of most kinds, and of which it is another."""
+    counts = {kind: usual_count(each, least) for kind, each in table.items() if each.counted}
+    usual = mode(counts.values())
+    others = (f"; {count} of --kind {kind}" for kind, count in counts.items() if count != usual)
+    return f"default {usual}{''.join(others)}"
 
 
 def options_of(family: type[Family]) -> dict[str, Parameter]:
@@ -412,12 +425,12 @@ def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
 
 
 def chosen_family(
-    options: argparse.Namespace, table: Mapping[str, type[Family]], n_columns: int | None = None
+    options: argparse.Namespace, table: Mapping[str, type[Family]], least: int = 1
 ) -> Family:
     """Return the requested family of a table, and check its parameters.
 
-    The options have their quantities in a unit (`numbers.in_unit`). `n_columns` is the default
-    number of columns of families with any number of them.
+    The options have their quantities in a unit (`numbers.in_unit`). `least` is the least
+    number of columns that is a default.
     """
     chosen = table[options.kind]
     own = {name: each.option for name, each in options_of(chosen).items()}
@@ -433,5 +446,5 @@ def chosen_family(
     parameters = {name: value for name, value in given.items() if value is not None}
     count = options.n_components
     if count is None and chosen.counted:
-        count = n_columns
+        count = usual_count(chosen, least)
     return chosen.exported(count, options.mesh_unit, **parameters)

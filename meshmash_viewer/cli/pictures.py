@@ -57,8 +57,8 @@ from meshmash_viewer.spectral.cost import written_bytes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 
-#: Default number of columns of families with any number of them, and of pictures of a gallery.
-_COLUMNS, _PICTURES = 32, 24
+#: Default number of pictures of a gallery, and the least number of columns of a family.
+_PICTURES, _LEAST = 24, 2
 #: Frames from which the size of a movie is estimated.
 _MEASURED = 6
 _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
@@ -277,7 +277,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
 
 def _chosen_swept(options: Namespace) -> Family:
     _policy(options)
-    return chosen_family(options, SWEPT, _COLUMNS)
+    return chosen_family(options, SWEPT, _LEAST)
 
 
 def _solved(mesh: Mesh, family: Family, options: Namespace, report: dict[str, Any]) -> Eigenpairs:
