@@ -19,6 +19,7 @@ from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.fields.sihks import ScaleInvariantHKS
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.plug_ins import plug_ins, warn
@@ -28,6 +29,7 @@ _LISTED: tuple[type[Family], ...] = (
     HeatKernelSignature,
     GeometryVectors,
     WaveKernelSignature,
+    ScaleInvariantHKS,
     Filters,
     Similarity,
     Distances,

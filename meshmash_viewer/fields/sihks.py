@@ -1,0 +1,166 @@
+"""The scale-invariant heat kernel signature at one frequency."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_parameters import first_nonzero_eigenvalue
+from meshmash_viewer.features.sums import Features, sum_squares
+from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, Columns
+from meshmash_viewer.fields.family import ColumnArray, Description, FloatArray, Profile, Samples
+from meshmash_viewer.fields.parameter import Whole, parameter
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+
+if TYPE_CHECKING:
+    from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+#: Period of the first frequency in ln t: 24 octaves of time, as in the paper.
+_PERIOD = 24.0 * math.log(2.0)
+#: Times from and to which the signature is constant: λ t of the highest and the lowest pair.
+_BEFORE, _AFTER = 1e-5, 40.0
+#: Vertices at a time, whose signatures at all times are in memory.
+_BLOCK = 1 << 15
+
+
+def invariant_columns(
+    eigenvalues: FloatArray,
+    rows: Any,
+    count: int,
+    cancel: CancelCallback | None = None,
+) -> FloatArray:
+    """Compute ``|∫ d ln HKS / d ln t · exp(-iω ln t) d ln t|``, shape (count, n).
+
+    A mesh that is larger by a factor has its signature at later times, divided by a constant: the
+    derivative of the logarithm removes the constant, the absolute value of the Fourier transform
+    the shift.
+
+    Parameters
+    ----------
+    eigenvalues : ndarray of float64, shape (k,)
+    rows : ndarray, shape (>= k, n)
+    count : int
+        Number of frequencies, ``ω = 2π j / (24 ln 2)`` for j from 0.
+    cancel : callable, optional
+        `Cancelled` is raised after it returns True.
+
+    Raises
+    ------
+    InputError
+        If all eigenvalues are zero.
+    """
+    # at least three samples in a period of the highest frequency, so that sums are integrals
+    step = math.log(2.0) * min(0.5, 8.0 / count)
+    first, last = first_nonzero_eigenvalue(eigenvalues), float(eigenvalues[-1])
+    n_times = math.ceil(math.log(_AFTER / first / (_BEFORE / last)) / step) + 1
+    places = step * np.arange(n_times)
+    exponents = np.outer(_BEFORE / last * np.exp(places), np.maximum(eigenvalues, 0.0))
+    decay = np.exp(-exponents)
+    weights = np.concatenate([decay, -exponents * decay])
+    waves = step * np.exp(-2j * np.pi / _PERIOD * np.outer(np.arange(count), places))
+    found = np.empty((count, rows.shape[1]))
+    for start in range(0, rows.shape[1], _BLOCK):
+        part = slice(start, start + _BLOCK)
+        sums = sum_squares(rows[: len(eigenvalues), part], weights, np.float64, cancel)
+        found[:, part] = np.abs(waves @ (sums[n_times:] / sums[:n_times]))
+    return found
+
+
+def scale_invariant_hks(pairs: Decomposition, count: int) -> Features:
+    """Compute the scale-invariant heat kernel signature, dimensionless (see `invariant_columns`).
+
+    Parameters
+    ----------
+    pairs : Decomposition
+    count : int
+        Number of frequencies.
+    """
+    values = invariant_columns(pairs.eigenvalues, pairs.rows, count).T
+    names = tuple(f"sihks_{at}" for at in range(count))
+    return Features(values, names, kind="sihks", meta={"frequencies_per": "24 octaves of time"})
+
+
+@dataclass(frozen=True)
+class ScaleInvariantHKS(Columns):
+    """Fourier transform of the derivative of ln HKS by ln t (Bronstein & Kokkinos 2010).
+
+    Parameters
+    ----------
+    index, count : int
+        Frequency, from 0, and number of frequencies.
+    """
+
+    name: ClassVar[str] = "sihks"
+    label: ClassVar[str] = "Scale-invariant heat kernel signature"
+    short: ClassVar[str] = "SI-HKS"
+    tip: ClassVar[str] = "Heat kernel signature that is equal on a mesh of another size"
+    icon: ClassVar[str] = (
+        '<path d="M3 20h18"/><path d="M5 20V6M9 20v-9M13 20v-6M17 20v-3M21 20v-1"/>'
+    )
+    nouns: ClassVar[tuple[str, str]] = ("Frequency", "Frequencies")
+    export: ClassVar[str] = "sihks"
+
+    count: int = parameter(6, Whole(1, MOST_COLUMNS))
+
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
+        return f"ω = {2.0 * math.pi * self.column / _PERIOD:.3g}"
+
+    def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
+        return Description(self.quantity(spectrum, unit), self.label, power=0)
+
+    def columns(self, spectrum: Eigenpairs, cancel: CancelCallback | None = None) -> ColumnArray:
+        values = invariant_columns(spectrum.eigenvalues, spectrum.rows, self.count, cancel)
+        return values.astype(np.float32)
+
+    def profile(self, spectrum: Eigenpairs, unit: str) -> Profile | None:
+        if first_nonzero(spectrum) >= len(spectrum):
+            return None
+        both = _AtVertex(self.places(spectrum), spectrum.eigenvalues)
+        return Profile(both, both, ("Frequency", "SI-HKS"))
+
+    # -- files --------------------------------------------------------------------------------
+
+    def compute_features(
+        self,
+        pairs: Decomposition | None,
+        mesh: Mesh,
+        area: float | None = None,
+        bound: float | None = None,
+        **summed: Any,
+    ) -> Features:
+        """Compute the exported columns, for which no truncation error is known."""
+        assert pairs is not None
+        if summed.get("drop_first"):
+            raise InputError("--drop-first is of sums: the logarithm of HKS needs the first pair.")
+        return scale_invariant_hks(pairs, self.count)
+
+    def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
+        first_nonzero_eigenvalue(spectrum.eigenvalues)
+        names = tuple(f"sihks_{at}" for at in range(self.count))
+        return names, "Frequencies in 24 octaves of time, pure numbers."
+
+    def script(self, spectrum: Eigenpairs) -> list[str]:
+        return [
+            "from meshmash_viewer.fields.sihks import scale_invariant_hks",
+            f"features = scale_invariant_hks(decomposition, {self.count})",
+            f"values = features.values[:, {self.column}]",
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class _AtVertex(Samples):
+    """The signature from the eigenfunctions at a vertex; `coefficients` are the eigenvalues."""
+
+    def values(self, at_vertex: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows: npt.NDArray[np.float64] = np.asarray(at_vertex, dtype=np.float64)[:, np.newaxis]
+        known = self.coefficients[: len(rows)]
+        if not known[-1] > 0.0:
+            return np.empty(0), np.empty(0)
+        return self.places, invariant_columns(known, rows, len(self.places))[:, 0]
