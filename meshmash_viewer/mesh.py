@@ -12,26 +12,29 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import (
+    FloatArray,
+    IntArray,
+    check_size,
+    checked_faces,
+    checked_vertices,
+    distinct_corners,
+    scaled_vertices,
+)
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel, named_vertex
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
-__all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly", "scaled_vertices"]
+__all__ = ["FloatArray", "IntArray", "Mesh", "MeshLike", "as_mesh", "mesh_to_poly"]
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 #: ``(vertices, faces)``, an object with these two attributes or with LaPy's ``v`` and ``t``, or a
 #: pyvista ``PolyData``.
 MeshLike: TypeAlias = Any
 
-#: How many offenders a message names before it only counts.
-_NAMED_OFFENDERS = 5
 #: A face whose height is below this share of its longest edge is numerically degenerate.
 _FLAT = 1e-12
-#: Largest coordinate, whose fourth power and its inverse are still numbers.
-_LARGEST = 1e75
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +94,9 @@ class Mesh:
     structure: str = ""
 
     def __post_init__(self) -> None:
-        vertices = _checked_vertices(self.vertices)
-        faces = _checked_faces(self.faces, len(vertices))
-        _check_size(vertices, faces)
+        vertices = checked_vertices(self.vertices)
+        faces = checked_faces(self.faces, len(vertices))
+        check_size(vertices, faces)
         vertices.flags.writeable = False
         faces.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
@@ -210,8 +213,7 @@ class Mesh:
     @cached_property
     def distinct_corners(self) -> npt.NDArray[np.bool_]:
         """Which faces have three different corners, shape (m,); the others are no triangles."""
-        a, b, c = self.faces.T
-        return np.asarray((a != b) & (b != c) & (c != a))
+        return distinct_corners(self.faces)
 
     @cached_property
     def degenerate_faces(self) -> npt.NDArray[np.bool_]:
@@ -501,95 +503,7 @@ def mesh_to_poly(mesh: MeshLike) -> Any:
     return pyvista.PolyData(mesh.vertices.copy(), padded.ravel())
 
 
-def scaled_vertices(vertices: FloatArray, factors: Voxel, divisors: Voxel = NO_VOXEL) -> FloatArray:
-    """Coordinates by a divisor, times a factor for each axis; what overflows is as large as can be.
-
-    Only a vertex that no face uses can be so far away: others are refused by `Mesh`.
-    """
-    largest = np.finfo(np.float64).max
-    with np.errstate(over="ignore"):
-        divided = np.clip(vertices / divisors, -largest, largest)
-        return np.asarray(np.clip(divided * factors, -largest, largest))
-
-
-def first_equal(rows: npt.NDArray[Any]) -> IntArray:
-    """For each row of an array, the lowest index of those that are equal to it, shape (n,)."""
-    order = np.lexsort(rows.T[::-1])  # stable: equal rows keep their order
-    ordered = rows[order]
-    starts = np.ones(len(rows), dtype=np.bool_)
-    starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    first = np.empty(len(rows), dtype=np.int64)
-    first[order] = order[starts][np.cumsum(starts) - 1]
-    return first
-
-
-def _offenders(indices: IntArray) -> str:
-    """Name the first few of a list of offenders: "3, 17, 21 and 40 more"."""
-    named = ", ".join(str(index) for index in indices[:_NAMED_OFFENDERS])
-    rest = len(indices) - _NAMED_OFFENDERS
-    return f"{named} and {rest} more" if rest > 0 else named
-
-
 def _check_unit(unit: str) -> None:
     if unit not in LENGTH_UNITS:
         known = ", ".join(each or "none" for each in LENGTH_UNITS)
         raise InputError(f"{unit!r} is not a unit a mesh can have: give one of {known}.")
-
-
-def _checked_vertices(given: Any) -> FloatArray:
-    try:
-        if np.iscomplexobj(given):
-            raise TypeError  # a cast would drop the imaginary parts
-        vertices = np.array(given, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise InputError("Vertices are an array of numbers of shape (n, 3).") from None
-    if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise InputError(
-            f"Vertices have shape {vertices.shape}: give x, y and z for each, shape (n, 3)."
-        )
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-    if len(bad):
-        raise InputError(
-            f"The coordinates of some vertices are NaN or infinite (vertex {_offenders(bad)}): "
-            "remove or repair them first."
-        )
-    return vertices
-
-
-def _check_size(vertices: FloatArray, faces: IntArray) -> None:
-    """Refuse coordinates of faces whose fourth power or its inverse is no number."""
-    largest = float(np.abs(vertices).max(initial=0.0))
-    if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
-        # vertices that no face uses may be anywhere
-        a, b, c = faces.T
-        largest = float(np.abs(vertices[faces[(a != b) & (b != c) & (c != a)]]).max(initial=0.0))
-    if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
-        raise InputError(
-            f"Coordinates of size {largest:.3g} leave no room for areas and eigenvalues in "
-            f"floating-point numbers: scale them to between {1.0 / _LARGEST:.0g} and "
-            f"{_LARGEST:.0g}."
-        )
-
-
-def _checked_faces(given: Any, n_vertices: int) -> IntArray:
-    array = np.asarray(given)
-    if array.size == 0:
-        raise InputError("The mesh has no faces: a surface is needed, not a cloud of points.")
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(
-            f"Faces have shape {array.shape}: give three vertex indices for each triangle, "
-            "shape (m, 3); polygons have to be split into triangles first."
-        )
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"Faces are vertex indices, not of type {array.dtype}.")
-    with np.errstate(invalid="ignore"):
-        wrong = (array < 0) | (array >= n_vertices)
-        if array.dtype.kind == "f":
-            wrong |= array != np.floor(array)
-    bad = np.flatnonzero(wrong.any(axis=1))
-    if len(bad):
-        raise InputError(
-            f"Faces name vertices that do not exist (face {_offenders(bad)}, the first as "
-            f"{array[bad[0]].tolist()}): indices run from 0 to {n_vertices - 1}."
-        )
-    return np.array(array, dtype=np.int64, order="C")

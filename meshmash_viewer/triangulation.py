@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
 from meshmash_viewer.errors import InputError
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 
 #: VTK's time grows with the square of the number of corners: 0.3 s for so many, a minute for ten
 #: times as many.
@@ -78,7 +76,7 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
             if chosen.any():
                 corners = indices[np.repeat(chosen, counts)]
                 triangles[np.repeat(chosen, many)] = cut(vertices, corners, counts[chosen])
-    return np.asarray(triangles[_distinct(triangles) | np.repeat(counts == 3, many)])
+    return np.asarray(triangles[distinct_corners(triangles) | np.repeat(counts == 3, many)])
 
 
 def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
@@ -107,7 +105,7 @@ def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
     start, step = _runs_of_three(counts)
     first, odd = start + step, step % 2
     triangles = indices[np.column_stack([first + odd, first + 1 - odd, first + 2])]
-    return triangles[_distinct(triangles)].astype(np.int64)
+    return triangles[distinct_corners(triangles)].astype(np.int64)
 
 
 def _runs_of_three(counts: IntArray) -> tuple[IntArray, IntArray]:
@@ -116,11 +114,6 @@ def _runs_of_three(counts: IntArray) -> tuple[IntArray, IntArray]:
     start = np.repeat(np.cumsum(counts) - counts, many)
     step = np.arange(len(start)) - np.repeat(np.cumsum(many) - many, many)
     return start, step
-
-
-def _distinct(triangles: IntArray) -> npt.NDArray[np.bool_]:
-    a, b, c = triangles.T
-    return np.asarray((a != b) & (b != c) & (a != c))
 
 
 def polydata_triangles(poly: Any) -> tuple[FloatArray, IntArray]:

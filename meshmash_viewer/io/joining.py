@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first_equal
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.mesh import FloatArray, IntArray, first_equal
 
 #: Distance below which two vertices are one, relative to the longest side of the mesh: half the
 #: step between float32 numbers at its ends, if its middle is at the origin.
@@ -52,7 +52,8 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
         raise InputError("has a vertex with a coordinate that is not finite")
     points = vertices + 0.0  # -0.0 and 0.0 are the same place
     representative = first_equal(points)
-    faces = _without_collapsed(representative[faces])
+    faces = representative[faces]
+    faces = faces[distinct_corners(faces)]
     # joining exact copies first leaves a sixth of the points to the search for near copies
     used = np.zeros(len(points), dtype=np.bool_)
     used[faces] = True
@@ -60,13 +61,8 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     near = np.arange(len(points))
     near[used_at] = used_at[_first_near(points[used_at], number[faces])]
     kept = np.unique(near[representative])
-    return vertices[kept], _without_collapsed(np.searchsorted(kept, near[faces])), kept
-
-
-def _without_collapsed(faces: IntArray) -> IntArray:
-    """The faces that have three different corners."""
-    a, b, c = faces.T
-    return np.asarray(faces[(a != b) & (b != c) & (a != c)])
+    faces = np.searchsorted(kept, near[faces])
+    return vertices[kept], faces[distinct_corners(faces)], kept
 
 
 def _first_near(points: FloatArray, faces: IntArray) -> IntArray:

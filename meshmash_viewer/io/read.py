@@ -13,6 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from meshmash_viewer.arrays import distinct_corners, scaled_vertices
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.formats.freesurfer import (
@@ -30,7 +31,7 @@ from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
 from meshmash_viewer.io.raw import RawMesh, checked_maps, raw_mesh
-from meshmash_viewer.mesh import Mesh, scaled_vertices
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.structures import structure_of_file
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
@@ -258,8 +259,7 @@ def _check_content(raw: RawMesh) -> None:
             f"has {counted(len(broken), 'vertex')} with a coordinate that is not finite, the"
             f" first being vertex {broken[0]}, counted from 0"
         )
-    a, b, c = raw.faces.T
-    if not np.any((a != b) & (b != c) & (a != c)):
+    if not distinct_corners(raw.faces).any():
         raise InputError("has no triangle with three different corners")
 
 

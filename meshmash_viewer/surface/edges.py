@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, first_equal
+from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first_equal
+from meshmash_viewer.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,10 +155,7 @@ def join_seams(places: IntArray, faces: IntArray) -> IntArray:
     joined = np.arange(len(places))
     if np.array_equal(places, joined):
         return joined
-    at = places[faces]
-    # faces with two corners at one position are ignored
-    a, b, c = at.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
+    faces = faces[distinct_corners(places[faces])]
     while True:
         pairs = _seam_ends(places, joined[faces])
         if not len(pairs):
