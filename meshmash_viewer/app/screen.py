@@ -53,20 +53,16 @@ def open_display() -> Iterator[None]:
 
 def _choose_platform(held: ExitStack) -> None:
     asked = os.environ.get("QT_QPA_PLATFORM", "")
-    if asked:
-        faults = [_fault(name.partition(":")[0], held) for name in asked.split(";")]
-    else:
-        # X11 first: its window managers place windows where the program asks
-        offered = {"xcb": "DISPLAY", "wayland": "WAYLAND_DISPLAY"}
-        names = [name for name, variable in offered.items() if os.environ.get(variable)]
-        faults = []
-        for name in names:
-            faults.append(_fault(name, held))
-            if not faults[-1]:
-                os.environ["QT_QPA_PLATFORM"] = name
-                return
-    if faults and not all(faults):
-        return
+    # X11 first: its window managers place windows where the program asks
+    offered = {"xcb": "DISPLAY", "wayland": "WAYLAND_DISPLAY"}
+    names = [name for name, variable in offered.items() if os.environ.get(variable)]
+    faults = []
+    for name in asked.split(";") if asked else names:
+        fault = _fault(name.partition(":")[0], held)
+        if not fault:
+            os.environ["QT_QPA_PLATFORM"] = asked or name
+            return
+        faults.append(fault)
     why = f" ({'; '.join(faults)})" if faults else ""
     raise InputError(
         f"There is no display to open a window on{why}; use the commands that need none (see"

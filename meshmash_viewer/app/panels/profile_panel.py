@@ -37,26 +37,22 @@ _VIEWS = {
 _AT_ONCE = 60
 #: Largest distance in pixels at which the pointer selects a curve.
 _NEAR = 8.0
-
-
-#: Rows read at a time. Each may be a page of a file that is not in memory, and NumPy holds the
-#: interpreter lock while it copies; it is released after each block.
-_CHUNK = 8
 #: Eigenpairs, and vertices.
 _Request: TypeAlias = tuple[Eigenpairs, tuple[int, ...]]
 
 
 def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.float64]:
-    """Eigenfunctions at vertices, shape (k, m): one value a page, slow from a disk."""
-    spectrum, vertices = request
-    values = np.empty((len(spectrum), len(vertices)))
-    for start in range(0, len(spectrum), _CHUNK):
+    """Eigenfunctions at vertices, shape (k, m).
+
+    Rows are read one by one: NumPy holds the interpreter lock while it copies, and each may come
+    from a disk.
+    """
+    (spectrum, vertices), rows = request, []
+    for at in range(len(spectrum)):
         if cancel():
             raise Cancelled
-        stop = min(start + _CHUNK, len(spectrum))
-        for column, vertex in enumerate(vertices):
-            values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
-    return values
+        rows.append(spectrum.shown_rows[at, np.array(vertices)])
+    return np.reshape(rows, (len(rows), len(vertices)))
 
 
 class ProfilePanel(PlotPanel):
