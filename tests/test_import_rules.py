@@ -40,7 +40,6 @@ VTK_OUTSIDE_APP = {
     "meshmash_viewer.mesh",
     "meshmash_viewer.triangulation",
     "meshmash_viewer.io.formats.vtk",
-    "meshmash_viewer.io.formats.vtk_maps",
     "meshmash_viewer.io.writers",
 }
 #: The folder of the window that touches VTK: the render, and pictures without a window.

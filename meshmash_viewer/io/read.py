@@ -308,12 +308,16 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
         plain = Path(folder) / path.name[: -len(".gz")]
         size = 0
         try:
-            with path.open("rb") as file, plain.open("wb") as unpacked:
-                for block in _blocks(gzip.GzipFile(fileobj=file)):
+            with gzip.open(path) as file, plain.open("wb") as unpacked:
+                while block := file.read(1_000_000):
                     size += len(block)
                     if size > most:
                         raise LimitExceeded(f"unpacks to more than {most / 1e6:.0f} MB")
                     unpacked.write(block)
+        except EOFError as fault:
+            raise InputError("cannot be unpacked because it ends too early") from fault
+        except (gzip.BadGzipFile, zlib.error) as fault:
+            raise InputError("cannot be unpacked because it is no gzip file, or damaged") from fault
         except OSError as fault:
             raise InputError(
                 f"cannot be unpacked into {plain.parent.parent} ({fault.strerror})"
@@ -322,14 +326,3 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
             raise InputError("is empty once unpacked")
         grown = ReadLimits.are_needed(packed_size, size)
         yield plain, ReadLimits.of(packed_size, unpacked=size) if grown else None
-
-
-def _blocks(packed: gzip.GzipFile) -> Iterator[bytes]:
-    """Yield the content of a gzip, a megabyte at a time."""
-    try:
-        while block := packed.read(1_000_000):
-            yield block
-    except EOFError as fault:
-        raise InputError("cannot be unpacked because it ends too early") from fault
-    except (OSError, zlib.error) as fault:
-        raise InputError("cannot be unpacked because it is no gzip file, or damaged") from fault

@@ -7,19 +7,21 @@ On some broken files VTK does not fail but ends its process, loops forever or ex
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.formats.vtk_maps import (
-    colors_of_labels,
-    vtk_maps,
-    with_names_apart,
-)
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
-from meshmash_viewer.io.raw import RawMesh
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_of_columns
 from meshmash_viewer.io.text import unmarked
 from meshmash_viewer.triangulation import polydata_triangles
+from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
 #: Values that a byte of a compressed file can stand for at most; deflate shrinks 1032-fold.
 _VALUES_PER_BYTE = 260
@@ -27,6 +29,18 @@ _VALUES_PER_BYTE = 260
 _ATTRIBUTES = ("Scalars", "Vectors", "Normals", "ColorScalars", "TCoords", "Tensors", "Fields")
 #: What a legacy file counts, in front of the values themselves.
 _LEGACY_COUNTS = (b"POINTS", b"POLYGONS", b"TRIANGLE_STRIPS", b"CELLS", b"CELL_TYPES", b"LINES")
+#: Entries of a table of colours that VTK makes by itself: a ramp, and no colours of labels.
+_RAMP = 256
+#: Where a legacy file has an array: an attribute, or one of a FIELD.
+_ATTRIBUTE = re.compile(
+    rb"(\n(?:SCALARS|VECTORS|NORMALS|TENSORS|COLOR_SCALARS|TEXTURE_COORDINATES)[ \t]+)(\S+)"
+)
+_FIELD_ARRAY = re.compile(
+    rb"(\n)(\S+)(?=[ \t]+\d+[ \t]+\d+[ \t]+(?:bit|float|double"
+    rb"|(?:unsigned_)?(?:char|short|int|long)|vtkIdType|vtktypeu?int64)[ \t]*\r?\n)"
+)
+_TABLE_OF_SCALARS = re.compile(rb"\nSCALARS[ \t]+(\S+)[^\n]*\n\s*LOOKUP_TABLE[ \t]+(\S+)")
+_TABLE = re.compile(rb"\nLOOKUP_TABLE[ \t]+(\S+)[ \t]+(\d+)[ \t]*\r?\n")
 
 
 def read_vtp(path: Path) -> RawMesh:
@@ -64,7 +78,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
         raise InputError('does not begin with "# vtk DataFile"')
     for name in _LEGACY_COUNTS:
         _check_counts(content, b"\n" + name, rb"\n(\w+)[ \t]+(\d+)", len(content))
-    content = with_names_apart(content)
+    content = _with_names_apart(content)
     reader: Any = vtkGenericDataObjectReader()
     for kind in _ATTRIBUTES:
         getattr(reader, f"ReadAll{kind}On")()
@@ -80,7 +94,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
         output = surface.GetOutput()
     if not output.IsA("vtkPolyData"):
         raise InputError(f"holds a {output.GetClassName()} where a surface should be")
-    return _from_polydata(output, colors_of_labels(content))
+    return _from_polydata(output, _colors_of_labels(content))
 
 
 def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:
@@ -125,6 +139,132 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
     vertices, triangles = polydata_triangles(output)
     field = output.GetFieldData().GetAbstractArray("meshmash-viewer")
     said = str(field.GetValue(0)) if field is not None and field.GetNumberOfValues() else ""
-    maps, remarks = vtk_maps(output, colors)
+    maps, remarks = _maps(output, colors or {})
     unit, structure = stated_unit(said), stated_structure(said)
     return RawMesh(vertices, triangles, unit, maps, remarks, structure)
+
+
+def _maps(
+    output: Any, colors: dict[str, tuple[str, ...]]
+) -> tuple[tuple[RawMap, ...], tuple[str, ...]]:
+    """Read the arrays of numbers at the points, one map a component, and a clause on other data.
+
+    `colors` are those of the labels 0, 1, ... in an array, by its name.
+    """
+    data = output.GetPointData()
+    maps: list[RawMap] = []
+    others: list[str] = []
+    for at in range(data.GetNumberOfArrays()):
+        array = data.GetAbstractArray(at)
+        name = array.GetName() or f"array {at}"
+        kind = _no_map(data, array)
+        if kind:
+            others.append(f"{kind} {printable(name, 60)!r}")
+        else:
+            maps += _columns(name, _array(array), array, colors.get(name, ()))
+    if len(maps) > MOST_MAPS:
+        others.append(f"{len(maps) - MOST_MAPS} of {len(maps)} arrays of numbers")
+    cells = output.GetCellData()
+    named = [cells.GetArrayName(at) or "" for at in range(cells.GetNumberOfArrays())]
+    others += [f"values of its faces {printable(each, 60)!r}" for each in named]
+    said = f"has {', '.join(others)}, which are no maps and are left out"
+    return tuple(maps[:MOST_MAPS]), (said,) if others else ()
+
+
+def _no_map(data: Any, array: Any) -> str:
+    """What an array is that is no map; empty for one that is."""
+    if array.IsA("vtkDataArray") == 0:
+        return "texts"
+    if array is data.GetNormals():  # equality is of each number
+        return "normals"
+    if array is data.GetTCoords():
+        return "places in a texture"
+    is_color = array.GetDataTypeAsString() == "unsigned char"
+    return "colours" if is_color and array.GetNumberOfComponents() in (3, 4) else ""
+
+
+def _columns(
+    name: str, values: npt.NDArray[Any], array: Any, colors: tuple[str, ...]
+) -> Iterator[RawMap]:
+    if values.ndim == 1:
+        yield RawMap(name, values, _labels(values, colors))
+        return
+    count = values.shape[1]
+    axes = [array.GetComponentName(at) or ("xyz"[at] if count == 3 else at) for at in range(count)]
+    yield from maps_of_columns(values, [f"{name} {axis}" for axis in axes])
+
+
+def _labels(values: npt.NDArray[Any], colors: tuple[str, ...]) -> tuple[Label, ...]:
+    """Labels, where whole numbers count the colours of a table that is no ramp."""
+    counted = values.dtype.kind in "iu" and len(values) > 0
+    if not counted or values.min() < 0 or values.max() >= len(colors) or len(colors) == _RAMP:
+        return ()
+    if len(colors) > MOST_LABELS:
+        return ()
+    return tuple(Label(key, str(key), color) for key, color in enumerate(colors))
+
+
+def _colors_of_labels(content: bytes) -> dict[str, tuple[str, ...]]:
+    """Colours of the tables in a legacy file, by the name of the array that refers to them."""
+    is_text = re.match(rb"[^\n]*\n[^\n]*\n\s*ASCII", content, re.IGNORECASE) is not None
+    tables = {}
+    for found in _TABLE.finditer(content):
+        count = int(found[2]) if len(found[2]) < 6 else 0
+        shares: npt.NDArray[Any]
+        if is_text:
+            words = content[found.end() : found.end() + 120 * count].split(maxsplit=4 * count)
+            try:
+                shares = np.array([float(word) for word in words[: 4 * count]])
+            except ValueError:
+                continue
+        else:
+            room = content[found.end() : found.end() + 4 * count]
+            shares = np.frombuffer(room, np.uint8) / 255.0
+        if len(shares) == 4 * count and np.isfinite(shares).all():
+            rgb = np.rint(255.0 * np.clip(shares.reshape(-1, 4)[:, :3], 0.0, 1.0)).astype(int)
+            tables[found[1]] = tuple("#{:02x}{:02x}{:02x}".format(*each) for each in rgb.tolist())
+    refers = {found[1]: found[2] for found in _TABLE_OF_SCALARS.finditer(content)}
+    return {
+        unquote(name.decode("latin-1")): tables[table]
+        for name, table in refers.items()
+        if table in tables
+    }
+
+
+def _with_names_apart(content: bytes) -> bytes:
+    """The same legacy file, with a number after a name that another array at its points has.
+
+    VTK keeps only the last of two arrays of one name.
+    """
+    start = content.rfind(b"\nPOINT_DATA")
+    stop = content.find(b"\nCELL_DATA", max(start, 0))
+    points = content[start:stop] if stop >= 0 else content[start:]
+    if start < 0:
+        return content
+    patterns = [_ATTRIBUTE, *([_FIELD_ARRAY] if b"\nFIELD" in points else [])]
+    names = [found[2] for each in patterns for found in each.finditer(points)]
+    if len(set(names)) == len(names):
+        return content
+    seen: Counter[bytes] = Counter()
+
+    def numbered(found: re.Match[bytes]) -> bytes:
+        seen[found[2]] += 1
+        number = b"%%20%d" % seen[found[2]] if seen[found[2]] > 1 else b""
+        return found[1] + found[2] + number
+
+    for each in patterns:
+        points = each.sub(numbered, points)
+    return content[:start] + points + (content[stop:] if stop >= 0 else b"")
+
+
+def _array(values: Any) -> npt.NDArray[Any]:
+    """The numbers of a VTK array, shape (n,) or (n, components)."""
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+    if values.IsA("vtkBitArray"):
+        bits, values = values, vtkUnsignedCharArray()
+        values.DeepCopy(bits)
+    convert: Any = numpy_support.vtk_to_numpy
+    array: npt.NDArray[Any] = convert(values)
+    return array
