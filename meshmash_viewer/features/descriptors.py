@@ -155,7 +155,8 @@ def spectral_geometry_filter(
     )
     if filter is None:
         result = computation.solve(None, max_eigenvalue, None, stacklevel=4)
-        return result.eigenvalues[computation.start :], result.eigenvectors[:, computation.start :]
+        start = int(drop_first)
+        return result.eigenvalues[start:], result.eigenvectors[:, start:]
     return computation.features(None, max_eigenvalue, lambda _: filter)
 
 
@@ -340,11 +341,6 @@ class _Computation:
         """Name of the mesh, for warnings."""
         return self.mesh.name if isinstance(self.mesh, Mesh) else ""
 
-    @property
-    def start(self) -> int:
-        """Index of the first pair used."""
-        return 1 if self.drop_first else 0
-
     @cached_property
     def matrices(self) -> tuple[SparseMatrix, SparseMatrix]:
         """Matrices L and M."""
@@ -400,7 +396,7 @@ class _Computation:
             result = self.solve(n_components, max_eigenvalue, allocate)
             # of a piece the first pair is larger than that of the whole mesh, which is left out
             whole = self.mesh.first if self.drop_first and isinstance(self.mesh, Piece) else None
-            start = self.start if whole is None else 0
+            start = int(self.drop_first and whole is None)
             eigenvalues = result.eigenvalues[start:]
             if time is None and not eigenvalues.any():
                 _warn_of_zeros(max_eigenvalue, result, self.name)
