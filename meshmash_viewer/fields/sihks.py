@@ -20,7 +20,6 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 #: Period of the first frequency in ln t: 24 octaves of time, as in the paper.
 _PERIOD = 24.0 * math.log(2.0)
@@ -73,12 +72,12 @@ def invariant_columns(
     return found
 
 
-def scale_invariant_hks(pairs: Decomposition, count: int) -> Features:
+def scale_invariant_hks(pairs: Eigenpairs, count: int) -> Features:
     """Compute the scale-invariant heat kernel signature, dimensionless (see `invariant_columns`).
 
     Parameters
     ----------
-    pairs : Decomposition
+    pairs : Eigenpairs
     count : int
         Number of frequencies.
     """
@@ -129,7 +128,7 @@ class ScaleInvariantHKS(Columns):
 
     def compute_features(
         self,
-        pairs: Decomposition | None,
+        pairs: Eigenpairs | None,
         mesh: Mesh,
         area: float | None = None,
         bound: float | None = None,

@@ -15,7 +15,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
-def solved(mesh: Mesh, count: int) -> mv.Decomposition:
+def solved(mesh: Mesh, count: int) -> Eigenpairs:
     return mv.solve(*mv.cotangent_laplacian(mesh), count)
 
 
