@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from PySide6.QtCore import QCoreApplication, QEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
@@ -88,8 +89,9 @@ def window(open_window: Callable[..., MainWindow]) -> MainWindow:
 
 @pytest.fixture(scope="module", autouse=True)
 def all_garbage() -> Iterator[None]:
-    """Collect what the tests of a file have left."""
+    """Delete and collect what the tests of a file have left."""
     yield
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     gc.collect()
 
 

@@ -131,6 +131,7 @@ def test_what_is_missing_is_said(panel: FieldPanel, document: Document) -> None:
     assert "missing for want of eigenpairs" in part(panel, "distance_missing_label").text()
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_lines_are_at_round_distances_from_the_pin(
     qtbot: QtBot, open_window: Callable[..., MainWindow]

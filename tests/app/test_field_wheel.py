@@ -108,6 +108,7 @@ def check(field: QWidget) -> None:
     assert field.focusPolicy() != Qt.FocusPolicy.WheelFocus, name
 
 
+@pytest.mark.slow
 def test_no_field_of_the_window_changes_without_the_focus(window: MainWindow, qtbot: QtBot) -> None:
     document, seen = window.document, set()
     window.stage.setFocus()
@@ -197,6 +198,7 @@ def test_a_field_that_is_scrolled_under_the_pointer_is_not_changed(
     assert state(field) != before
 
 
+@pytest.mark.slow
 def test_tabs_that_come_later_are_watched(window: MainWindow, qtbot: QtBot) -> None:
     docks = window.arrangement.docks
     window.tabifyDockWidget(docks["spectrum"], docks["profile"])

@@ -86,6 +86,7 @@ def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> 
     assert display.fields["band"].index == 2
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_thumbnails_of_a_large_mesh_are_drawn_of_a_small_one(
     qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
@@ -107,6 +108,7 @@ def thumbnails(dialog: QDialog) -> list[np.ndarray]:
     return [picture(found, at).astype(float) for at in range(found.count())]
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path: Path) -> None:
     dialog = opened(qtbot, window)
@@ -144,6 +146,7 @@ def ask(qtbot: QtBot, dialog: QDialog, path: Path) -> None:
     QTest.keyClick(edit, Qt.Key.Key_Return)
 
 
+@pytest.mark.slow
 def test_cancel_and_closing_leave_no_file(qtbot: QtBot, window: MainWindow, tmp_path: Path) -> None:
     dialog = opened(qtbot, window)
     for name in ("cancel", "close"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 import shapes
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -29,6 +30,7 @@ def chunked_balls() -> Mesh:
     return Mesh(np.concatenate(vertices), np.concatenate(faces))
 
 
+@pytest.mark.slow
 def test_seams_are_merged_and_faces_turned_by_a_click_each(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:

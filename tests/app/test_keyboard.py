@@ -79,6 +79,7 @@ def around(window: MainWindow, widget: QWidget) -> np.ndarray:
     return np.array(picture.constBits()).reshape(picture.height(), -1, 4)
 
 
+@pytest.mark.slow
 def test_tab_comes_to_every_control_and_shows_where_it_is(qtbot: QtBot, window: MainWindow) -> None:
     looks = [(theme.Mode.LIGHT, name) for name in FAMILIES] + [(theme.Mode.DARK, "hks")]
     seen: set[str] = set()

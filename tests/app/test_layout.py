@@ -80,9 +80,6 @@ def test_a_small_window_has_room_for_what_matters(
     assert beside.top / ratio - 20 >= title - 16
     tops = [scene.display_point(vertex).y() for vertex in range(document.mesh.n_vertices)]
     assert min(tops) - 20 >= title - 16
-    bar, text = scene.renderer.annotations.bar_title, scene.renderer.annotations.quantity
-    height = bar.GetPosition()[1] + 14 * ratio
-    assert height < text.GetPosition()[1] - 12, "the colour bar begins below the title"
 
 
 @pytest.mark.parametrize("size", [(900, 600), (1000, 700), (1440, 900)])

@@ -232,6 +232,7 @@ def test_columns_that_are_no_map_are_named(window: MainWindow, tmp_path: Path) -
     assert "'region' (not numbers, such as 'part 0'), 'empty' (it is empty)" in notice.text
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path) -> None:
     drop(window, folder / "lh.sides.annot")
@@ -263,6 +264,7 @@ def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path
     assert listed.count() == len(window.controller.field.labels) > 3
 
 
+@pytest.mark.slow
 def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], folder: Path) -> None:
     """Dropped together; and once a map without a mesh is said to be one."""
     window = open_window()
@@ -282,6 +284,7 @@ def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], fold
     assert "lh.thickness" in names(window)
 
 
+@pytest.mark.slow
 def test_a_session_keeps_the_maps_and_the_choice(
     open_window: Callable[..., MainWindow], folder: Path, tmp_path: Path
 ) -> None:

@@ -76,6 +76,7 @@ def test_a_sweep_is_told_first_and_then_made(
     assert list(tmp_path.iterdir()) == [out]
 
 
+@pytest.mark.slow
 def test_a_turn_can_be_cancelled_and_leaves_nothing(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

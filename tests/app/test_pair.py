@@ -171,6 +171,7 @@ def bars(window: MainWindow, opened: SecondView) -> list[tuple[float, float]]:
     return [tuple(displayed_surface(scene.renderer).user_dict["limits"]) for scene in scenes]
 
 
+@pytest.mark.slow
 def test_both_colour_bars_say_the_same_numbers(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,8 +242,8 @@ def test_both_are_drawn_once_a_step(
         ]  # fmt: skip
 
 
-@pytest.mark.parametrize("late", ["first", "second"])
-@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize("late", [pytest.param("first", marks=pytest.mark.slow), "second"])
+@pytest.mark.parametrize("fails", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_field_does_not_wait_for_one_that_takes_long_or_fails(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, late: str, fails: bool
 ) -> None:
@@ -367,6 +368,7 @@ def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, fold
     assert window.document.mesh is not None
 
 
+@pytest.mark.slow
 def test_the_second_is_repaired_by_a_click_which_can_be_undone(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -411,6 +413,7 @@ def test_the_second_is_repaired_by_a_click_which_can_be_undone(
     assert document.mesh.n_vertices == FAULTY.n_vertices
 
 
+@pytest.mark.slow
 def test_a_map_dropped_on_the_second_is_shown_on_it(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -446,6 +449,7 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     assert opened.controller.field.title == "height.npy"
 
 
+@pytest.mark.slow
 def test_a_second_mesh_of_ten_vertices_is_compared(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -454,6 +458,7 @@ def test_a_second_mesh_of_ten_vertices_is_compared(
     assert text(window, "pair_told_label").startswith("by features")
 
 
+@pytest.mark.slow
 def test_a_session_and_a_script_have_both(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -106,6 +106,7 @@ def stitched(family: GeometryVectors | HeatKernelSignature, pieces: int) -> np.n
     return stitcher.apply(features)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hks", "band"])
 def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) -> None:
     top = 4.0 * np.pi * PAIRS / MESH.area
@@ -145,6 +146,7 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
     assert "next to seams they differ by" in notice.text
 
 
+@pytest.mark.slow
 def test_cancel_shows_what_was_there(window: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "pieces.npz"
     window.document.display.kind = "map"

@@ -66,6 +66,7 @@ def test_what_is_no_index_is_refused_with_the_range(qtbot: QtBot, window: MainWi
     assert pinned(window) == []
 
 
+@pytest.mark.slow
 def test_an_index_is_pinned(qtbot: QtBot, window: MainWindow) -> None:
     last = window.document.mesh.n_vertices - 1
     wanted = {"0": 0, " 12 ": 12, f"{last}": last, "1e2": 100, "15.0": 15, "0012": 12}

@@ -149,6 +149,7 @@ def shows(window: MainWindow, path: Path) -> bool:
     return ready is not None and ready.path == path and window.document.job is None
 
 
+@pytest.mark.slow
 def test_files_that_are_double_clicked_open(
     qapp: QApplication, qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

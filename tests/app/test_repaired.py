@@ -178,6 +178,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
     assert {pin.number: pin.vertex for pin in document.pins} == {1: 7, 2: 60, 3: index}
 
 
+@pytest.mark.slow
 def test_repairs_are_made_again_and_undone_one_by_one(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path, tmp_path: Path
 ) -> None:
@@ -228,6 +229,7 @@ def test_repairs_are_made_again_and_undone_one_by_one(
     assert said(window) == "", "once"
 
 
+@pytest.mark.slow
 def test_the_second_mesh_is_repaired_as_it_was(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path, tmp_path: Path
 ) -> None:
@@ -251,6 +253,7 @@ def test_the_second_mesh_is_repaired_as_it_was(
     assert beside.document.mesh.file_index(0) == 44
 
 
+@pytest.mark.slow
 def test_a_unit_of_the_command_line_is_remembered_for_its_file(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path
 ) -> None:
@@ -286,6 +289,7 @@ def test_a_unit_of_the_command_line_is_remembered_for_its_file(
     assert states == ["none", ""]
 
 
+@pytest.mark.slow
 def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path, tmp_path: Path
 ) -> None:

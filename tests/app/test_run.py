@@ -237,6 +237,7 @@ def test_the_function_that_views_is_no_folder() -> None:
     assert meshmash_viewer.view is run.view
 
 
+@pytest.mark.slow
 def test_a_script_that_ends_leaves_no_process(tmp_path: Path) -> None:
     script = textwrap.dedent("""
         import numpy as np

@@ -39,6 +39,7 @@ def opened(qtbot: QtBot, window: MainWindow, path: Path) -> QDialog:
     return dialog
 
 
+@pytest.mark.slow
 def test_a_scene_is_the_mesh_in_the_colours_of_its_field(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

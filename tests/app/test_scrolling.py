@@ -60,7 +60,7 @@ def test_two_hundred_notches_in_a_row(
     monkeypatch.setattr(SymmetricLimits, "limits", counted)
     source, display = window.controller, window.document.display
     fields: list[object] = []
-    source.field_ready.connect(fields.append)
+    source.drawn.connect(lambda field, _: fields.append(field))
     start, canvas = display[Eigenfunctions].index, window.findChild(RenderWidget)
     turn_wheel(canvas, 200, CONTROL)
     assert display[Eigenfunctions].index == start + 200, "no notch is lost"

@@ -63,6 +63,8 @@ def choose_family(window: MainWindow, row: int) -> None:
     QTest.mouseClick(families.viewport(), LEFT, pos=place)
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_process")
 def test_open_compute_scroll_tune_inspect_export(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
@@ -206,6 +208,8 @@ def visible_vertex(window: MainWindow) -> int:
     raise AssertionError("nothing of the mesh is in sight")
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_process")
 def test_closing_in_the_middle_leaves_nothing(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
@@ -257,6 +261,7 @@ def bad_files(folder: Path) -> dict[str, Path]:
     return paths | {"folder": folder / "folder.ply", "missing": folder / "missing.ply"}
 
 
+@pytest.mark.slow
 def test_bad_files_are_one_sentence_and_the_open_mesh_stays(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

@@ -56,6 +56,7 @@ def read_again(document: Document, path: Path) -> None:
     assert read._operator == document.operator
 
 
+@pytest.mark.slow
 def test_every_number_that_a_field_takes_is_read_back(
     open_window: Callable[..., MainWindow], tmp_path: Path
 ) -> None:

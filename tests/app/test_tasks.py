@@ -284,10 +284,20 @@ def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: 
 
 
 @pytest.mark.usefixtures("own_process")
-@pytest.mark.parametrize("job", [DyingJob(), FailingJob("input"), FailingJob("defect")])
-def test_failure_is_said_and_the_next_job_runs(
-    session: Session, job: DyingJob | FailingJob, neuron_file: Path
+def test_an_end_of_the_process_is_said_and_the_next_job_runs(
+    session: Session, neuron_file: Path
 ) -> None:
+    fail_and_go_on(session, DyingJob(), neuron_file)
+
+
+@pytest.mark.parametrize("job", [FailingJob("input"), FailingJob("defect")])
+def test_failure_is_said_and_the_next_job_runs(
+    session: Session, job: FailingJob, neuron_file: Path
+) -> None:
+    fail_and_go_on(session, job, neuron_file)
+
+
+def fail_and_go_on(session: Session, job: DyingJob | FailingJob, neuron_file: Path) -> None:
     session.tasks.run(job)
     session.wait_until_idle()
     assert session.last().severity is Severity.ERROR
@@ -309,6 +319,7 @@ def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
     assert tasks.worker.process_id is None
 
 
+@pytest.mark.slow
 def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
     document = session.document
     document.take_mesh(shapes.rectangle(250, 250))

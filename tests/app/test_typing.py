@@ -117,6 +117,7 @@ FIELDS = (
 )
 
 
+@pytest.mark.slow
 def test_return_takes_what_is_typed_and_gives_the_keys_back(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
@@ -147,6 +148,7 @@ def shown_in(window: MainWindow, name: str) -> str:
     return field.currentText() if isinstance(field, QComboBox) else field.text()
 
 
+@pytest.mark.slow
 def test_return_in_a_panel_that_floats_gives_the_keys_back(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
@@ -197,7 +199,7 @@ def test_a_change_of_coordinates_is_announced_and_undone(
     assert len(window.document.spectrum) == 12, "they are in the store"
 
 
-@pytest.mark.parametrize("dismissed", [False, True])
+@pytest.mark.parametrize("dismissed", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_ctrl_z_takes_back_what_the_message_offers_to(
     qtbot: QtBot, window: MainWindow, open_file: Open, dismissed: bool
 ) -> None:
@@ -235,6 +237,7 @@ def test_ctrl_z_in_a_field_is_for_what_is_typed_there(
     assert window.document.unit_text == "nm", "the command waits until the field is as it was"
 
 
+@pytest.mark.slow
 def test_a_unit_that_begins_like_another_is_taken_as_typed(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
@@ -246,7 +249,7 @@ def test_a_unit_that_begins_like_another_is_taken_as_typed(
     assert not part(window, "undo_message").isVisible(), "another mesh: nothing to undo"
 
 
-@pytest.mark.parametrize("unit", ["mm", "8 nm"])
+@pytest.mark.parametrize("unit", [pytest.param("mm", marks=pytest.mark.slow), "8 nm"])
 def test_a_unit_given_by_hand_is_remembered_for_its_file(
     qtbot: QtBot, window: MainWindow, open_file: Open, unit: str
 ) -> None:
@@ -314,6 +317,7 @@ def test_a_proof_is_of_what_is_computed_and_not_of_a_preview(
 # -- another mesh ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_length_does_not_carry_over_to_another_mesh(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
@@ -327,6 +331,7 @@ def test_a_length_does_not_carry_over_to_another_mesh(
     assert part(window, "target_count_spin").value == 100
 
 
+@pytest.mark.slow
 def test_limits_are_locked_for_one_family(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
@@ -349,6 +354,7 @@ def test_limits_are_locked_for_one_family(
 # -- numbers -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_largest_eigenvalue_is_written_the_same_everywhere(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:

@@ -153,6 +153,7 @@ def test_eigenpairs_are_exported(window: MainWindow, pairs: Decomposition, tmp_p
     assert_same(found * signs, wanted)
 
 
+@pytest.mark.slow
 def test_a_custom_filter(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
     """Ten of them at once, exp(-λ/σ) for σ = 1e-6 · 2^i."""
     sigmas = 1e-6 * 2.0 ** np.arange(10)
@@ -178,6 +179,7 @@ def set_range(
         write(window, name, repr(float(value)))
 
 
+@pytest.mark.slow
 def test_a_low_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
     cutoff = between(pairs, 20)
     choose_filter(window, "x < c", c=cutoff)
@@ -196,6 +198,7 @@ def test_a_band_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) -
     assert_same(exported(window, tmp_path / "band.npz")["features"], wanted)
 
 
+@pytest.mark.slow
 def test_a_gaussian_pyramid(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
     scales = np.geomspace(3e5, 3e6, 8)
     choose_filter(window, "exp(-s*x)", s=scales[0])

@@ -20,6 +20,7 @@ def walk(qapp: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("own_process")
 # pytest-qt would catch exceptions before the walk does
 @pytest.mark.qt_no_exception_capture
 def test_five_hundred_actions(walk: Walk) -> None:

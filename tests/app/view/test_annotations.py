@@ -69,6 +69,13 @@ def test_labels_of_the_bar_stand_where_their_values_are_and_share_a_power_of_ten
         assert share == pytest.approx((float(text) + 1.3) / 3.9, abs=1.0 / tall)
 
 
+@pytest.mark.parametrize("size", [(430, 340), (560, 420), (900, 400)])
+def test_the_colour_bar_begins_below_the_title(qapp, size: tuple[int, int]) -> None:
+    texts = Written(shown(limits=(-1.3e-5, 2.6e-5)), size).texts
+    unit, quantity = texts["×10⁻⁵ nm⁻¹"][1], texts["λ₅ = 1"][1]
+    assert unit + 14 < quantity - 12
+
+
 def test_the_bar_shows_the_colours_of_the_field(qapp) -> None:
     from matplotlib import colormaps
 
@@ -105,7 +112,7 @@ def test_the_scale_bar_is_as_long_as_it_says(qapp, size: tuple[int, int]) -> Non
     assert millimetres == pytest.approx(said, abs=1.0 / long)
 
 
-@pytest.mark.parametrize("scale", [1, 2])
+@pytest.mark.parametrize("scale", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_title_is_at_its_place_in_any_size_and_drawn_for_it(qapp, scale: int) -> None:
     size = (1000 * scale, 750 * scale)
     top, bottom, left, right = difference(shown("", ""), shown(), size) / scale

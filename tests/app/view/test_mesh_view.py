@@ -269,7 +269,7 @@ def apart(ones: np.ndarray, others: np.ndarray) -> float:
     return float(np.linalg.norm(ones[:, None] - others[None], axis=2).min(axis=1).max())
 
 
-@pytest.mark.parametrize("scale", [1.0, 2.0**-100])
+@pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.slow), 2.0**-100])
 @pytest.mark.pixels
 def test_nodal_lines_are_where_the_field_is_zero(scene: MeshView, qtbot, scale: float) -> None:
     """Where zeros are at vertices, too: some edges of this sphere lie in the three planes."""
@@ -281,6 +281,7 @@ def test_nodal_lines_are_where_the_field_is_zero(scene: MeshView, qtbot, scale: 
         assert apart(found, line[towards > -0.1]) < 1.5, "two pixels wide"
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_lines_at_round_values_are_at_all_of_them(scene: MeshView, qtbot) -> None:
     mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
@@ -294,6 +295,7 @@ def test_lines_at_round_values_are_at_all_of_them(scene: MeshView, qtbot) -> Non
     assert apart(found, seen) < 3.0, "none below zero, and none at zero"
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_no_lines_where_there_is_no_value_or_nothing_but_zero(scene: MeshView, qtbot) -> None:
     mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
@@ -426,7 +428,7 @@ def centre_of(pixels: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
     return np.argwhere(found).mean(axis=0)
 
 
-@pytest.mark.parametrize("shift", [0.0, 1e6])
+@pytest.mark.parametrize("shift", [pytest.param(0.0, marks=pytest.mark.slow), 1e6])
 @pytest.mark.pixels
 def test_what_others_add_is_at_its_place_and_stays(
     scene: MeshView, sphere: Mesh, qtbot, shift: float
