@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,6 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Maps that are taken of one file.
 MOST_MAPS = 64
-#: Colour of a label that has none of its own.
-_INSIDE = "#d55e00"
 
 
 @dataclass(frozen=True)
@@ -30,10 +28,9 @@ class RawMap:
         "" for that of the file.
     values : ndarray, shape (n,)
     labels : tuple of Label
-    indices : bool
-        Whether the values are the indices of the vertices that are in a label.
+        One without a name has that of the map.
     rows : ndarray of int64, shape (n,), optional
-        The vertices of the mesh's file that the values are of, ascending; None for all of them.
+        The vertices of the mesh's file that the values are of; None for all of them.
     volume : tuple of int
         The shape that the values have in the file, where it may be that of a volume.
     """
@@ -41,15 +38,13 @@ class RawMap:
     name: str
     values: npt.NDArray[Any]
     labels: tuple[Label, ...] = ()
-    indices: bool = False
     rows: IntArray | None = None
     volume: tuple[int, ...] = ()
 
     @property
     def last(self) -> int:
         """The last vertex that it names; -1 where it names none."""
-        named = self.values if self.indices else self.rows
-        return -1 if named is None else int(named.max())
+        return -1 if self.rows is None else int(self.rows.max())
 
     def checked(self, n_vertices: int, path: Path | None = None) -> VertexMap:
         """Convert to a map of a mesh with n vertices.
@@ -65,15 +60,12 @@ class RawMap:
                 f"Map {name!r} names vertex {self.last:,}, and the mesh has {n_vertices:,}"
                 " vertices: give the one that was made for this surface."
             )
+        values, labels = self.values, self.labels
         if self.rows is not None:
-            values = np.full(n_vertices, np.nan)
+            values = np.full(n_vertices, 0.0 if labels else np.nan)
             values[self.rows] = self.values
-            return VertexMap(name, values, path=origin)
-        if self.indices:
-            inside = np.zeros(n_vertices, dtype=np.int64)
-            inside[self.values] = 1
-            return VertexMap(name, inside, (Label(1, name, _INSIDE),), path=origin)
-        return VertexMap(name, self.values, self.labels, path=origin)
+        labels = tuple(replace(label, name=label.name or name) for label in labels)
+        return VertexMap(name, values, labels, path=origin)
 
 
 def checked_maps(

@@ -12,27 +12,26 @@ import hashlib
 import json
 import os
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
-from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import (
     EIGENPAIR_WRITERS,
     MESH_WRITERS,
-    NEEDED,
+    SCENE_ENDINGS,
     SPECTRUM_WRITERS,
+    WITHOUT_INDEX,
     WITHOUT_PROVENANCE,
     WRITERS,
     FeatureTable,
+    writer_of,
 )
-from meshmash_viewer.plug_ins import PlugIn
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.map_spectrum import MapSpectrum
@@ -56,11 +55,6 @@ __all__ = [
     "write_mesh",
     "write_picture",
 ]
-
-#: Formats without a column of vertex indices, which are written to the provenance as ranges.
-_WITHOUT_INDEX = (".npy", ".gii", ".obj", ".stl", ".glb")
-#: Endings of scenes, which pyvista writes.
-SCENE_ENDINGS = (".gltf", ".html")
 
 
 def write_features(
@@ -301,10 +295,10 @@ def _write(
     made["options"] = {**said, **made["options"]}
     if kind == "features":
         made["columns"] = list(table.columns)
-    if table.repaired and path.name.lower().endswith(_WITHOUT_INDEX):
+    if table.repaired and path.name.lower().endswith(WITHOUT_INDEX):
         made["rows"] = _ranges(table.rows)
     table = replace(table, meta=json.dumps(made, separators=(",", ":")))
-    writer = _writer(kind, path)
+    writer = writer_of(kind, path)
     with writing_errors(path):
         if path.suffix.lower() not in WITHOUT_PROVENANCE:
             with written_whole(path) as part:
@@ -372,41 +366,7 @@ def check_output(path: str | Path, kind: str = "features") -> None:
         If the ending is unknown, there is no such folder, or it may not be written to.
     """
     path = Path(path)
-    _writer(kind, path)
+    writer_of(kind, path)
     with writing_errors(path):
         if not os.access(path.parent, os.W_OK):
             raise PermissionError(13, "Permission denied")
-
-
-#: Endings that other programs use for other kinds of GIFTI files.
-_NO_FEATURES = (".surf.gii", ".label.gii", ".coord.gii", ".topo.gii")
-#: For each kind of file its plural, and its writers by ending.
-_KINDS: dict[str, tuple[str, dict[str, Any]]] = {
-    "features": ("features", WRITERS),
-    "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),
-    "coefficients": ("coefficients", SPECTRUM_WRITERS),
-    "mesh": ("meshes", MESH_WRITERS),
-    "picture": ("pictures", {".png": write_picture}),
-    "movie": ("movies", dict.fromkeys(MOVIE_ENDINGS)),
-    "scene": ("scenes", dict.fromkeys(SCENE_ENDINGS)),
-}
-
-
-def _writer(kind: str, path: Path) -> Any:
-    plural, table = _KINDS[kind]
-    name = path.name.lower()
-    if table is WRITERS and name.endswith(_NO_FEATURES):
-        raise InputError(
-            f"{path} has the name of a surface or of labels, and {plural} are neither: give it the"
-            " ending .func.gii or .shape.gii."
-        )
-    for ending in table:
-        if name.endswith(ending) and len(name) > len(ending):
-            needed = NEEDED.get(ending[ending.rindex(".") :])
-            if needed and find_spec(needed) is None:
-                raise InputError(f"{path} is written by {not_installed(needed)}.")
-            writer = table[ending]
-            return writer.load() if isinstance(writer, PlugIn) else writer
-    raise InputError(
-        f"{path} has no ending in which {plural} can be written; give it one of {' '.join(table)}."
-    )

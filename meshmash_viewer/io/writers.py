@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import comment_lines, property_names
 from meshmash_viewer.mesh import mesh_to_poly
-from meshmash_viewer.plug_ins import plug_ins
+from meshmash_viewer.plug_ins import PlugIn, plug_ins
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
@@ -252,8 +255,54 @@ MESH_WRITERS: dict[str, Writer] = {
 #: The same for what a map is on eigenpairs.
 SPECTRUM_WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
 
-#: Packages that are asked for before the work that ends in a file.
-NEEDED = {".csv": "pyarrow", ".parquet": "pyarrow", ".gii": "nibabel"}
+#: Endings of scenes, which pyvista writes.
+SCENE_ENDINGS = (".gltf", ".html")
+
+#: Packages that formats need.
+_NEEDED = {".csv": "pyarrow", ".parquet": "pyarrow", ".gii": "nibabel"}
 
 #: Formats without room for provenance.
 WITHOUT_PROVENANCE = (".npy", ".csv", ".stl", ".glb")
+
+#: Formats without a column of vertex indices, which are written to the provenance as ranges.
+WITHOUT_INDEX = (".npy", ".gii", ".obj", ".stl", ".glb")
+
+#: Endings that other programs use for other kinds of GIFTI files.
+_NO_FEATURES = (".surf.gii", ".label.gii", ".coord.gii", ".topo.gii")
+#: For each kind of file its plural, and its writers by ending.
+_KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "features": ("features", WRITERS),
+    "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),
+    "coefficients": ("coefficients", SPECTRUM_WRITERS),
+    "mesh": ("meshes", MESH_WRITERS),
+    "picture": ("pictures", {".png": None}),
+    "movie": ("movies", dict.fromkeys(MOVIE_ENDINGS)),
+    "scene": ("scenes", dict.fromkeys(SCENE_ENDINGS)),
+}
+
+
+def writer_of(kind: str, path: Path) -> Any:
+    """Return the writer of a kind of file by its ending, None where this module has none.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown, or the package that writes it is not installed.
+    """
+    plural, table = _KINDS[kind]
+    name = path.name.lower()
+    if table is WRITERS and name.endswith(_NO_FEATURES):
+        raise InputError(
+            f"{path} has the name of a surface or of labels, and {plural} are neither: give it the"
+            " ending .func.gii or .shape.gii."
+        )
+    for ending in table:
+        if name.endswith(ending) and len(name) > len(ending):
+            needed = _NEEDED.get(ending[ending.rindex(".") :])
+            if needed and find_spec(needed) is None:
+                raise InputError(f"{path} is written by {not_installed(needed)}.")
+            writer = table[ending]
+            return writer.load() if isinstance(writer, PlugIn) else writer
+    raise InputError(
+        f"{path} has no ending in which {plural} can be written; give it one of {' '.join(table)}."
+    )

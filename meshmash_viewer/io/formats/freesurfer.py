@@ -29,6 +29,8 @@ FREESURFER_ENDINGS = (
 )
 #: What FreeSurfer surfaces begin with: triangles, and the two kinds of quadrangles.
 _TRIANGLES, _QUADS, _SHORT_QUADS = b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff"
+#: Colour of a label that has none of its own.
+_INSIDE = "#d55e00"
 #: Version of tables of labels that have numbers of their own.
 _NUMBERED = -2
 
@@ -51,7 +53,8 @@ def freesurfer_label(path: Path) -> RawMesh:
     inside = np.atleast_1d(np.asarray(read(str(path)), dtype=np.int64))
     if not len(inside) or inside.min() < 0:
         raise InputError("names no vertex")
-    return maps_alone([RawMap("", inside, indices=True)])
+    label = Label(1, "", _INSIDE)
+    return maps_alone([RawMap("", np.ones(len(inside)), (label,), rows=inside)])
 
 
 def mgh_maps(path: Path) -> RawMesh:
