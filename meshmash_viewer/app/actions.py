@@ -117,8 +117,11 @@ COMMANDS: tuple[Command, ...] = (
     Command("quit", "Quit", "File", "Close the window and stop what runs", ("Ctrl+Q",),
             separated=True),
     # -- Edit
-    Command("undo", "Undo", "Edit", "Take back the last change of the unit, or the last repair",
+    Command("undo", "Undo", "Edit",
+            "Revert the last change of pins, signs, unit, repairs, maps, colours or limits",
             ("Ctrl+Z",)),
+    Command("redo", "Redo", "Edit", "Make the change again that was undone last",
+            ("Ctrl+Shift+Z", "Ctrl+Y")),
     Command("compute", "Compute eigenpairs", "Edit", "Decompose the mesh as the Mesh panel says",
             ("Ctrl+Return",), separated=True, needs="mesh"),
     Command("compute_in_pieces", "Compute in pieces…", "Edit",

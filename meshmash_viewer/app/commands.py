@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 #: Keys that a focused field uses itself.
-_OF_FIELDS = ("cancel", "undo")
+_OF_FIELDS = ("cancel", "undo", "redo")
 
 
 class Commands:
@@ -119,8 +119,10 @@ class Commands:
         running = document.job is not None
         actions["compute"].setEnabled(document.can_compute)
         actions["cancel"].setEnabled(running)
-        actions["undo"].setEnabled(bool(document.last_change))
-        actions["undo"].setText(f"Undo {document.last_change}".rstrip())
+        history = document.history
+        for name, label in (("undo", history.undo_label), ("redo", history.redo_label)):
+            actions[name].setEnabled(bool(label))
+            actions[name].setText(f"{name.capitalize()} {label}".rstrip())
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
         if not document.can_flip:

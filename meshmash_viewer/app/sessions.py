@@ -146,7 +146,8 @@ class Restoration:
             if self._session.target:
                 document.target = self._target
             self.stop()
-            self._restore()
+            with document.history.paused():
+                self._restore()
 
     def _restore(self) -> None:
         document, session = self._document, self._session

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from psygnal import Signal
@@ -21,6 +22,7 @@ from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, Shape
+from meshmash_viewer.model.history import History, Step
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     InspectJob,
@@ -40,6 +42,12 @@ from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, writte
 from meshmash_viewer.vertex_map import VertexMap
 from meshmash_viewer.work.job import Job
 
+#: Attributes of the display whose changes are recorded, with their names in the menu.
+_RECORDED = {
+    "policies": "colour limits",
+    "diverging_colormap": "colour map",
+    "sequential_colormap": "colour map",
+}
 #: Default of `Document.target`.
 _DEFAULT_TARGET = Target("count", 100)
 
@@ -63,17 +71,19 @@ class Notice:
 
 
 @dataclass(frozen=True, eq=False)
-class _Before:
-    """A mesh before a repair, with its spectrum and pins.
+class _Shown:
+    """An open mesh with its spectrum."""
 
-    For repairs made while the file was read, only the mesh is known.
-    """
+    ready: MeshReady
+    spectrum: Eigenpairs | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Repaired:
+    """A mesh before one of the repairs that were made while its file was read."""
 
     mesh: Mesh
     repairs: tuple[str, ...]
-    ready: MeshReady | None = None
-    spectrum: Eigenpairs | None = None
-    pins: tuple[Pin, ...] = ()
 
 
 class Document:
@@ -105,14 +115,17 @@ class Document:
         self.job: JobState | None = None
         self._operator = OperatorOptions()
         self._target = _DEFAULT_TARGET
-        #: Stored rows whose checksums were verified last, which an export need not read again.
         #: Seconds per vertex and pair of the last decomposition on this machine, if any.
         self.seconds_rate: float | None = None
-        self._undo: list[_Before] = []
-        #: Units before each change of the unit since the last repair, as `set_unit` takes them.
-        self._units: list[str] = []
-        #: The map that is being computed, and the family that was displayed before.
-        self._growing: tuple[str, str] | None = None
+        #: Changes by the user: of mesh, pins, signs, colours and limits.
+        self.history = History(self._read_part, self._restore_parts)
+        self.history.changed.connect(self.settings_changed.emit)
+        self._record_display()
+        #: Whether a mesh is computed again that the last step needs to be undone.
+        self._undoing = False
+        self._file_mesh: Mesh | None = None
+        #: The map that is being computed, the family that was displayed before, and the mesh.
+        self._growing: tuple[str, str, _Shown] | None = None
         #: A mesh file that is being read, and the files of maps to read after it.
         self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
 
@@ -209,9 +222,11 @@ class Document:
         if self.ready is None:
             return
         if voxel == self.ready.mesh.voxel:
+            if unit == self.unit:
+                return
             before = self.unit_text
-            self._take(_in_unit(self.ready, unit), self.spectrum)
-            self._remember_unit(before, self.unit_text)
+            self.history.record("change of unit", "mesh")
+            self._take(replace(self.ready, mesh=self.ready.mesh.in_unit(unit)), self.spectrum)
             self.mesh_changed.emit()
             self.pins_changed.emit()
             self.spectrum_changed.emit()
@@ -224,19 +239,11 @@ class Document:
         """The unit as `open_mesh` takes it: "nm", "none", or "8 nm" for a file in voxels."""
         return "" if self.mesh is None else written_unit(self.mesh.unit, self.mesh.voxel)
 
-    def _remember_unit(self, before: str, now: str) -> None:
-        """Record the unit for undo; setting the previous unit again counts as undo."""
-        if self._units and self._units[-1] == now:
-            self._units.pop()
-        elif now != before:
-            self._units.append(before)
-
     def _announce_unit(self, before: str, what: str) -> None:
         """Announce a change of the unit, and offer to undo it."""
         if self.unit_text != before:
             text = f"Unit changed from {before} to {self.unit_text}: {what}."
-            taken_back = not self._units or self._units[-1] != before
-            self.notify(Notice(text, undo=None if taken_back else self.undo))
+            self.notify(Notice(text, undo=self._undo_of_last()))
 
     def _rescale(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> None:
         self.request(ScaleJob(mesh, voxel, unit, self.path, self.operator, repairs))
@@ -257,6 +264,7 @@ class Document:
         if now is None or now.vertices is not mesh.vertices or not maps or self.ready is None:
             return
         more = now.with_maps(*maps)
+        self.history.record("new map" if len(maps) == 1 else "new maps", "mesh")
         self._take(replace(self.ready, mesh=more), self.spectrum)
         if shown:
             self._show_map(more.maps[-1].name)
@@ -270,7 +278,7 @@ class Document:
         if now is None or now.vertices is not mesh.vertices or self.ready is None:
             return
         if self._growing is None:
-            self._growing = grew.name, self.display.kind
+            self._growing = grew.name, self.display.kind, _Shown(self.ready, self.spectrum)
             values = np.full(now.n_vertices, np.nan, dtype=np.float32)
         else:
             values = np.array(now.map_named(grew.name).values)
@@ -286,26 +294,21 @@ class Document:
     def end_growing(self, whole: bool) -> None:
         """Keep the computed map if it is whole; else remove it and show the previous family."""
         if self._growing is not None:
-            (name, kind), self._growing = self._growing, None
-            if not whole and self.mesh is not None:
-                self.remove_map(name)
+            (name, kind, before), self._growing = self._growing, None
+            if whole:
+                self.history.record("new map", before={"mesh": before})
+            elif self.mesh is not None:
+                with self.history.paused():
+                    self.remove_map(name)
                 self.display.kind = kind
 
     def remove_map(self, name: str) -> None:
         """Remove a map from the mesh; its file stays."""
         if self.ready is not None:
             left = self.ready.mesh.without_map(name)
+            self.history.record("removal of a map", "mesh")
             self._take(replace(self.ready, mesh=left), self.spectrum)
             self.spectrum_changed.emit()
-
-    def _maps_lost(self, before: Mesh) -> list[Path]:
-        """List the files of maps that another mesh has and this one has not."""
-        there = {each.path for each in self.mesh.maps} if self.mesh is not None else set()
-        return [
-            Path(path)
-            for path in dict.fromkeys(each.path for each in before.maps)
-            if path and path not in there
-        ]
 
     def repair(self, name: str) -> None:
         """Request a repair of `meshmash_viewer.health.REPAIRS`."""
@@ -313,49 +316,96 @@ class Document:
             ready = self.ready
             self.request(RepairJob(ready.mesh, name, ready.path, self.operator, ready.repairs))
 
-    @property
-    def last_change(self) -> str:
-        """What `undo` reverts: "change of unit", "repair", or "" for nothing."""
-        if self._units:
-            return "change of unit"
-        return "repair" if self._undo else ""
+    # -- history ----------------------------------------------------------------------------
 
     def undo(self) -> None:
-        """Revert the last change of the unit, or the last repair if no change came after it."""
-        if self._units:
-            self.set_unit(self._units[-1])
+        """Revert the last change; one whose mesh was not kept once that has been made again."""
+        step = self.history.past[-1] if self.history.past else None
+        shown = None if step is None else step.state.get("mesh")
+        if isinstance(shown, _Repaired) and self.mesh is not None:
+            self._undoing = True
+            self._rescale(shown.mesh, shown.repairs, self.mesh.voxel, self.mesh.unit)
         else:
-            self.undo_repair()
+            self.history.undo()
+
+    def redo(self) -> None:
+        """Make the change again that was undone last."""
+        self.history.redo()
 
     def undo_repair(self) -> None:
-        """Restore the mesh before the last repair, in the current unit."""
-        if not self._undo or self.mesh is None:
-            return
-        before, now = self._undo[-1], self.mesh
-        if before.ready is not None and before.mesh.voxel == now.voxel:
-            self._go_back(_in_unit(before.ready, now.unit), before.spectrum)
-        else:
-            self._rescale(before.mesh, before.repairs, now.voxel, now.unit)
-
-    def _go_back(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
-        """Show the mesh before the last repair, with its pins."""
-        before, now = self._undo.pop(), self.mesh
-        assert now is not None
-        self._units.clear()
-        self._show(ready, spectrum, followed_pins(self.pins, now, ready.mesh, before.pins), now)
-        self.open_maps(self._maps_lost(now), shown=False)
+        """Revert the last repair, and what was changed after it."""
+        while self.can_undo_repair and self.history.undo_label != "repair":
+            self.history.undo()
+        if self.can_undo_repair:
+            self.undo()
 
     @property
     def can_undo_repair(self) -> bool:
-        """Whether a repair can be undone."""
-        return bool(self._undo)
+        """Whether there is a repair to undo."""
+        return any(step.label == "repair" for step in self.history.past)
 
     @property
     def file_mesh(self) -> Mesh | None:
         """The mesh as it was read, before all repairs; its unit may differ from the open mesh's."""
-        if len(self._undo) < len(self.repairs):
+        return self._file_mesh if self.repairs else self.mesh
+
+    def _undo_of_last(self) -> Callable[[], None] | None:
+        """Return what undoes the last change, as long as none comes after it."""
+        if not self.history.past:
             return None
-        return self._undo[0].mesh if self._undo else self.mesh
+        step = self.history.past[-1]
+
+        def undo() -> None:
+            if self.history.past[-1:] == (step,):
+                self.undo()
+            else:
+                self.notify(Notice("Other changes came after it: undo them first (Ctrl+Z)."))
+
+        return undo
+
+    def _read_part(self, part: str) -> Any:
+        """Return the current value of a part of the state."""
+        if part == "mesh":
+            return None if self.ready is None else _Shown(self.ready, self.spectrum)
+        if part == "signs":
+            return self.display[Eigenfunctions].flipped
+        return self.pins if part == "pins" else getattr(self.display, part)
+
+    def _restore_parts(self, state: Mapping[str, Any]) -> None:
+        """Set parts of the state to former values."""
+        parts, now = dict(state), self.mesh
+        shown = parts.pop("mesh", None)
+        if isinstance(shown, _Shown) and now is not None:
+            pins = parts.pop("pins", self.pins)
+            ready, spectrum = shown.ready, shown.spectrum
+            if ready.mesh.vertices is not now.vertices:
+                self._show(ready, spectrum, pins, now)
+            else:
+                self._take(ready, self.spectrum)
+                if ready.mesh.unit != now.unit:
+                    self.mesh_changed.emit()
+                    self.pins_changed.emit()
+                self.spectrum_changed.emit()
+        for part, value in parts.items():
+            if part == "signs":
+                self.display.change(Eigenfunctions, flipped=value)
+            elif part == "pins":
+                self.pins = value
+                self.pins_changed.emit()
+            else:
+                setattr(self.display, part, value)
+
+    def _record_display(self) -> None:
+        """Record changes of colours and limits."""
+        for part, label in _RECORDED.items():
+            signal = getattr(self.display.events, part)
+            signal.connect(
+                lambda _new, old, part=part, label=label: self.history.record(
+                    label, before={part: old}
+                )
+            )
+
+    # -- opening ----------------------------------------------------------------------------
 
     def accept_mesh(self, ready: MeshReady) -> None:
         """Show a mesh that was read or repaired, with its stored spectrum."""
@@ -367,12 +417,16 @@ class Document:
             ready = replace(ready, source=self.ready.source)
             self._accept_derived(ready, spectrum)
         else:
-            self._units.clear()
-            self._undo = [_Before(mesh, ready.repairs[:at]) for at, mesh in enumerate(ready.before)]
-            self._show(ready, spectrum)
+            self._undoing = False
+            self._file_mesh = ready.before[0] if ready.before else None
+            with self.history.paused():
+                self._show(ready, spectrum)
+            before = enumerate(ready.before)
+            steps = (_Repaired(mesh, ready.repairs[:at]) for at, mesh in before)
+            self.history.start(*(Step("repair", {"mesh": each}) for each in steps))
             if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
-                self.notify(Notice(text, undo=self.undo))
+                self.notify(Notice(text, undo=self._undo_of_last()))
         if self._maps_of is not None and self._maps_of[0] == ready.path:
             (_, files), self._maps_of = self._maps_of, None
             self.open_maps(files)
@@ -381,15 +435,18 @@ class Document:
         """Show the open mesh with one repair more or less, or with another voxel size."""
         before, pins, unit = self.mesh, self.pins, self.unit_text
         assert before is not None and self.ready is not None  # noqa: PT018  it is derived from it
-        if len(ready.repairs) < len(self.repairs) and self._undo:
-            self._go_back(ready, spectrum)
+        shown = followed_pins(pins, before, ready.mesh)
+        if self._undoing:
+            self._undoing = False
+            self.history.complete({"mesh": _Shown(ready, spectrum), "pins": shown})
+            self.history.undo()
             return
-        if ready.repairs == self.repairs:
-            self._remember_unit(unit, written_unit(ready.mesh.unit, ready.mesh.voxel))
-        else:
-            self._undo.append(_Before(before, self.repairs, self.ready, self.spectrum, pins))
-            self._units.clear()
-        self._show(ready, spectrum, followed_pins(pins, before, ready.mesh), before)
+        repaired = ready.repairs != self.repairs
+        if repaired and not self.repairs:
+            self._file_mesh = before
+        self.history.record("repair" if repaired else "change of unit", "mesh", "pins")
+        with self.history.paused():
+            self._show(ready, spectrum, shown, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")
         if lost := len(pins) - len(self.pins):
             where, them = ("a vertex", "it") if lost == 1 else ("vertices", "them")
@@ -397,7 +454,7 @@ class Document:
                 f"{counted(lost, 'pin')} went with {where} that the repair left out or merged."
                 f" Undo brings {them} back."
             )
-            self.notify(Notice(text, undo=self.undo))
+            self.notify(Notice(text, undo=self._undo_of_last()))
 
     def _measures_as(self, ready: MeshReady) -> bool:
         """Whether lengths mean the same on a mesh as on this: repaired, or read again."""
@@ -534,22 +591,25 @@ class Document:
         """
         if self.mesh is None or not 0 <= vertex < self.mesh.n_vertices:
             raise IndexError(f"vertex {vertex} is not in the mesh")
-        if any(pin.vertex == vertex for pin in self.pins):
+        pinned = any(pin.vertex == vertex for pin in self.pins)
+        self.history.record("removal of a pin" if pinned else "pin", "pins")
+        if pinned:
             self.pins = tuple(pin for pin in self.pins if pin.vertex != vertex)
         else:
             self.pins = (*self.pins, Pin(int(vertex), free_number(self.pins, number)))
         self.pins_changed.emit()
 
     def clear_pins(self) -> None:
-        """Remove all pins, also those that undoing a repair would bring back."""
+        """Remove all pins."""
+        self.history.record("removal of all pins", "pins")
         self.pins = ()
-        self._undo = [replace(each, pins=()) for each in self._undo]
         self.pins_changed.emit()
 
     def flip(self) -> None:
         """Flip the sign of the displayed eigenfunction."""
         family = self.display.family
         if isinstance(family, Eigenfunctions):
+            self.history.record("flip of a sign", "signs")
             self.display.put(family.sign_flipped())
 
     @property
@@ -610,7 +670,7 @@ class Document:
             took = time.monotonic() - job.began
             rate = measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
             self.seconds_rate = rate or self.seconds_rate
-        self.job = None
+        self.job, self._undoing = None, False
         self.job_changed.emit()
         if notice is not None:
             self.notify(notice)
@@ -628,10 +688,6 @@ class Document:
     def say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
         """Show a sentence in the message bar."""
         self.notify(Notice(text, severity))
-
-
-def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
-    return replace(ready, mesh=ready.mesh.in_unit(unit))
 
 
 def _repaired(family: Family, n_components: int, vertex: Callable[[int], int | None]) -> Family:

@@ -46,38 +46,11 @@ def same_vertex(before: Mesh, now: Mesh, vertex: int) -> int | None:
     return None
 
 
-def followed_pins(
-    pins: Sequence[Pin], before: Mesh, now: Mesh, earlier: Sequence[Pin] = ()
-) -> tuple[Pin, ...]:
-    """Map the pins of one mesh to another repair of the same file.
-
-    Parameters
-    ----------
-    pins : sequence of Pin
-        On the vertices of `before`.
-    before, now : Mesh
-    earlier : sequence of Pin
-        Pins on the vertices of `now` before a repair that is undone. Those whose vertices the
-        repair removed or joined are restored; those that were removed since are not.
-
-    Returns
-    -------
-    tuple of Pin
-        On the vertices of `now`, each vertex once and the newest last.
-    """
-    there, known = {pin.vertex for pin in pins}, set[int]()
-    moved: list[Pin] = []
-    for pin in earlier:
-        at = same_vertex(now, before, pin.vertex)
-        if at is None or at in there:
-            moved.append(pin)
-        if at is not None:
-            known.add(at)
+def followed_pins(pins: Sequence[Pin], before: Mesh, now: Mesh) -> tuple[Pin, ...]:
+    """Map the pins of one mesh to another repair of the same file, each vertex once."""
+    moved: dict[int, Pin] = {}
     for pin in pins:
-        vertex = None if pin.vertex in known else same_vertex(before, now, pin.vertex)
-        if vertex is not None and all(other.vertex != vertex for other in moved):
-            moved.append(replace(pin, vertex=vertex))
-    result: list[Pin] = []
-    for pin in moved:
-        result.append(replace(pin, number=free_number(result, pin.number)))
-    return tuple(result)
+        vertex = same_vertex(before, now, pin.vertex)
+        if vertex is not None:
+            moved.setdefault(vertex, replace(pin, vertex=vertex))
+    return tuple(moved.values())

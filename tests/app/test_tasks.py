@@ -234,12 +234,15 @@ def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
     assert document.can_undo_repair
     np.testing.assert_allclose(document.mesh.vertices, before.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)
-    document.undo_repair()
-    session.wait_until_idle()
+    document.undo()
+    assert document.mesh is before
+    document.undo()
     assert document.repairs == ()
     assert not document.can_undo_repair
+    assert document.mesh.vertices is neuron.vertices
+    document.redo()
+    document.redo()
     assert document.unit_text == "4 × 4 × 40 nm"
-    np.testing.assert_allclose(document.mesh.vertices, neuron.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)
     np.testing.assert_allclose(document.ready.normals, document.mesh.vertex_normals, atol=1e-6)
 

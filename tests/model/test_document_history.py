@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,11 +29,13 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
+from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.vertex_map import VertexMap
 
 
 @pytest.fixture
@@ -83,104 +86,143 @@ def test_a_second_flip_takes_the_first_back(document: Document) -> None:
     assert document.display[Eigenfunctions].flipped == {5}
 
 
-def test_undo_goes_back_a_repair_at_a_time_in_the_unit_given_since(
+def test_undo_and_redo_go_through_repairs_and_units_in_their_order(
     document: Document, sphere: Mesh
 ) -> None:
-    first = Mesh(sphere.vertices, sphere.faces[1:])
-    second = Mesh(sphere.vertices, sphere.faces[2:])
     spectrum = spectrum_of(sphere, 8)
     document.accept_spectrum(spectrum)
-    document.accept_mesh(ready(first, "one", derived=True))
-    document.accept_mesh(ready(second, "one", "two", derived=True))
-    assert document.spectrum is None
+    document.accept_mesh(ready(Mesh(sphere.vertices, sphere.faces[1:]), "one", derived=True))
     document.set_unit("nm")
-    document.undo_repair()
-    assert document.mesh is not None
-    assert document.mesh.n_faces == first.n_faces
-    assert document.mesh.unit == "nm"
-    assert document.repairs == ("one",)
+    document.accept_mesh(
+        ready(Mesh(sphere.vertices, sphere.faces[2:], unit="nm"), "one", "two", derived=True)
+    )
     document.set_unit("µm")
-    document.undo_repair()
-    assert document.mesh.content_hash == sphere.content_hash
-    assert document.mesh.unit == "µm"
-    assert document.spectrum.rows is spectrum.rows
-    assert not document.can_undo_repair
-    document.undo_repair()
-    assert document.mesh.n_faces == sphere.n_faces
+
+    def state() -> tuple[int, str, tuple[str, ...], int]:
+        assert document.mesh is not None
+        known = 0 if document.spectrum is None else len(document.spectrum)
+        return document.mesh.n_faces, document.unit, document.repairs, known
+
+    n = sphere.n_faces
+    states = [
+        (n, "", (), 8), (n - 1, "", ("one",), 0), (n - 1, "nm", ("one",), 0),
+        (n - 2, "nm", ("one", "two"), 0), (n - 2, "µm", ("one", "two"), 0),
+    ]  # fmt: skip
+    labels = ["repair", "change of unit"] * 2
+    for at in reversed(range(4)):
+        assert state() == states[at + 1]
+        assert document.history.undo_label == labels[at]
+        document.undo()
+    assert state() == states[0]
+    assert document.history.undo_label == ""
+    document.undo()
+    assert state() == states[0]
+    for at in range(4):
+        assert document.history.redo_label == labels[at]
+        document.redo()
+        assert state() == states[at + 1]
+    assert document.history.redo_label == ""
 
 
-def test_undo_takes_back_units_and_then_repairs(document: Document, sphere: Mesh) -> None:
+def test_pairs_computed_since_stay_where_undo_does_not_change_the_shape(
+    document: Document, sphere: Mesh
+) -> None:
+    document.accept_spectrum(spectrum_of(sphere, 8))
+    document.set_unit("nm")
+    assert document.mesh is not None
+    document.accept_spectrum(spectrum_of(document.mesh, 20))
+    document.undo()
+    assert document.unit == ""
+    assert document.spectrum is not None
+    assert len(document.spectrum) == 20
+    assert document.spectrum.mesh is document.mesh
+
+
+def test_a_new_change_ends_what_can_be_redone_and_another_mesh_ends_all(
+    document: Document, sphere: Mesh
+) -> None:
+    document.toggle_pin(3)
+    document.undo()
+    assert document.history.redo_label == "pin"
+    document.toggle_pin(4)
+    assert document.history.redo_label == ""
+    document.accept_mesh(ready(sphere))
+    assert document.history.undo_label == ""
+
+
+def test_pins_signs_colours_limits_and_maps_are_undone_and_redone(document: Document) -> None:
+    display, mesh = document.display, document.mesh
+    assert mesh is not None
+    display.change(Eigenfunctions, index=4)
+
+    def everything() -> tuple[Any, ...]:
+        assert document.mesh is not None
+        maps = tuple(each.name for each in document.mesh.maps)
+        colors = display.sequential_colormap, display.diverging_colormap, display.limits
+        return document.pins, display[Eigenfunctions].flipped, colors, maps
+
+    def lock() -> None:
+        display.limits = LockedLimits(0.0, 2.0)
+
+    def recolor() -> None:
+        display.sequential_colormap = "magma"
+
+    heights = VertexMap("height", mesh.vertices[:, 2])
+    changes: dict[str, Callable[[], object]] = {
+        "pin": lambda: document.toggle_pin(7),
+        "flip of a sign": document.flip,
+        "colour limits": lock,
+        "colour map": recolor,
+        "new map": lambda: document.accept_maps(mesh, [heights], shown=False),
+        "removal of a pin": lambda: document.toggle_pin(7),
+        "removal of a map": lambda: document.remove_map("height"),
+    }
+    states = [everything()]
+    for label, change in changes.items():
+        change()
+        assert document.history.undo_label == label
+        states.append(everything())
+    assert len(set(map(repr, states))) > 6
+    for state in reversed(states[:-1]):
+        document.undo()
+        assert everything() == state
+    for state in states[1:]:
+        document.redo()
+        assert everything() == state
+
+
+def test_what_a_notice_offers_to_undo_is_that_change_alone(document: Document) -> None:
     notices: list[Notice] = []
     document.noticed.connect(notices.append)
-    assert document.last_change == ""
-    document.undo()  # of nothing, quietly
-    document.accept_mesh(ready(Mesh(sphere.vertices, sphere.faces[1:]), "one", derived=True))
-    for unit in ("nm", "mm"):
-        document.set_unit(unit)
-        assert notices[-1].undo is not None
-    assert document.last_change == "change of unit"
-    document.undo()
-    assert document.unit_text == "nm"
-    assert notices[-1].undo is None, "what was taken back is not offered to be taken back"
-    document.set_unit("none")  # by hand is the same
-    assert document.last_change == "repair"
-    document.undo()
-    assert document.last_change == ""
-    assert document.mesh is not None
-    assert document.mesh.n_faces == sphere.n_faces
-
-
-def test_a_repair_or_another_mesh_ends_what_can_be_taken_back_of_units(
-    document: Document, sphere: Mesh, requested: list[Job]
-) -> None:
-    document.set_unit("8 nm")
-    scaled = requested.pop()
-    assert isinstance(scaled, ScaleJob)
-    before = document.unit_text
-    document.accept_mesh(ready(scaled.mesh.in_voxels(scaled.voxel, scaled.unit), derived=True))
-    assert document.last_change == "change of unit"
-    document.undo()
-    back = requested.pop()
-    assert isinstance(back, ScaleJob)
-    assert document.last_change == "change of unit", "it may fail, or be cancelled"
-    document.accept_mesh(ready(back.mesh.in_voxels(back.voxel, back.unit), derived=True))
-    assert (document.unit_text, document.last_change) == (before, "")
-
-    document.set_unit("mm")
-    document.accept_mesh(
-        ready(Mesh(sphere.vertices, sphere.faces[1:], unit="mm"), "one", derived=True)
-    )
-    assert document.last_change == "repair"
     document.set_unit("nm")
-    document.undo_repair()
-    assert document.last_change == ""
-    document.set_unit("mm")
-    document.accept_mesh(ready(sphere))
-    assert document.last_change == ""
+    offer = notices[-1].undo
+    assert offer is not None
+    document.toggle_pin(3)
+    offer()
+    assert document.unit == "nm"
+    assert [pin.vertex for pin in document.pins] == [3]
+    assert "undo them first" in notices[-1].text
+    document.undo()
+    offer()
+    assert document.unit == ""
 
 
-def test_undo_after_other_voxels_asks_for_the_mesh_before_in_those(
+def test_undo_of_other_voxels_restores_mesh_and_spectrum(
     document: Document, sphere: Mesh, requested: list[Job]
 ) -> None:
-    document.accept_mesh(ready(Mesh(sphere.vertices, sphere.faces[1:]), "one", derived=True))
+    document.accept_spectrum(spectrum_of(sphere, 8))
     document.set_unit("8 nm")
     scaled = requested.pop()
     assert isinstance(scaled, ScaleJob)
-    assert scaled.repairs == ("one",)
-    larger = scaled.mesh.in_voxels(scaled.voxel, scaled.unit)
-    document.accept_mesh(ready(larger, "one", derived=True))
-    assert document.can_undo_repair
-
-    document.undo_repair()
-    # What lies in memory counts voxels of another size.
-    undone = requested.pop()
-    assert isinstance(undone, ScaleJob)
-    assert (undone.voxel, undone.unit, undone.repairs) == ((8.0, 8.0, 8.0), "nm", ())
-    document.accept_mesh(ready(undone.mesh.in_voxels(undone.voxel, undone.unit), derived=True))
+    document.accept_mesh(ready(scaled.mesh.in_voxels(scaled.voxel, scaled.unit), derived=True))
     assert document.mesh is not None
     np.testing.assert_allclose(document.mesh.vertices, 8.0 * sphere.vertices)
-    assert document.mesh.n_faces == sphere.n_faces
-    assert not document.can_undo_repair
+    document.undo()
+    assert not requested
+    assert document.mesh.vertices is sphere.vertices
+    assert document.spectrum is not None
+    document.redo()
+    np.testing.assert_allclose(document.mesh.vertices, 8.0 * sphere.vertices)
 
 
 LARGEST, MERGE = "keep_largest_component", "merge_coincident_vertices"
@@ -253,45 +295,25 @@ def test_pins_follow_to_the_vertex_of_their_index_and_come_back(split: Document)
     assert split.pins == ()
 
 
-def test_what_is_pinned_and_taken_away_after_a_repair_stays_so(split: Document) -> None:
+def test_pins_made_after_a_repair_are_undone_before_it(split: Document) -> None:
     mesh = split.mesh
     assert mesh is not None
     kept = int(np.flatnonzero(mesh.component_labels == 1)[5])
     for vertex in (3, kept):
         split.toggle_pin(vertex)
     repair(split, LARGEST)
-    assert pinned(split) == {2: kept}
     split.toggle_pin(split.mesh.vertex_of(kept))
-    split.toggle_pin(0)
-    new = split.mesh.file_index(0)
-    assert pinned(split) == {1: new}
-    split.undo_repair()
-    # the one that went comes back under its number, and the new one takes a free one
-    assert pinned(split) == {1: 3, 2: new}
-    repair(split, LARGEST)
     split.clear_pins()
-    split.undo_repair()
-    assert split.pins == ()
-
-
-def test_pins_stay_through_voxels_between_a_repair_and_its_undo(
-    split: Document, requested: list[Job]
-) -> None:
-    mesh = split.mesh
-    assert mesh is not None
-    kept = int(np.flatnonzero(mesh.component_labels == 1)[5])
-    for vertex in (3, kept):
-        split.toggle_pin(vertex)
-    repair(split, LARGEST)
-    split.set_unit("8 nm")
-    scaled = requested.pop()
-    split.accept_mesh(
-        ready(scaled.mesh.in_voxels(scaled.voxel, scaled.unit), LARGEST, derived=True)
-    )
+    assert pinned(split) == {}
+    split.undo()
+    split.undo()
     assert pinned(split) == {2: kept}
+    split.undo()
+    assert pinned(split) == {1: 3, 2: kept}
+    split.redo()
+    assert pinned(split) == {2: kept}
+    split.toggle_pin(0)
     split.undo_repair()
-    undone = requested.pop()
-    split.accept_mesh(ready(undone.mesh.in_voxels(undone.voxel, undone.unit), derived=True))
     assert pinned(split) == {1: 3, 2: kept}
     assert not split.can_undo_repair
 
@@ -311,8 +333,6 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
         "Repaired as before: Merge all coincident vertices, Keep the largest component."
     )
     assert document.file_mesh is raw
-    document.toggle_pin(7)
-    index = largest.file_index(7)
     for repairs, mesh in (((MERGE,), merged), ((), raw)):
         document.undo_repair()
         job = requested.pop()
@@ -320,10 +340,12 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
         assert (job.repairs, job.mesh) == (repairs, mesh)
         document.accept_mesh(ready(job.mesh.in_voxels(job.voxel, job.unit), *repairs, derived=True))
         assert document.mesh.content_hash == mesh.content_hash
-        assert pinned(document) == {1: index}
         assert document.ready.source == "a"
         assert document.file_mesh is raw or document.file_mesh.content_hash == raw.content_hash
     assert not document.can_undo_repair
+    document.redo()
+    document.redo()
+    assert document.repairs == (MERGE, LARGEST)
 
 
 def test_an_index_beyond_a_finished_spectrum_comes_back_to_its_end(

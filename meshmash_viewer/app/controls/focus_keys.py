@@ -27,8 +27,8 @@ _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
 class FocusKeys(QObject):
     """Keeps Space from being a command while a button or a list has the focus, and so on.
 
-    The other way round, a field in which nothing is typed leaves Undo to the command: Qt's fields
-    take that key even where they have nothing to undo.
+    The other way round, a field in which nothing is typed leaves Undo and Redo to the commands:
+    Qt's fields take those keys even where they have nothing to undo.
 
     It watches the one widget that has the focus: to watch the whole application would call
     Python for each of its events, some fifty at every tick of a slider.
@@ -59,9 +59,13 @@ class FocusKeys(QObject):
         self._watched = None
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Leave Space and the arrows to the control, and Undo to the command."""
+        """Leave Space and the arrows to the control, Undo and Redo to the command."""
         if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
-            if event.matches(QKeySequence.StandardKey.Undo) and not _can_undo(watched):
+            edit = watched if isinstance(watched, QLineEdit) else watched.findChild(QLineEdit)
+            keys = QKeySequence.StandardKey
+            undo = event.matches(keys.Undo) and not (edit and edit.isUndoAvailable())
+            redo = event.matches(keys.Redo) and not (edit and edit.isRedoAvailable())
+            if undo or redo:
                 event.ignore()
                 return True
             if isinstance(watched, (QLineEdit, QAbstractSpinBox)):
@@ -82,8 +86,3 @@ def settle_typing() -> bool:
     if isinstance(edit, QLineEdit) and edit.isModified():
         edit.editingFinished.emit()
     return True
-
-
-def _can_undo(widget: QObject) -> bool:
-    edit = widget if isinstance(widget, QLineEdit) else widget.findChild(QLineEdit)
-    return edit is not None and edit.isUndoAvailable()

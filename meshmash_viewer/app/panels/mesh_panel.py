@@ -81,6 +81,7 @@ class MeshPanel(QWidget):
 
         follow(document.mesh_changed, self._refresh_facts)
         follow(document.settings_changed, self._refresh_operator)
+        follow(document.history.changed, self._refresh_undo)
         signals = document.mesh_changed, document.settings_changed, document.spectrum_changed
         follow(signals, self._refresh_cost)
         follow((*signals, document.job_changed), self._refresh_job)
@@ -152,10 +153,12 @@ class MeshPanel(QWidget):
             self._document.say(str(fault), Severity.ERROR)
         self._refresh_facts()
 
+    def _refresh_undo(self) -> None:
+        self.undo_button.setVisible(self._document.history.undo_label == "repair")
+
     def _refresh_facts(self) -> None:
         ready = self._document.ready
         self.unit_combo.setEnabled(ready is not None)
-        self.undo_button.setVisible(self._document.can_undo_repair)
         if ready is None:
             self.name_label.setText("No mesh open")
             self.path_label.setText(f"Drop one on the window, or press {native_keys('Ctrl+O')}.")

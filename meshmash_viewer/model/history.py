@@ -1,0 +1,128 @@
+"""Undo and redo of what a user changes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from psygnal import Signal
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: Number of steps that are kept.
+_MAX_STEPS = 500
+#: Seconds within which changes of the same kind are one step, such as those of a dragged slider.
+_ONE_GESTURE = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A change: what the menu calls it, and the state that going over it restores.
+
+    Parameters
+    ----------
+    label : str
+        Completes "Undo …".
+    state : mapping of str to object
+        Parts of the state that it changed, with their values on its other side.
+    when : float
+        Time of the change, from `time.monotonic`.
+    """
+
+    label: str
+    state: Mapping[str, Any]
+    when: float = 0.0
+
+
+class History:
+    """The changes that can be undone and redone, in one order.
+
+    Parameters
+    ----------
+    read : callable
+        Returns the current value of a part of the state, by its name. Values are immutable.
+    restore : callable
+        Sets parts of the state to the given values.
+    """
+
+    changed = Signal()
+
+    def __init__(
+        self, read: Callable[[str], Any], restore: Callable[[Mapping[str, Any]], None]
+    ) -> None:
+        self._read, self._restore = read, restore
+        self.past: tuple[Step, ...] = ()
+        self.future: tuple[Step, ...] = ()
+        self._paused = False
+
+    @property
+    def undo_label(self) -> str:
+        """The change that `undo` reverts; "" for none."""
+        return self.past[-1].label if self.past else ""
+
+    @property
+    def redo_label(self) -> str:
+        """The change that `redo` makes again; "" for none."""
+        return self.future[-1].label if self.future else ""
+
+    def record(self, label: str, *parts: str, before: Mapping[str, Any] | None = None) -> None:
+        """Record a change of some parts, before they change or with their values `before` it."""
+        if self._paused:
+            return
+        state = dict(before or {}) | {part: self._read(part) for part in parts}
+        now = time.monotonic()
+        last = self.past[-1] if self.past else None
+        if (
+            last is not None
+            and before is not None
+            and (last.label, last.state.keys()) == (label, state.keys())
+            and now - last.when < _ONE_GESTURE
+        ):
+            self.past = (*self.past[:-1], replace(last, when=now))
+        else:
+            self.past = (*self.past, Step(label, state, now))[-_MAX_STEPS:]
+        self.future = ()
+        self.changed.emit()
+
+    def start(self, *steps: Step) -> None:
+        """Forget all changes; `steps` can be undone from now on."""
+        self.past, self.future = steps, ()
+        self.changed.emit()
+
+    def complete(self, state: Mapping[str, Any]) -> None:
+        """Set the state that undoing the last step restores."""
+        self.past = (*self.past[:-1], replace(self.past[-1], state=state))
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Record nothing within the context."""
+        before, self._paused = self._paused, True
+        try:
+            yield
+        finally:
+            self._paused = before
+
+    def undo(self) -> None:
+        """Revert the last change."""
+        if self.past:
+            step = self.past[-1]
+            self.past, self.future = self.past[:-1], (*self.future, self._cross(step))
+            self.changed.emit()
+
+    def redo(self) -> None:
+        """Make the change again that was undone last."""
+        if self.future:
+            step = self.future[-1]
+            self.past, self.future = (*self.past, self._cross(step)), self.future[:-1]
+            self.changed.emit()
+
+    def _cross(self, step: Step) -> Step:
+        """Restore the state on the other side of a step; returns the step back."""
+        here = {part: self._read(part) for part in step.state}
+        with self.paused():
+            self._restore(step.state)
+        return Step(step.label, here)
