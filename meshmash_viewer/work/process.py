@@ -7,7 +7,6 @@ print or the processes that it starts cannot use: standard output goes to standa
 from __future__ import annotations
 
 import contextlib
-import errno
 import importlib
 import json
 import os
@@ -15,13 +14,10 @@ import pickle
 import signal
 import subprocess
 import sys
-import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar, cast
-
-import numpy as np
 
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 
@@ -41,12 +37,8 @@ run_child(*given)
 _START, _LOOK = 0.2, 0.02
 #: Exit status of a child without memory for its answer.
 _NO_MEMORY = 65
-#: Error numbers of a pipe whose other end is closed, on POSIX and on Windows.
-_CLOSED = (errno.EPIPE, errno.EINVAL)
 #: Seconds between two searches for new processes, which read the table of all processes.
 _SEARCH = 0.5
-#: Part of the command line of a process that only deletes temporary files, then ends by itself.
-_TRACKER = "resource_tracker"
 
 
 # -- starting -----------------------------------------------------------------------------------
@@ -161,90 +153,6 @@ def answer(source: BinaryIO, sink: BinaryIO) -> None:
         os._exit(_NO_MEMORY)
 
 
-# -- messages -----------------------------------------------------------------------------------
-
-
-class Wire:
-    """One end of a connection: Python objects over two byte streams.
-
-    Pickling an array into a pipe would copy it several times while holding the interpreter lock,
-    which blocks the window. Its memory is written as it is instead (PEP 574), with the lock
-    released.
-    """
-
-    def __init__(self, source: BinaryIO, sink: BinaryIO) -> None:
-        self._source, self._sink = source, sink
-        self._lock = threading.Lock()
-
-    def send(self, message: object) -> None:
-        """Send a picklable object, from any thread.
-
-        Raises
-        ------
-        BrokenPipeError
-            If the other end is gone.
-        """
-        arrays: list[memoryview] = []
-        pickled = pickle.dumps(
-            message, protocol=5, buffer_callback=lambda each: arrays.append(each.raw())
-        )
-        sizes = json.dumps([len(pickled), *(each.nbytes for each in arrays)]).encode()
-        with self._lock, closed_pipe_errors():
-            self._sink.write(len(sizes).to_bytes(8, "little") + sizes + pickled)
-            for each in arrays:
-                self._sink.write(each)
-            self._sink.flush()
-
-    def receive(self) -> Any:
-        """Wait for the next object, in one thread only.
-
-        Raises
-        ------
-        EOFError, BrokenPipeError
-            If the other end is gone.
-        """
-        sizes = json.loads(bytes(self._read(int.from_bytes(self._read(8), "little"))))
-        pickled, *arrays = [self._read(size) for size in sizes]
-        return pickle.loads(pickled, buffers=arrays)
-
-    def close(self) -> None:
-        """Close both streams; the other end then raises `EOFError`."""
-        for stream in (self._sink, self._source):
-            with contextlib.suppress(OSError):  # unsent bytes of a dead connection: nothing is lost
-                stream.close()
-
-    def _read(self, size: int) -> memoryview:
-        memory = np.empty(size, dtype=np.uint8).data
-        with closed_pipe_errors():
-            if cast(Any, self._source).readinto(memory) < size:
-                raise EOFError("the other end of the connection is gone")
-        return memory
-
-
-def is_closed_pipe(fault: BaseException) -> bool:
-    """Whether writing to a pipe, flushing or closing it failed because its other end is closed.
-
-    On Windows that is ``EINVAL``, which means other things where it comes with a file name.
-    """
-    if isinstance(fault, BrokenPipeError):
-        return True
-    return isinstance(fault, OSError) and fault.errno in _CLOSED and fault.filename is None
-
-
-@contextlib.contextmanager
-def closed_pipe_errors() -> Iterator[None]:
-    """Raise `BrokenPipeError` where the other end of a pipe is closed, on every system.
-
-    Only what writes to a pipe, flushes it or closes it belongs into the body.
-    """
-    try:
-        yield
-    except OSError as fault:
-        if is_closed_pipe(fault) and not isinstance(fault, BrokenPipeError):
-            raise BrokenPipeError(errno.EPIPE, "the other end of the pipe is closed") from fault
-        raise
-
-
 # -- ending -------------------------------------------------------------------------------------
 
 
@@ -285,25 +193,14 @@ class ProcessTree:
                 memory += process.memory_info().rss
         return max(sum(self._seconds.values()), with_children), memory
 
-    def end(self, patience: float = 0.0) -> None:
-        """Kill all of them, this process last if it is among them.
-
-        Processes that only delete temporary files, as those of multiprocessing, have `patience`
-        seconds for it; 0 leaves them to end by themselves.
-        """
+    def end(self) -> None:
+        """Kill all of them, this process last if it is among them."""
         import psutil
 
         self._search()
-        others = [each for each in self._processes if each.pid != os.getpid()]
-        for process in others:
-            if not _only_deletes(process):
-                _kill(process)
-        if patience:
-            for process in psutil.wait_procs(others, timeout=patience)[1]:
-                _kill(process)
-        for process in self._processes:
-            if process not in others:
-                _kill(process)
+        for process in sorted(self._processes, key=lambda each: each.pid == os.getpid()):
+            with contextlib.suppress(psutil.Error):
+                process.kill()
 
     def _search(self) -> None:
         """Add processes that have been started since."""
@@ -316,30 +213,15 @@ class ProcessTree:
         self._searched = time.monotonic()
 
 
-def _kill(process: psutil.Process) -> None:
-    import psutil
-
-    with contextlib.suppress(psutil.Error):
-        process.kill()
-
-
-def _only_deletes(process: psutil.Process) -> bool:
-    import psutil
-
-    with contextlib.suppress(psutil.Error):
-        return any(_TRACKER in part for part in process.cmdline())
-    return False
-
-
 def end_group(leader: int, patience: float = 0.0) -> None:
     """End the leader of a process group, with its descendants.
 
     They get SIGTERM, which ends them at once; only the resource trackers of multiprocessing ignore
     it, delete temporary files and then exit. Descendants are killed after `patience` seconds.
-    Windows has neither groups nor SIGTERM: all but such trackers are killed there.
+    Windows has neither groups nor SIGTERM: all are killed there.
     """
     if sys.platform == "win32":
-        ProcessTree(leader).end(patience)
+        ProcessTree(leader).end()
     else:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(leader, signal.SIGTERM)
