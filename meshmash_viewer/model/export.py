@@ -100,10 +100,10 @@ class ExportJob:
         """
         from meshmash_viewer.io.provenance import export_options
 
-        pairs, known_to, proof = None, None, ""
+        pairs, proof, known_to = None, "", None
         if self.family.of_pairs:
-            pairs, known_to = self._pairs(channel)
-            proof = pairs.proof(self.mesh.unit)
+            pairs = self._pairs(channel)
+            proof, known_to = pairs.proof(self.mesh.unit), pairs.known_to or None
         description, missing = counted(self.n_pairs, "eigenpair"), ""
         results: Features | Eigenpairs | None = pairs
         if self.family.makes_features():
@@ -135,8 +135,8 @@ class ExportJob:
         remark = ". ".join(filter(None, (missing, repairs)))
         return Written(self.path, description, remark, warns=bool(missing))
 
-    def _pairs(self, channel: Channel) -> tuple[Eigenpairs, float | None]:
-        """Return the leading eigenpairs, and the bound below which they are complete."""
+    def _pairs(self, channel: Channel) -> Eigenpairs:
+        """Return the leading eigenpairs."""
         from meshmash_viewer.io.spectrum import find_eigenpairs
         from meshmash_viewer.model.decomposition import SPARE
 
@@ -149,7 +149,7 @@ class ExportJob:
             cancel=channel.cancelled,
         )
         if pairs is not None and len(pairs) == self.n_pairs:
-            return pairs, pairs.known_to or None
+            return pairs
         if damage:
             raise InputError(
                 "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
