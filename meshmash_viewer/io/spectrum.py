@@ -21,7 +21,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.request import Request
 
 if TYPE_CHECKING:
-    from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix
+    from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.progress import CancelCallback
 
@@ -180,6 +180,7 @@ class _Keeper:
 
     def run(self, mesh: Mesh, operator: OperatorOptions, request: Request) -> Eigenpairs:
         """Compute the pairs that are missing."""
+        from meshmash_viewer.laplacian import cotangent_laplacian
         from meshmash_viewer.spectral.cost import free_memory, refuse_what_cannot_fit
         from meshmash_viewer.spectral.engine.run import Run
 
@@ -189,7 +190,9 @@ class _Keeper:
             self._remarks.append(remark)
         if request.progress is not None:
             request.progress(Progress("operator", message="Building the Laplacian"))
-        stiffness, mass = self._laplacian(mesh, operator)
+        stiffness, mass = cotangent_laplacian(
+            mesh, robust=operator.robust, mollify_factor=operator.mollify_factor
+        )
 
         def fits(k: int) -> None:
             refuse_what_cannot_fit(mesh.n_vertices, int(stiffness.nnz), k, free, mesh.n_components)
@@ -215,23 +218,6 @@ class _Keeper:
         pairs = Run(stiffness, mass, solve).pairs()
         self._append(pairs)
         return replace(self._mapped(pairs), operator=operator)
-
-    def _laplacian(
-        self, mesh: Mesh, operator: OperatorOptions
-    ) -> tuple[SparseMatrix, SparseMatrix]:
-        """Return L and M, from the store or newly built."""
-        from meshmash_viewer.laplacian import cotangent_laplacian
-
-        for store in self._all:
-            kept = store.laplacian()
-            if kept is not None:
-                return kept
-        built = cotangent_laplacian(
-            mesh, robust=operator.robust, mollify_factor=operator.mollify_factor
-        )
-        if self._store is not None:
-            self._store.keep_laplacian(*built)
-        return built
 
     def _allocate(self, k: int, n: int, n_kept: int) -> FloatArray:
         """Allocate k rows, the first of which are those of the known pairs."""

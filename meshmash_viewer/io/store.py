@@ -45,13 +45,12 @@ from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 if TYPE_CHECKING:
-    from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix
+    from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.engine.request import Request
 
 FloatArray = npt.NDArray[np.float64]
 
-_LAPLACIAN = "laplacian.sealed"
 #: Zeros written at a time.
 _CHUNK = 1 << 20
 #: Error codes of file systems that cannot allocate blocks in advance.
@@ -293,32 +292,7 @@ class EigenpairStore:
         """Map the first rows read-only, shape (count, n)."""
         return np.memmap(self.folder / ROWS, np.float64, "r", shape=(count, self.n_vertices))
 
-    def laplacian(self) -> tuple[SparseMatrix, SparseMatrix] | None:
-        """Return the stored L and M, or None; see `keep_laplacian`."""
-        from scipy import sparse
-
-        n = self.n_vertices
-        try:
-            arrays = read_sealed(self.folder / _LAPLACIAN, self.folder.name).arrays
-            columns = arrays["data"], arrays["indices"], arrays["indptr"]
-            stiffness = sparse.csc_array(columns, shape=(n, n))
-            return stiffness, sparse.diags_array(arrays["areas"], shape=(n, n))
-        except (OSError, ValueError, KeyError):
-            return None
-
     # Writing, by the one process that holds the lock -----------------------------------------
-
-    def keep_laplacian(self, stiffness: SparseMatrix, mass: SparseMatrix) -> None:
-        """Store the matrices, to save building them again; errors are ignored."""
-        arrays = {
-            "data": stiffness.data,
-            "indices": stiffness.indices,
-            "indptr": stiffness.indptr,
-            "areas": mass.diagonal(),
-        }
-        with contextlib.suppress(OSError):
-            self._make_folder(sum(array.nbytes for array in arrays.values()))
-            write_sealed(self.folder / _LAPLACIAN, self.folder.name, {}, arrays)
 
     def allocate(self, k: int, n: int | None = None, n_kept: int = 0) -> FloatArray:
         """Allocate k eigenvectors, the first of which are those that are stored.

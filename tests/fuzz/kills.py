@@ -98,7 +98,7 @@ if __name__ == "__main__":
 #: All that a cache folder may hold when nobody writes into it.
 _BELONGS = re.compile(
     r"eigenpairs(/locks(/[0-9a-f]{32}\.lock)?"
-    r"|/[0-9a-f]{32}(/(problem\.json|eigenvectors\.f64|(laplacian|pairs)\.sealed))?)?"
+    r"|/[0-9a-f]{32}(/(problem\.json|eigenvectors\.f64|pairs\.sealed))?)?"
 )
 
 

@@ -27,7 +27,6 @@ from meshmash_viewer.spectral.engine.request import Request
 FloatArray = npt.NDArray[np.float64]
 
 OPERATOR = OperatorOptions()
-LAPLACIAN = "laplacian.sealed"
 _PAGE = 4096
 
 
@@ -78,13 +77,12 @@ def make_store(mesh: Mesh, n_pairs: int, n_batches: int, solved: bool, seed: int
         rng = np.random.default_rng(seed)
         rows = store.allocate(n_pairs)
         values = np.sort(rng.random(n_pairs))
-        stiffness, mass = cotangent_laplacian(mesh)
+        _, mass = cotangent_laplacian(mesh)
         begun = Eigenpairs(values, rows, np.full(n_pairs, 1e-12), mass=mass.diagonal())
         for start, stop in zip([0, *stops[:-1]], stops, strict=True):
             for index in range(start, stop):
                 rng.standard_normal(out=rows[index])
             store.append(begun.first(stop))
-        store.keep_laplacian(stiffness, mass)
         store.append(replace(begun, certificate=Certificate("inertia", n_pairs, n_pairs, 1.0)))
     return _as_stored(mesh, n_pairs, solved)
 
@@ -108,15 +106,14 @@ class Fault:
         In words, to repeat it.
     first : int
         The first pair whose row it touches, or the number of pairs.
-    pairs, laplacian : bool
-        Whether it touches the file of all else about the pairs, and that of the Laplacian.
+    pairs : bool
+        Whether it touches the file of all else about the pairs.
     """
 
     kind: str
     what: str = ""
     first: int = 1 << 30
     pairs: bool = False
-    laplacian: bool = False
 
 
 class Mutator:
@@ -141,7 +138,6 @@ class Mutator:
             "moved page": self._move_page,
             "truncation": self._truncate,
             "garbage at the end": self._append,
-            "swapped files": self._swap_files,
             "file of another mesh": self._take_file,
             "folder of another mesh": self._take_folder,
             "edited text": self._edit,
@@ -158,7 +154,7 @@ class Mutator:
         """Do something random, or something random of a kind."""
         fault = Fault(kind or str(self._rng.choice(self.kinds)))
         k = self.truth.pairs.n_components
-        while fault.first >= k and not (fault.pairs or fault.laplacian):
+        while fault.first >= k and not fault.pairs:
             self._kinds[fault.kind](fault)  # again, where it has changed nothing
         return fault
 
@@ -215,14 +211,6 @@ class Mutator:
             file.write(self._rng.bytes(int(self._rng.integers(1, 100))))
         self._touch(fault, path, 0, 0, "longer")
 
-    def _swap_files(self, fault: Fault) -> None:
-        one, two = self._folder / PAIRS, self._folder / LAPLACIAN
-        content = one.read_bytes()
-        one.write_bytes(two.read_bytes())
-        two.write_bytes(content)
-        for path in (one, two):
-            self._touch(fault, path, 0, 0, "exchanged")
-
     def _take_file(self, fault: Fault) -> None:
         path = self._any_file()
         if not (self._other / path.name).exists():
@@ -234,7 +222,7 @@ class Mutator:
         shutil.rmtree(self._folder)
         shutil.copytree(self._other, self._folder)
         fault.what = "all files taken from another mesh"
-        fault.first, fault.pairs, fault.laplacian = 0, True, True
+        fault.first, fault.pairs = 0, True
 
     def _edit(self, fault: Fault) -> None:
         """Change a character of the JSON, the length staying the same."""
@@ -267,16 +255,14 @@ class Mutator:
         """Half the time the file of rows, which is nearly all there is."""
         if not sealed and self._rng.integers(2):
             return self._folder / ROWS
-        return self._folder / str(self._rng.choice([PAIRS, LAPLACIAN]))
+        return self._folder / PAIRS
 
     def _touch(self, fault: Fault, path: Path, begin: int, end: int, how: str) -> None:
         fault.what += f"{path.name}: {how} at {begin}. "
         if path.name == ROWS:
             fault.first = min(fault.first, begin // (8 * self.truth.mesh.n_vertices))
-        elif path.name == PAIRS:
-            fault.pairs = True
         else:
-            fault.laplacian = True
+            fault.pairs = True
 
 
 def examine(truth: Truth, fault: Fault) -> None:
@@ -298,8 +284,6 @@ def examine(truth: Truth, fault: Fault) -> None:
         _compare(truth, stored)
         assert truth.store.covers(Request(left)) == left
         assert stored.complete, fault
-    matrices = truth.store.laplacian()
-    assert (matrices is None) == fault.laplacian, fault
 
 
 def mend(truth: Truth, fault: Fault) -> Truth:
@@ -318,8 +302,6 @@ def mend(truth: Truth, fault: Fault) -> Truth:
     k = truth.pairs.n_components
     left = 0 if fault.pairs else min(fault.first, k)
     if truth.solved:
-        if fault.laplacian and left == k:  # nobody needs it
-            truth.store.keep_laplacian(*cotangent_laplacian(truth.mesh, robust=True))
         found, remark = obtain_eigenpairs(truth.mesh, OPERATOR, Request(k))
         silent = fault.kind == "removed file" and fault.pairs
         assert bool(remark) == (left < k and not silent), (fault, remark)
@@ -327,8 +309,8 @@ def mend(truth: Truth, fault: Fault) -> Truth:
         np.testing.assert_allclose(
             found.eigenvalues, truth.pairs.eigenvalues, rtol=1e-9, atol=1e-12
         )
-    elif left < k or fault.laplacian:
-        _write_again(truth, fault)
+    elif left < k:
+        _write_again(truth)
     stored, remark = find_eigenpairs(truth.mesh, OPERATOR, count=k)
     assert stored is not None
     assert not remark, fault
@@ -356,12 +338,10 @@ def _compare(truth: Truth, stored: Eigenpairs) -> None:
     assert stored.certificate == pairs.certificate
 
 
-def _write_again(truth: Truth, fault: Fault) -> None:
+def _write_again(truth: Truth) -> None:
     """What the solver would do for noise."""
     pairs, store = truth.pairs, truth.store
     with store:
-        if fault.laplacian:
-            store.keep_laplacian(*cotangent_laplacian(truth.mesh))
         stored = store.load()
         kept = 0 if stored is None else len(stored)
         if kept < len(pairs):

@@ -338,21 +338,6 @@ def test_left_overs_go_and_stores_of_other_versions_when_they_are_old(
     assert path.stat().st_size == 100
 
 
-def test_the_laplacian_is_kept(sphere: Mesh, tmp_path: Path) -> None:
-    stiffness, mass = cotangent_laplacian(sphere, robust=True)
-    store = open_store(sphere, tmp_path)
-    assert store.laplacian() is None
-    store.keep_laplacian(stiffness, mass)
-    kept = open_store(sphere, tmp_path).laplacian()
-    assert kept is not None
-    assert (kept[0] != stiffness).nnz == 0
-    np.testing.assert_array_equal(kept[1].diagonal(), mass.diagonal())
-    solved, again = solve(stiffness, mass, 12), solve(*kept, 12)
-    np.testing.assert_array_equal(again.rows, solved.rows)
-    flip_bit(store.folder / "laplacian.sealed")
-    assert open_store(sphere, tmp_path).laplacian() is None
-
-
 def _hold(mesh: Mesh, root: Path, ready: Any, go: Any) -> None:
     store = open_store(mesh, root)
     fill(store, synthetic(mesh.n_vertices, 10), 5)

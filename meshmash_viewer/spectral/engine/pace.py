@@ -9,19 +9,14 @@ from meshmash_viewer.progress import Progress, ProgressCallback
 from meshmash_viewer.spectral.engine.basis import BLOCK
 from meshmash_viewer.spectral.engine.lanczos import usual_rows
 
-#: Time of the stages matrices and order, and of counting, in steps of an iteration: measured on
-#: meshes of 50 to 420 thousand vertices (`benchmarks/progress.py` measures the accuracy).
-_MATRICES, _COUNTS = 18.0, 14.0
+#: Time before each stage, in steps of an iteration: measured on meshes of 50 to 420 thousand
+#: vertices (`benchmarks/progress.py` measures the accuracy).
+_BEFORE = {"matrices": 0.0, "order": 18.0, "eigenpairs": 32.0}
 #: Steps of a slice relative to the usual number, and time after them relative to these steps, in
-#: which its pairs are rotated, refined, measured and written. (Its factor is mostly known from the
-#: counts.) These and the next two are fitted to measured times on the meshes of the benchmark.
+#: which its pairs are rotated, refined, measured and written.
 _OVER, _END = 1.26, 0.26
-#: Exponent of the time as a function of the steps: they take longer with a larger basis.
-_GROWTH = 1.12
-#: Number of steps after which the time left is extrapolated from them.
-_MIN_STEPS = 16.0
 #: Minimum seconds between two reports without new pairs.
-_INTERVAL = 0.25
+_INTERVAL = 0.1
 #: Messages of stages before pairs are found.
 _MESSAGES = {
     "matrices": "Preparing the solver (the first run after an installation compiles it)",
@@ -45,68 +40,48 @@ class Pace:
     def __init__(
         self, progress: ProgressCallback | None, pairs: int, sizes: Callable[[int], list[float]]
     ) -> None:
-        self.began = time.perf_counter()
+        self.began = self._reported = self._end = time.perf_counter()
         self._progress = progress
         self._sizes = sizes
-        self._pairs, self._expected = pairs, self._steps_for(pairs)
-        self._before = self._done = self._taken = self._fraction = 0.0
-        self._last: Progress | None = None
-        self._reported = self._end = self.began
-        self._slices_began: float | None = None
-
-    def _steps_for(self, pairs: int) -> float:
-        rows = [usual_rows(size) for size in self._sizes(pairs)]
-        return _OVER * (1.0 + _END) * sum(rows) / BLOCK
+        self._fraction = 0.0
+        self._stage, self._done, self._total = "matrices", 0, 0
+        self.begin_slices(pairs)
+        self._is_sliced = False
 
     def begin_slices(self, pairs: int) -> None:
         """Start the last stage: slices with so many pairs."""
-        self._pairs, self._expected = pairs, self._steps_for(pairs)
-        self._slices_began = time.perf_counter()
+        self._pairs, self._is_sliced = pairs, True
+        self._steps = _OVER * sum(usual_rows(size) for size in self._sizes(pairs)) / BLOCK
 
     def stage(self, name: str) -> None:
         """Report the start of a stage before pairs are found."""
-        if name == "order":
-            self._before = _MATRICES
-        self._report(name, 0, 0, 0)
+        self._stage = name
+        self._report(0)
 
     def pairs(self, done: int, total: int, steps: int) -> None:
         """Report the number of final pairs, after a number of steps in slices."""
-        self._before = _MATRICES + _COUNTS
-        self._report("eigenpairs", done, total, steps)
+        self._stage, self._done, self._total = "eigenpairs", done, total
+        self._report(steps)
 
     def step(self, steps: int) -> None:
         """Report a number of steps in slices without new pairs."""
-        if self._last is not None and time.perf_counter() > self._reported + _INTERVAL:
-            self._report(self._last.stage, self._last.converged, self._last.total, steps)
+        if time.perf_counter() > self._reported + _INTERVAL:
+            self._report(steps)
 
-    def _report(self, stage: str, done: int, total: int, steps: int) -> None:
+    def _report(self, steps: int) -> None:
         if self._progress is None:
             return
         now = self._reported = time.perf_counter()
+        done, total = self._done, self._total
         # The end of a slice has no steps: it is complete when its pairs are final.
-        sliced = total and self._slices_began is not None  # after the null space
-        found = max(done - (total - self._pairs), 0) / max(self._pairs, 1) if sliced else 0.0
-        taken = min(steps + found * self._expected * _END / (1.0 + _END), self._expected)
-        if taken > _MIN_STEPS and self._slices_began is not None:
-            if taken > self._taken:
-                spent = now - self._slices_began
-                self._end = self._slices_began + spent * (self._expected / taken) ** _GROWTH
-            remaining = max(self._end - now, 0.075 * (now - self.began))
-            fraction = (now - self.began) / (now - self.began + remaining)
-        else:
-            fraction = (self._before + taken) / (_MATRICES + _COUNTS + self._expected)
-            remaining = None
-            if fraction:
-                # Without a new report the estimate is not increased.
-                if self._before + taken > self._done:
-                    self._done = self._before + taken
-                    self._end = self.began + (now - self.began) / fraction
-                remaining = max(self._end - now, 0.0)
-        self._taken = max(taken, self._taken)
-        if total and done == total:
-            fraction, remaining = 1.0, 0.0
-        # The fraction never decreases.
-        fraction = self._fraction = max(fraction, self._fraction)
-        message = f"{done} of {total} eigenpairs" if total else _MESSAGES.get(stage, stage)
-        self._last = Progress(stage, fraction, remaining, message, done, total)
-        self._progress(self._last)
+        found = max(done - (total - self._pairs), 0) if self._is_sliced else 0
+        ended = min(found / max(self._pairs, 1), 1.0)
+        taken = min(steps, self._steps) + _END * self._steps * ended
+        whole = _BEFORE["eigenpairs"] + (1.0 + _END) * self._steps
+        fraction = 1.0 if total and done == total else (_BEFORE[self._stage] + taken) / whole
+        if fraction > self._fraction:  # it never decreases, nor is the estimated end moved later
+            self._fraction = fraction
+            self._end = self.began + (now - self.began) / fraction
+        remaining = max(self._end - now, 0.0) if self._fraction else None
+        message = f"{done} of {total} eigenpairs" if total else _MESSAGES[self._stage]
+        self._progress(Progress(self._stage, self._fraction, remaining, message, done, total))
