@@ -25,8 +25,6 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Seconds for the tests of one file; a fault that takes longer counts as noticed.
-PATIENCE = 240
 COMPARISONS = {
     ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq,
     ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
@@ -103,7 +101,7 @@ def tests_of(tree: Path, module: str) -> list[str]:
     return list(dict.fromkeys([*same, *(name for name in table if (tree / name).exists())]))
 
 
-def outcome(copy: Path, module: str, slow: bool) -> str:
+def outcome(copy: Path, module: str, slow: bool, patience: float) -> str:
     """Which tests notice what is wrong with a copy of the tree; "survived" if none does."""
     environment = {**os.environ, "PYTHONPATH": str(copy)}
     chosen = () if slow else ("-m", "not slow")
@@ -113,7 +111,7 @@ def outcome(copy: Path, module: str, slow: bool) -> str:
         command = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider", *chosen, file]
         try:
             done = subprocess.run(
-                command, cwd=copy, env=environment, capture_output=True, timeout=PATIENCE
+                command, cwd=copy, env=environment, capture_output=True, timeout=patience
             )
         except subprocess.TimeoutExpired:
             return f"timeout: {file}"
@@ -130,6 +128,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--first", type=int, default=0, help="go on from this one")
     parser.add_argument("--tree", type=Path, default=ROOT, help="a checkout")
+    parser.add_argument("--patience", type=float, default=240, help="seconds for a file of tests")
     parser.add_argument("--slow", action="store_true", help="run slow tests as well")
     options = parser.parse_args()
     chosen = random.Random(options.seed).sample(all_faults(options.tree), options.count)
@@ -144,7 +143,7 @@ def main() -> None:
             path, began = copy / "meshmash_viewer" / name, time.monotonic()
             whole = path.read_bytes()
             path.write_bytes(module)
-            found = outcome(copy, name, options.slow)
+            found = outcome(copy, name, options.slow, options.patience)
             path.write_bytes(whole)
             shares[found.partition(":")[0]] += 1
             seconds = round(time.monotonic() - began)

@@ -526,6 +526,7 @@ def test_render_draws(
     )
 
 
+@pytest.mark.slow
 def test_maps_are_columns_and_pictures(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:

@@ -95,6 +95,7 @@ def test_heat_kernel_signature_of_the_sphere():
     np.testing.assert_allclose(hks, np.broadcast_to(expected, hks.shape), rtol=0.02)
 
 
+@pytest.mark.slow
 def test_squares_of_the_whole_spectrum_sum_to_one_over_the_area(neuron, matrices):
     stiffness, mass = matrices
     eigenvalues, eigenvectors = decompose_laplacian(stiffness, mass, neuron.n_vertices)

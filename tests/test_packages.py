@@ -79,6 +79,7 @@ def installed(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFact
     return scripts
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_the_package_whole(archives: tuple[Path, Path]) -> None:
     tracked = {
         path.relative_to(ROOT).as_posix()
@@ -98,6 +99,7 @@ def test_the_wheel_holds_the_package_whole(archives: tuple[Path, Path]) -> None:
     assert any(line.startswith("potpourri3d") for line in needed), "the Distance tab's default"
 
 
+@pytest.mark.slow
 def test_the_source_archive_holds_examples_pages_and_tests(archives: tuple[Path, Path]) -> None:
     with tarfile.open(archives[0]) as archive:
         held = {name.partition("/")[2] for name in archive.getnames()}

@@ -144,7 +144,10 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     return window.opening.second_view
 
 
-@pytest.mark.parametrize(("name", "mesh"), [("other", OTHER), ("strange", STRANGE)])
+@pytest.mark.parametrize(
+    ("name", "mesh"),
+    [("other", OTHER), pytest.param("strange", STRANGE, marks=pytest.mark.slow)],
+)
 def test_figures_are_the_librarys(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, mesh: mv.Mesh
 ) -> None:
@@ -501,7 +504,11 @@ def test_a_closed_second_mesh_is_let_go(
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("broken.ply", "broken.ply"), ("small.npz", "above zero to be compared")]
+    ("name", "said"),
+    [
+        pytest.param("broken.ply", "broken.ply", marks=pytest.mark.slow),
+        ("small.npz", "above zero to be compared"),
+    ],
 )
 def test_what_cannot_be_compared_costs_a_sentence(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str

@@ -125,6 +125,7 @@ def test_windows_of_this_display_have_opengl(qapp: object) -> None:
     assert has_opengl()
 
 
+@pytest.mark.slow
 def test_without_opengl_the_window_says_so_in_its_bar() -> None:
     said = run(UNDRAWN, QT_XCB_GL_INTEGRATION="none")
     assert said[0] == said[1]

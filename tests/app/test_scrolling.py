@@ -82,6 +82,7 @@ def test_two_hundred_notches_in_a_row(
     assert source.idle, "nothing is left in the queue"
 
 
+@pytest.mark.slow
 def test_a_film_has_its_nodal_lines_in_every_picture(
     qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -182,6 +182,7 @@ def test_keys_on_the_sliders_lengthen_the_sum_and_morph(window: MainWindow) -> N
     np.testing.assert_allclose(drawn(window), between, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_what_is_on_the_mesh_goes_with_it(window: MainWindow) -> None:
     vertex = 17

@@ -338,6 +338,7 @@ def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
     assert document.spectrum.alignment is not None
 
 
+@pytest.mark.slow
 def test_compute_need_not_wait_for_a_preview_and_runs_once(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:

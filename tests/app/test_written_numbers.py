@@ -72,6 +72,7 @@ def test_numbers_and_units_in_the_fields_of_the_panels(window: MainWindow) -> No
         assert window.stage.hasFocus(), name
 
 
+@pytest.mark.slow
 def test_what_may_be_two_numbers_changes_nothing(window: MainWindow) -> None:
     for kind, name, text in (
         ("eigenfunction", "target_wavelength_spin", "18,800"),

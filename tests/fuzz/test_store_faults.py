@@ -21,6 +21,7 @@ def test_every_fault_is_found_and_only_what_it_touched_is_written_again(seed: in
             mend(truth, fault)
 
 
+@pytest.mark.slow
 def test_what_a_fault_touched_is_computed_again() -> None:
     truth = make_store(blanket(2500), 60, 3, solved=True)
     other = make_store(blanket(2500, seed=1), 60, 3, solved=True)

@@ -95,6 +95,7 @@ assert not [name for name in sys.modules if name.startswith("PySide6")]
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="displays are Linux's own affair")
 def test_no_display_and_no_qt_are_needed(tmp_path: Path) -> None:
     path = tmp_path / "picture.png"

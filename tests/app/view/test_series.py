@@ -53,6 +53,7 @@ def drawing_of(mesh: Mesh) -> MeshRenderer:
     return drawing
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Path) -> None:
     shots = eigenfunctions(plate, range(1, 30, 7))
     series = draw_series(drawing_of(plate), SIZE, shots, Display())
