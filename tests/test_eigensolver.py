@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import threading
 import time
@@ -19,7 +18,6 @@ from tiers import slow_but
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
-from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.cost import estimate_memory
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import Decomposition, iterate, solve
@@ -425,16 +423,6 @@ def test_a_certificate_says_what_it_lacks() -> None:
         assert not wanting.complete
         assert said in wanting.lacks[0]
         assert f"not proven complete: {wanting.lacks[0]}" in wanting.sentence(5)
-
-
-def test_a_certificate_goes_through_json() -> None:
-    certificate = solve(*random_mesh(16), 30).certificate
-    written = json.loads(json.dumps(certificate.as_dict("mm")))
-    assert (written["complete"], written["lacks"], written["unit"]) == (True, [], "mm⁻²")
-    assert Certificate.from_dict(written) == certificate
-    for name, value in (("counted", "30"), ("residual", None), ("method", "hope")):
-        with pytest.raises(ValueError, match="certificate"):
-            Certificate.from_dict({**written, name: value})
 
 
 def test_rows_in_float32_take_smaller_slices_and_less_memory() -> None:

@@ -7,6 +7,7 @@ a file is replaced or deleted; a program that has the file mapped prevents it un
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import hashlib
 import os
@@ -19,7 +20,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import IO, TypeVar
 
 from meshmash_viewer.errors import InputError
 
@@ -34,6 +35,10 @@ _OWNED = re.compile(_SCRATCH + r"([0-9a-f]{8})-(\d+)-")
 _FORGOTTEN = 86_400.0
 #: Seconds for which an operation that another program prevents is retried, and between retries.
 _PATIENCE, _PAUSE = 1.0, 0.05
+#: Zeros written at a time.
+_CHUNK = 1 << 20
+#: Error codes of file systems that cannot allocate blocks in advance.
+_NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
 
 _T = TypeVar("_T")
 
@@ -170,6 +175,39 @@ def _machine() -> str:
         with contextlib.suppress(OSError):
             marks.append(os.readlink(name) if os.path.islink(name) else Path(name).read_text())
     return hashlib.sha256("\n".join(marks).encode()).hexdigest()[:8]
+
+
+def make_room(path: Path, size: int) -> None:
+    """Make a file or extend it with zeros to `size` bytes, with disk blocks allocated.
+
+    Raises
+    ------
+    OSError
+        If the disk is full. Without allocated blocks, a write into a map of it would then crash the
+        process.
+    """
+    with path.open("ab", buffering=0) as file:
+        before = file.tell()
+        try:
+            _fill(file, before, size - before)
+            os.fsync(file.fileno())
+        except BaseException:
+            file.truncate(before)
+            raise
+
+
+def _fill(file: IO[bytes], start: int, size: int) -> None:
+    if size > 0 and hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(file.fileno(), start, size)
+        except OSError as fault:
+            if fault.errno not in _NOT_SUPPORTED:
+                raise
+        else:
+            return
+    zeros = bytes(min(max(size, 0), _CHUNK))
+    while size > 0:
+        size -= file.write(zeros[:size])
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from meshmash_viewer.folders import cache_folder
 from meshmash_viewer.io.atomic import LEFT_OVER, discard
-from meshmash_viewer.io.sealed import read_sealed
+from meshmash_viewer.io.published import Published
 
 if sys.platform == "win32":
     import msvcrt
@@ -216,13 +216,13 @@ def _tidy_store(folder: Path) -> bool:
     for name in names:
         if name.startswith(LEFT_OVER):
             discard(folder / name)
-    with contextlib.suppress(ValueError, KeyError):  # damaged, which the next read reports
-        found = read_sealed(folder / PAIRS, folder.name).arrays if PAIRS in names else {}
-        published = 8 * n_vertices * len(found.get("eigenvalues", ()))
+    with contextlib.suppress(ValueError, KeyError, TypeError):  # damaged: the next read says so
+        found = Published.read(folder / PAIRS, folder.name) if PAIRS in names else Published()
+        published = 8 * n_vertices * len(found)
         rows = folder / ROWS
         if rows.exists() and rows.stat().st_size > published:
             os.truncate(rows, published)  # allocated for pairs that were not computed
-    return not any(name.endswith(".sealed") for name in names)
+    return PAIRS not in names
 
 
 def _last_used(folder: Path) -> int:

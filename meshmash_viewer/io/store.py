@@ -1,8 +1,8 @@
 """Eigenpairs on disk: written by one process, read by others, identified by content.
 
 The folder of a store is named after its mesh and operator. It holds the eigenvectors, contiguous
-rows of float64 without a header, so that they are mapped as one array, and a sealed file (see
-`meshmash_viewer.io.sealed`) with the eigenvalues, residuals and checksums of the published rows.
+rows of float64 without a header, so that they are mapped as one array, and a file (see
+`meshmash_viewer.io.published`) with the eigenvalues, residuals and checksums of the published rows.
 That file is replaced atomically after new rows have been flushed to the disk, and published rows
 are not written again, so that they survive a kill, a power failure and a resumed run. Always a
 leading part of the spectrum is stored: rows from the first damaged one on are computed again.
@@ -20,7 +20,7 @@ import shutil
 import zlib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.atomic import persistently, written_whole
+from meshmash_viewer.io.atomic import make_room, persistently, written_whole
 from meshmash_viewer.io.cache import (
     DEFAULT_CAP,
     FORMAT,
@@ -39,7 +39,7 @@ from meshmash_viewer.io.cache import (
     FileLock,
     folder_size,
 )
-from meshmash_viewer.io.sealed import read_sealed, write_sealed
+from meshmash_viewer.io.published import Published
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -51,10 +51,6 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Zeros written at a time.
-_CHUNK = 1 << 20
-#: Error codes of file systems that cannot allocate blocks in advance.
-_NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
 #: Threads that compare checksums, and bytes that each has in memory at a time.
 _THREADS, _BLOCK = 2, 1 << 18
 #: Exceptions raised by reading a damaged or wrong file.
@@ -69,57 +65,6 @@ class StoreUnusable(InputError):
 
 class StoreBusy(StoreUnusable):
     """Another process is computing the same eigenpairs into the same folder."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Published:
-    """Content of the file that is replaced at every publication.
-
-    Parameters
-    ----------
-    eigenvalues, residuals : ndarray of float64, shape (k,)
-    checksums : ndarray of uint32, shape (k,)
-        CRC-32 of each row.
-    mass : ndarray of float64, shape (n,)
-    n_proven : int
-        Number of leading pairs of the last complete run; its certificate and timings follow.
-    known_to : float
-        The threshold of that run; 0 without one.
-    """
-
-    eigenvalues: FloatArray = field(default_factory=lambda: np.zeros(0))
-    residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
-    checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
-    mass: FloatArray = field(default_factory=lambda: np.zeros(0))
-    n_proven: int = 0
-    certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
-    timings: dict[str, float] = field(default_factory=dict)
-    known_to: float = 0.0
-
-    def __len__(self) -> int:
-        return len(self.eigenvalues)
-
-    def first(self, count: int) -> _Published:
-        """Return the part about the first pairs."""
-        return replace(
-            self,
-            eigenvalues=self.eigenvalues[:count],
-            residuals=self.residuals[:count],
-            checksums=self.checksums[:count],
-            n_proven=min(self.n_proven, count),
-            known_to=self.known_to if self.n_proven <= count else 0.0,
-        )
-
-    def write(self, path: Path, key: str) -> None:
-        content = {**vars(self), "certificate": self.certificate.as_dict()}
-        names = ("eigenvalues", "residuals", "checksums", "mass")
-        write_sealed(path, key, content, {name: content.pop(name) for name in names})
-
-    @classmethod
-    def read(cls, path: Path, key: str) -> _Published:
-        sealed = read_sealed(path, key)
-        content = {**sealed.content, **sealed.arrays}
-        return cls(**content | {"certificate": Certificate.from_dict(content["certificate"])})
 
 
 class EigenpairStore:
@@ -167,7 +112,7 @@ class EigenpairStore:
         self._lock = FileLock(self._cache.lock_path(key))
         self.damage = ""
         #: What is published, as far as it is intact.
-        self._published = _Published()
+        self._published = Published()
         #: All rows, mapped for writing, and the identity of their file, to detect a replaced one.
         self._rows: np.memmap[Any, np.dtype[np.float64]] | None = None
         self._opened: os.stat_result | None = None
@@ -245,9 +190,9 @@ class EigenpairStore:
 
     def _read(self) -> None:
         """Read what is published; rows are not read."""
-        self._published, self.damage = _Published(), ""
+        self._published, self.damage = Published(), ""
         try:
-            found = _Published.read(self.folder / PAIRS, self.folder.name)
+            found = Published.read(self.folder / PAIRS, self.folder.name)
             size = (self.folder / ROWS).stat().st_size if len(found) else 0
         except (FileNotFoundError, NotADirectoryError):
             if (self.folder / PAIRS).exists():
@@ -343,7 +288,7 @@ class EigenpairStore:
         elif self.damage:
             # before rows behind the damaged one are written
             self._published.write(self.folder / PAIRS, self.folder.name)
-        _make_room(path, 8 * highest * self.n_vertices)
+        make_room(path, 8 * highest * self.n_vertices)
         # of the open file, as it is compared: on Windows the device differs for the path
         with path.open("rb") as file:
             self._opened = os.fstat(file.fileno())
@@ -465,36 +410,3 @@ class EigenpairStore:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _make_room(path: Path, size: int) -> None:
-    """Make a file or extend it with zeros to `size` bytes, with disk blocks allocated.
-
-    Raises
-    ------
-    OSError
-        If the disk is full. Without allocated blocks, a write into the map would then crash the
-        process.
-    """
-    with path.open("ab", buffering=0) as file:
-        before = file.tell()
-        try:
-            _fill(file, before, size - before)
-            os.fsync(file.fileno())
-        except BaseException:
-            file.truncate(before)
-            raise
-
-
-def _fill(file: IO[bytes], start: int, size: int) -> None:
-    if size > 0 and hasattr(os, "posix_fallocate"):
-        try:
-            os.posix_fallocate(file.fileno(), start, size)
-        except OSError as fault:
-            if fault.errno not in _NOT_SUPPORTED:
-                raise
-        else:
-            return
-    zeros = bytes(min(max(size, 0), _CHUNK))
-    while size > 0:
-        size -= file.write(zeros[:size])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.io.atomic import discard
+from meshmash_viewer.io.atomic import discard, make_room
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MeshReady
@@ -67,12 +66,8 @@ def _write_preview(mesh: Mesh, path: Path, notes: Path, channel: Channel) -> boo
 
     def allocate(k: int, n: int) -> npt.NDArray[np.float32]:
         # straight into the file that the window maps
-        rows = np.memmap(path, np.float32, "w+", shape=(k, n))
-        if hasattr(os, "posix_fallocate"):
-            # a full disk raises here; at the write into the mapping it would crash the process
-            with path.open("rb+") as file:
-                os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
-        return rows
+        make_room(path, 4 * k * n)
+        return np.memmap(path, np.float32, "r+", shape=(k, n))
 
     n_pairs = mesh.n_components + _pairs(mesh)
     found = preview_eigenpairs(mesh, n_pairs, allocate=allocate, cancel=channel.cancelled)

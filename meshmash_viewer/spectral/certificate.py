@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
-from meshmash_viewer.units import counted, format_quantity, format_range, power_unit
+from meshmash_viewer.units import counted, format_quantity, format_range
 
 #: How eigenvalues were counted: by the signs of a factorization (Sylvester's law of inertia), from
 #: the dense matrix, as one zero for each connected component, or not at all.
@@ -121,23 +121,3 @@ class Certificate:
             f"orthonormality {self.orthonormality:.0e}",
         ]
         return " · ".join([*parts, *([self.remark] if self.remark else [])])
-
-    def as_dict(self, unit: str = "") -> dict[str, Any]:
-        """Return certificate and verdict as a dictionary for JSON; lengths are in `unit`."""
-        verdict = {"complete": self.complete, "lacks": list(self.lacks)}
-        return {**asdict(self), "unit": power_unit(unit, -2), **verdict}
-
-    @classmethod
-    def from_dict(cls, given: dict[str, Any]) -> Certificate:
-        """Build a certificate from the output of `as_dict`; raise `ValueError` if it is invalid."""
-        number = (int, float)
-        kinds: dict[str, Any] = {"bound": (*number, type(None)), "low": (*number, type(None))}
-        kinds |= dict.fromkeys(("method", "precision", "remark"), str)
-        kinds |= dict.fromkeys(("counted", "found", "residual_index"), int)
-        kinds |= dict.fromkeys(("residual", "orthonormality"), number)
-        for name, kind in kinds.items():
-            if name not in given or not isinstance(given[name], kind):
-                raise ValueError(f"a certificate without a proper {name}")
-        if given["method"] not in Method.__args__ or given["precision"] not in _TOLERANCES:  # type: ignore[attr-defined]
-            raise ValueError("a certificate of an unknown method or precision")
-        return cls(**{name: given[name] for name in kinds})

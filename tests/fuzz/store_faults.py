@@ -228,8 +228,8 @@ class Mutator:
         """Change a character of the JSON, the length staying the same."""
         path = self._any_file(sealed=True)
         content = bytearray(path.read_bytes())
-        begin = content.index(b'{"key"')
-        text = content[begin : begin + 60]  # the key and something of what follows
+        begin = content.index(b'{"n_proven"')
+        text = content[begin : begin + 60]  # a number and something of what follows
         digits = [i for i, c in enumerate(text) if chr(c).isdigit()]
         place = begin + int(self._rng.choice(digits))
         choices = [c for c in b"0123456789" if c != content[place]]
