@@ -696,9 +696,9 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     assert (dialog.job().family.export, dialog.job().family.count) == ("wks", 12)
     dialog.pairs_spin.setValue(2)  # the constant and one more, which leave no range of energies
     assert "more eigenpairs" in dialog.contents_label.text()
-    assert not dialog.export_button.isEnabled()
+    assert not dialog.accept_button.isEnabled()
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
-    assert dialog.export_button.isEnabled()
+    assert dialog.accept_button.isEnabled()
     dialog.pairs_spin.setValue(10)
     assert "× 10 columns" in dialog.contents_label.text()
     job = dialog.job()
@@ -708,7 +708,7 @@ def test_the_export_dialog_says_what_the_file_will_contain(
         "ball_eigenpairs.npz",
     )
     dialog.file_row.edit.setText(str(tmp_path / "nowhere" / "x.npz"))
-    dialog.export_button.click()
+    dialog.accept_button.click()
     assert dialog.result() != QDialog.DialogCode.Accepted
     assert dialog.remark_label.text()
     dialog.deleteLater()

@@ -161,7 +161,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
     out = tmp_path / "out.csv"
     dialog.file_row.edit.selectAll()
     QTest.keyClicks(dialog.file_row.edit, str(out))
-    QTest.mouseClick(dialog.export_button, LEFT)
+    QTest.mouseClick(dialog.accept_button, LEFT)
     qtbot.waitUntil(out.exists, timeout=PATIENCE)
     rest(qtbot, window)
     assert "at all 206 vertices of the mesh file" in said(window)

@@ -178,7 +178,7 @@ def test_open_compute_scroll_tune_inspect_export(
     dialog = window.findChild(QDialog, "export_dialog")
     dialog.file_row.edit.setText(str(tmp_path / "out.npz"))
     assert dialog.kind == "hks"
-    QTest.mouseClick(dialog.export_button, LEFT)
+    QTest.mouseClick(dialog.accept_button, LEFT)
     wait(lambda: (tmp_path / "out.npz").exists() and document.job is None)
     assert "written to" in window.stage.message_bar.notice.text
     with np.load(tmp_path / "out.npz") as archive:

@@ -10,7 +10,6 @@ from PySide6.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
     QLabel,
-    QPushButton,
     QTableWidget,
     QTableWidgetItem,
     QWidget,
@@ -92,9 +91,8 @@ class ExportDialog(SaveDialog):
         self._possible = True
         self._missing = ""
         suggested = folder / f"{self._mesh.name or 'mesh'}_hks.npz"
-        super().__init__(
-            "export", "Export", FileRow(suggested, FORMATS[0].pattern, FORMATS[0].ending), parent
-        )
+        file_row = FileRow(suggested, FORMATS[0].pattern, FORMATS[0].ending)
+        super().__init__("export", "Export", file_row, parent, ("Export", "export_button"))
         labels = {kind: family.export_label or family.label for kind, family in EXPORTS.items()}
         self.kind_combo = make.combo("export_kind_combo", "What to export", entries=labels)
         most = len(self._spectrum)
@@ -158,9 +156,6 @@ class ExportDialog(SaveDialog):
         self._pairs_row = names["Made from"], self.pairs_spin
         for widget in (names["After repairs"], repaired):
             widget.setVisible(bool(document.repairs))
-        self.export_button = self.accept_button = theme.named(
-            QPushButton("Export"), "export_button", role="primary"
-        )
         self._arrange(
             grid(
                 *zip(names.values(), rows.values(), strict=True),

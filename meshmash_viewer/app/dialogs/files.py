@@ -12,6 +12,8 @@ from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFileDialog,
+    QLabel,
+    QLayout,
     QPushButton,
     QWidget,
 )
@@ -20,7 +22,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.file_row import FileRow
-from meshmash_viewer.app.controls.layout import Part, column
+from meshmash_viewer.app.controls.layout import Part, column, grid
 from meshmash_viewer.app.controls.spin import typed_fields
 from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
@@ -30,17 +32,26 @@ from meshmash_viewer.model.document import Document
 class SaveDialog(QDialog):
     """Asks for a file among other things; it stays open while the file cannot be written.
 
-    Subclasses make `accept_button`, and lay out their widgets by `_arrange`. `kind` is what is
-    written, as in `check_output`, and the prefix of the names of the widgets.
+    Subclasses lay out their widgets by `_arrange` or `_arrange_rows`. `kind` is what is written, as
+    in `check_output`, and the prefix of the names of the widgets; `accept` is text and name of the
+    button that writes.
     """
 
-    accept_button: QPushButton
-
-    def __init__(self, kind: str, title: str, file_row: FileRow, parent: QWidget | None) -> None:
+    def __init__(
+        self,
+        kind: str,
+        title: str,
+        file_row: FileRow,
+        parent: QWidget | None,
+        accept: tuple[str, str] = ("Save", ""),
+    ) -> None:
         super().__init__(parent)
         theme.named(self, f"{kind}_dialog").setWindowTitle(title)
         self.file_row = file_row
         self.remark_label = reserved_note(f"{kind}_remark_label", 2)
+        text, name = accept
+        name = name or f"{kind}_save_button"
+        self.accept_button = theme.named(QPushButton(text), name, role="primary")
         self._output = kind
         self._refused = False
 
@@ -48,6 +59,12 @@ class SaveDialog(QDialog):
     def path(self) -> Path:
         """Where to write."""
         return self.file_row.path
+
+    def _arrange_rows(self, *rows: tuple[str, QWidget | QLayout]) -> None:
+        """Lay out labelled rows, the last of them file and remark."""
+        file = ("File", self.file_row), ("", self.remark_label)
+        parts = ((QLabel(text) if text else None, part) for text, part in (*rows, *file))
+        self._arrange(grid(*parts, spacing=(theme.MARGIN, theme.GAP)))
 
     def _arrange(self, *parts: Part, spacing: int = theme.MARGIN) -> None:
         """Lay out the parts above the two buttons."""

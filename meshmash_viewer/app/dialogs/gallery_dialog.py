@@ -73,7 +73,7 @@ class GalleryDialog(SeriesDialog):
 
     def _build(self) -> None:
         self.range.changed.connect(self._delay.start)
-        self.count_label = theme.named(QLabel(), "gallery_count_label", role="muted")
+        self.count_label = make.label("gallery_count_label", role="muted")
         self.list = theme.named(_Thumbnails(), "gallery_list", "Thumbnails", role="gallery")
         self.list.itemClicked.connect(self._go)
         self.list.itemActivated.connect(self._go)

@@ -8,9 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtGui import QStandardItemModel
-from PySide6.QtWidgets import QComboBox, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.controls.spin import DecimalField, WholeField
@@ -66,7 +67,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     # -- building -----------------------------------------------------------------------------
 
     def _build(self) -> None:
-        self.motion_combo = theme.named(QComboBox(), "movie_motion_combo", "What moves")
+        self.motion_combo = make.combo("movie_motion_combo", "What moves")
         self.motion_combo.addItem("", _SWEEP)
         self.motion_combo.addItem("Once around the mesh", _TURN)
         self.range_label = QLabel("Columns")
@@ -80,8 +81,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
             minimum=0.05, maximum=3600.0, decimals=2, suffix=" s", value=TURN_SECONDS,
             objectName="movie_seconds_spin", accessibleName="Length in seconds",
         )  # fmt: skip
-        self.length_label = theme.named(QLabel(), "movie_length_label", "Length", role="value")
-        self.accept_button = theme.named(QPushButton("Save"), "movie_save_button", role="primary")
+        self.length_label = make.label("movie_length_label", "Length", role="value")
         self._inputs = (
             self.motion_combo, self.range, self.width_spin, self.height_spin, self.rate_spin,
             self.seconds_spin, self.format_combo, self.file_row,
@@ -109,8 +109,10 @@ class MovieDialog(SeriesDialog, FormatDialog):
 
     def _pixels(self, name: str, text: str, value: int) -> WholeField:
         # steps keep sizes even, which MP4 requires; odd ones can be typed
-        spin = WholeField(minimum=16, maximum=_LARGEST, suffix=" px", value=value, singleStep=2)
-        return theme.named(spin, name, f"{text} in pixels")
+        return make.spin(
+            name, f"{text} in pixels", minimum=16, maximum=_LARGEST, suffix=" px", value=value,
+            singleStep=2, keyboardTracking=True,
+        )  # fmt: skip
 
     # -- what was chosen ----------------------------------------------------------------------
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
-from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
-from meshmash_viewer.app.controls.layout import grid, row
+from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.controls.spin import WholeField
 from meshmash_viewer.app.dialogs.files import FormatDialog, SaveDialog
 from meshmash_viewer.app.view.scene import missing_pages
@@ -58,25 +58,17 @@ class PictureDialog(SaveDialog):
         self._sizes = [screen, (2 * screen[0], 2 * screen[1]), *(size for _, size in _PRESETS)]
         texts = [f"As on screen, {screen[0]} × {screen[1]}", "Twice the screen"]
         texts += [text for text, _ in _PRESETS]
-        self.preset_combo = theme.named(QComboBox(), "picture_preset_combo", "Size of the picture")
+        self.preset_combo = make.combo("picture_preset_combo", "Size of the picture")
         self.preset_combo.addItems([*texts, "Custom"])
         self.width_spin = self._spin("picture_width_spin", "Width", screen[0])
         self.height_spin = self._spin("picture_height_spin", "Height", screen[1])
-        self.transparent_check = theme.named(
-            QCheckBox("Transparent background"), "picture_transparent_check"
+        self.transparent_check = make.check(
+            "Transparent background", "picture_transparent_check", ""
         )
         self.preset_combo.currentIndexChanged.connect(self._take_preset)
-        self.accept_button = theme.named(QPushButton("Save"), "picture_save_button", role="primary")
         size_row = row(self.width_spin, QLabel("×"), self.height_spin, None)
-        self._arrange(
-            grid(
-                (QLabel("Size"), self.preset_combo),
-                (None, size_row),
-                (None, self.transparent_check),
-                (QLabel("File"), file_row),
-                (None, self.remark_label),
-                spacing=(theme.MARGIN, theme.GAP),
-            )
+        self._arrange_rows(
+            ("Size", self.preset_combo), ("", size_row), ("", self.transparent_check)
         )
         if before is not None:
             self.preset_combo.setCurrentIndex(before.preset)
@@ -93,9 +85,10 @@ class PictureDialog(SaveDialog):
         return PictureChoice(self.path, size, preset.currentIndex(), transparent)
 
     def _spin(self, name: str, text: str, value: int) -> WholeField:
-        spin = WholeField(minimum=16, maximum=_LARGEST, suffix=" px", value=value)
-        spin.valueChanged.connect(self._note_custom)
-        return theme.named(spin, name, f"{text} in pixels")
+        return make.spin(
+            name, f"{text} in pixels", self._note_custom, minimum=16, maximum=_LARGEST,
+            suffix=" px", value=value, keyboardTracking=True,
+        )  # fmt: skip
 
     def _take_preset(self, at: int) -> None:
         if at < len(self._sizes):
@@ -114,15 +107,7 @@ class SceneDialog(FormatDialog):
 
     def __init__(self, path: Path, parent: QWidget | None = None) -> None:
         super().__init__("scene", "Save scene", path, _SCENES, _missing_for, "trame", parent)
-        self.accept_button = theme.named(QPushButton("Save"), "scene_save_button", role="primary")
-        self._arrange(
-            grid(
-                (QLabel("Format"), self.format_combo),
-                (QLabel("File"), self.file_row),
-                (None, self.remark_label),
-                spacing=(theme.MARGIN, theme.GAP),
-            )
-        )
+        self._arrange_rows(("Format", self.format_combo))
         self.setMinimumWidth(520)
         self._refresh_remark()
 

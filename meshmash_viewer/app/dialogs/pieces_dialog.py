@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PySide6.QtWidgets import QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.file_row import FileRow
-from meshmash_viewer.app.controls.layout import grid
 from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FEATURES
@@ -42,7 +41,8 @@ class PiecesDialog(SaveDialog):
         patterns = " ".join(f"*{ending}" for ending in WRITERS)
         path = folder / f"{mesh.name or 'mesh'}_pieces.npz"
         row = FileRow(path, f"Tables ({patterns})", ".npz")
-        super().__init__("features", "Compute in pieces", row, parent)
+        accept = "Compute", "pieces_compute_button"
+        super().__init__("features", "Compute in pieces", row, parent, accept)
         theme.named(self, "pieces_dialog")
         labels = {name: family.label for name, family in self._families.items()}
         self.family_combo = make.combo("pieces_family_combo", "Feature", entries=labels)
@@ -59,18 +59,8 @@ class PiecesDialog(SaveDialog):
             keyboardTracking=True,
         )
         self.size_label = make.label("pieces_size_label", wordWrap=True, role="muted")
-        self.accept_button = theme.named(
-            QPushButton("Compute"), "pieces_compute_button", role="primary"
-        )
-        self._arrange(
-            grid(
-                (QLabel("Feature"), self.family_combo),
-                (QLabel("Pieces"), self.count_spin),
-                (None, self.size_label),
-                (QLabel("File"), self.file_row),
-                (None, self.remark_label),
-                spacing=(theme.MARGIN, theme.GAP),
-            )
+        self._arrange_rows(
+            ("Feature", self.family_combo), ("Pieces", self.count_spin), ("", self.size_label)
         )
         self.setMinimumWidth(560)
         self.count_spin.valueChanged.connect(self._show_size)
