@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+from written_annotations import Written
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
@@ -80,6 +81,11 @@ def test_a_small_window_has_room_for_what_matters(
     assert beside.top / ratio - 20 >= title - 16
     tops = [scene.display_point(vertex).y() for vertex in range(document.mesh.n_vertices)]
     assert min(tops) - 20 >= title - 16
+    width, height, ratio = scene.plotter.pixels()
+    written = Written(scene.renderer, (width, height), ratio)
+    quantity = written.texts[scene.renderer.caption.quantity][1]
+    for _, below, _, tall in written.strips:  # with its unit above
+        assert below + tall + 22 * ratio < quantity - 12, "the colour bar begins below the title"
 
 
 @pytest.mark.parametrize("size", [(900, 600), (1000, 700), (1440, 900)])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from vtkmodules.vtkRenderingContext2D import vtkBrush, vtkPen
-from vtkmodules.vtkRenderingCore import vtkTextProperty
+from written_annotations import Written
 
 from meshmash_viewer.app.view.annotations import Caption, title_size
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -30,29 +29,6 @@ def shown(title: str = "Eigenfunction 5", quantity: str = "λ₅ = 1", **field: 
     return renderer
 
 
-class Written:
-    """What a frame of a size has: texts with their places, rectangles, and places of strips."""
-
-    def __init__(self, drawing: MeshRenderer, size: tuple[int, int] = SIZE) -> None:
-        self.texts: dict[str, tuple[float, float]] = {}
-        self.rectangles: list[tuple[float, ...]] = []
-        self.strips: list[tuple[float, ...]] = []
-        pen, brush, look = vtkPen(), vtkBrush(), vtkTextProperty()
-        self.GetPen, self.GetBrush, self.GetTextProp = lambda: pen, lambda: brush, lambda: look
-        self.DrawEllipse = self.DrawPolygon = lambda *_: None
-        drawing.prepare(*size, max(size[0] / 1000, 1.0))
-        drawing.annotations.Paint(None, self)
-
-    def DrawString(self, x: float, y: float, text: str) -> None:
-        self.texts[text] = x, y
-
-    def DrawRect(self, *place: float) -> None:
-        self.rectangles.append(place)
-
-    def DrawImage(self, place, _image) -> None:
-        self.strips.append((place.GetX(), place.GetY(), place.GetWidth(), place.GetHeight()))
-
-
 def difference(one: MeshRenderer, other: MeshRenderer, size: tuple[int, int] = SIZE) -> np.ndarray:
     """Rows and columns of the pixels in which two pictures differ, as low, high of each."""
     pictures = [draw_picture(renderer, size).astype(int) for renderer in (one, other)]
@@ -61,7 +37,7 @@ def difference(one: MeshRenderer, other: MeshRenderer, size: tuple[int, int] = S
 
 
 def test_labels_of_the_bar_stand_where_their_values_are_and_share_a_power_of_ten(qapp) -> None:
-    written = Written(shown(limits=(-1.3e-5, 2.6e-5)))
+    written = Written(shown(limits=(-1.3e-5, 2.6e-5)), SIZE)
     assert "×10⁻⁵ nm⁻¹" in written.texts
     ((_, below, _, tall),) = written.strips
     for text in ("-1", "0", "1", "2"):
@@ -94,7 +70,7 @@ def test_the_bar_shows_the_colours_of_the_field(qapp) -> None:
 def test_no_value_is_said_where_there_is_one_without(qapp) -> None:
     complete, missing = shown(), shown(values=np.array([np.nan, 0.0, 0.0, 0.0]))
     for drawing, said in ((complete, False), (missing, True)):
-        written = Written(drawing)
+        written = Written(drawing, SIZE)
         assert ("no value" in written.texts) == said
         assert len(written.strips) == 1 + said
 
@@ -102,7 +78,7 @@ def test_no_value_is_said_where_there_is_one_without(qapp) -> None:
 @pytest.mark.parametrize("size", [(1000, 750), (2000, 1500), (1000, 1200)])
 def test_the_scale_bar_is_as_long_as_it_says(qapp, size: tuple[int, int]) -> None:
     renderer = shown()
-    written = Written(renderer, size)
+    written = Written(renderer, size, size[0] / 1000)
     long = max(width for _, _, width, _ in written.rectangles)
     camera = renderer.renderer.GetActiveCamera()
     millimetres = long * 2.0 * camera.GetParallelScale() / size[1]
@@ -127,7 +103,7 @@ def test_the_title_is_at_its_place_in_any_size_and_drawn_for_it(qapp, scale: int
 
 def test_a_title_too_long_for_the_picture_ends_in_an_ellipsis(qapp) -> None:
     renderer = shown("Eigenfunction of a mesh with a very long name " * 3)
-    text = max(Written(renderer).texts, key=len)
+    text = max(Written(renderer, SIZE).texts, key=len)
     assert text.endswith("…")
     assert text_size(text, 15, True)[0] <= SIZE[0] - 32
 
