@@ -3,6 +3,7 @@ stored with the field, that it had last."""
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,6 +12,8 @@ from PySide6.QtCore import QObject
 
 from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.parameter import Refused
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 
@@ -20,6 +23,11 @@ Looks: TypeAlias = dict[str, dict[str, Any]]
 
 def _key(path: Path) -> str:
     return str(path.absolute())
+
+
+def _position(family: Family) -> dict[str, Any]:
+    known = family.plain()
+    return {name: known[name] for name in family.position if name in known}
 
 
 class LastState(QObject):
@@ -79,7 +87,9 @@ class LastLook(QObject):
             self._state.keep(
                 kind=display.kind,
                 fields={
-                    name: {each: getattr(family, each) for each in family.position}
+                    name: {
+                        each: at for each, at in family.plain().items() if each in family.position
+                    }
                     for name, family in display.fields.items()
                 },
             )
@@ -105,8 +115,10 @@ class LastLook(QObject):
         if look is None or spectrum is None or not len(spectrum):
             return
         for name, place in look.get("fields", {}).items():
-            if name in display.fields:
-                display.put(replace(display.fields[name], **place).within(spectrum))
+            family = display.fields.get(name)
+            with contextlib.suppress(Refused):  # of settings that another program has changed
+                if family is not None:
+                    display.put(replace(family, **family.entries()(place)).within(spectrum))
         family = display.fields.get(str(look.get("kind")))
         if family is not None and family.usable:
             display.kind = family.name

@@ -231,7 +231,6 @@ def _computed_features(
     found = family.compute_features(
         pairs,
         mesh,
-        mesh.area,
         bound,
         drop_first=options.drop_first,
         tail=options.tail,

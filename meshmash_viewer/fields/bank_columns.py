@@ -12,6 +12,7 @@ from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features, sum_squares, truncated_features
 from meshmash_viewer.fields.family import (
     Answer,
+    Cancel,
     ColumnArray,
     Description,
     Family,
@@ -22,7 +23,6 @@ from meshmash_viewer.fields.family import (
     Table,
 )
 from meshmash_viewer.fields.parameter import Whole, parameter
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import counted
@@ -73,15 +73,10 @@ class BankFamily(Family):
         return ""
 
     def compute_features(
-        self,
-        pairs: Eigenpairs | None,
-        mesh: Mesh,
-        area: float | None = None,
-        bound: float | None = None,
-        **summed: Any,
+        self, pairs: Eigenpairs | None, mesh: Mesh, bound: float | None = None, **summed: Any
     ) -> Features:
         assert pairs is not None
-        bank = self.bank(pairs.eigenvalues, area, bound)
+        bank = self.bank(pairs.eigenvalues, mesh.area, bound)
         return truncated_features(pairs, bank, unit=mesh.unit, **summed)
 
     def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
@@ -121,7 +116,7 @@ class Columns(Family):
         """`index`, limited to the last column."""
         return min(max(self.index, 0), self.count - 1)
 
-    def columns(self, spectrum: Eigenpairs, cancel: CancelCallback | None = None) -> ColumnArray:
+    def columns(self, spectrum: Eigenpairs, cancel: Cancel = None) -> ColumnArray:
         """Compute all columns, shape (count, n)."""
         raise NotImplementedError
 
@@ -169,9 +164,7 @@ class Columns(Family):
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         return table is not None and table.holds(self.at_rest(), spectrum)
 
-    def prepare(
-        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
-    ) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
         return Table(spectrum, self.at_rest(), self.columns(spectrum, cancel))
 
 
@@ -183,7 +176,7 @@ class BankColumns(Columns, BankFamily):
         """Return the labels of the axes of the profile, bottom and left."""
         raise NotImplementedError
 
-    def columns(self, spectrum: Eigenpairs, cancel: CancelCallback | None = None) -> ColumnArray:
+    def columns(self, spectrum: Eigenpairs, cancel: Cancel = None) -> ColumnArray:
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
         return np.asarray(sum_squares(spectrum.rows, weights, cancel=cancel))
 

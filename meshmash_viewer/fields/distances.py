@@ -23,6 +23,7 @@ from meshmash_viewer.features.distances import (
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.fields.family import (
     Answer,
+    Cancel,
     ColumnArray,
     Description,
     Family,
@@ -40,7 +41,6 @@ from meshmash_viewer.fields.parameter import (
     Whole,
     parameter,
 )
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.units import counted, format_quantity
 
@@ -169,7 +169,7 @@ class Distances(Family):
                 return Answer(self._root(content.at(2.0 * self.time_in(spectrum)), spectrum))
         return None if self.measure == "geodesic" else Answer(self._sum(spectrum, None))
 
-    def _sum(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> ColumnArray:
+    def _sum(self, spectrum: Eigenpairs, cancel: Cancel) -> ColumnArray:
         """Compute distances by the sum over all pairs."""
         weights = spectral_weights(self.measure, spectrum.eigenvalues, self._time(spectrum))
         squares = sum_squares(self._rows(spectrum), weights[None], cancel=cancel)[0]
@@ -200,9 +200,7 @@ class Distances(Family):
         same = replace(table.family, time=None) == replace(self, time=None)
         return same and same_pairs(table.spectrum, spectrum)
 
-    def prepare(
-        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
-    ) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
         content: Any
         if self.measure == "geodesic":
             assert spectrum.mesh is not None
@@ -252,12 +250,7 @@ class Distances(Family):
         check_vertices(mesh, self._origins)
 
     def compute_features(
-        self,
-        pairs: Eigenpairs | None,
-        mesh: Mesh,
-        area: float | None = None,
-        bound: float | None = None,
-        **summed: Any,
+        self, pairs: Eigenpairs | None, mesh: Mesh, bound: float | None = None, **summed: Any
     ) -> Features:
         """Compute the exported columns from all nonzero pairs; `summed` is ignored."""
         time = None

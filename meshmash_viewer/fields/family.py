@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
+Cancel: TypeAlias = CancelCallback | None
 
 #: Maximum number of exported columns.
 MOST_COUNT = 1024
@@ -394,9 +395,7 @@ class Family(Parameters):
         """Whether the table is up to date."""
         return True
 
-    def prepare(
-        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
-    ) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
         """Build the table, maybe from one `before` that serves.
 
         `Cancelled` is raised after `cancel` returns True.
@@ -431,17 +430,12 @@ class Family(Parameters):
         """Raise `InputError` if the mesh does not have a required vertex or map."""
 
     def compute_features(
-        self,
-        pairs: Eigenpairs | None,
-        mesh: Mesh,
-        area: float | None = None,
-        bound: float | None = None,
-        **summed: Any,
+        self, pairs: Eigenpairs | None, mesh: Mesh, bound: float | None = None, **summed: Any
     ) -> Features:
         """Compute the exported columns; `pairs` is None if they are not needed.
 
-        `area` is that of the mesh, for a range if all eigenvalues are zero, `bound` the threshold
-        of the computation; `summed` goes to `meshmash_viewer.features.sums.compute_features`.
+        `bound` is the threshold of the computation; `summed` goes to
+        `meshmash_viewer.features.sums.compute_features`.
         """
         raise NotImplementedError
 

@@ -22,6 +22,7 @@ from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, formula_b
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankFamily
 from meshmash_viewer.fields.family import (
     Answer,
+    Cancel,
     Description,
     Family,
     FloatArray,
@@ -33,7 +34,6 @@ from meshmash_viewer.fields.family import (
 )
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.parameter import Flag, Kind, Named, Number, Text, Whole, parameter
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.units import format_number, format_quantity, named_quantity
@@ -232,9 +232,7 @@ class Filters(BankFamily):
             return False
         return bool(table.content.rests(self.weights(spectrum)))
 
-    def prepare(
-        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
-    ) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
         near = before.content if before else build_pair_table(spectrum, cancel)
         near = near.rest(self.weights(spectrum), spectrum.rows, cancel)
         return Table(spectrum, self.at_rest(), near)

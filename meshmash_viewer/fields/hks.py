@@ -17,6 +17,7 @@ from meshmash_viewer.fields.bank_columns import BankFamily, estimated_pairs
 from meshmash_viewer.fields.family import (
     MOST_COUNT,
     Answer,
+    Cancel,
     Description,
     Family,
     FloatArray,
@@ -29,7 +30,6 @@ from meshmash_viewer.fields.family import (
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.parameter import ABOVE_ZERO, Flag, Number, Whole, parameter
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
 from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
@@ -168,9 +168,7 @@ class HeatKernelSignature(BankFamily):
         covers = table is not None and table.content.covers(*self.range(spectrum))
         return covers and table is not None and table.spectrum is spectrum
 
-    def prepare(
-        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
-    ) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
         content = build_heat_table(spectrum, self.range(spectrum), cancel)
         return Table(spectrum, self.at_rest(), content)
 

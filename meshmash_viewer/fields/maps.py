@@ -20,6 +20,7 @@ from meshmash_viewer.features.map_spectrum import (
 from meshmash_viewer.features.sums import fill_in_parts
 from meshmash_viewer.fields.family import (
     Answer,
+    Cancel,
     ColumnArray,
     Description,
     Family,
@@ -33,7 +34,6 @@ from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.parameter import MOST_INDEX, MOST_NAME, Choice, Text, Whole, parameter
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
 from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.surface.curvature import DIRECTION_FAULT
@@ -213,9 +213,7 @@ class OwnMaps(Family):
             return near is not None and bool(near.rests(self.filter.weights(spectrum)))
         return self.view != "band" or table.content.bands is not None
 
-    def prepare(
-        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
-    ) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
         if before is not None and before.holds(self.at_rest(), spectrum):
             return self._resting(before, cancel)
         values = self._shown_map(spectrum)
@@ -229,7 +227,7 @@ class OwnMaps(Family):
             bands = np.where(nowhere, np.float32(np.nan), strongest)
         return self._resting(Table(spectrum, self.at_rest(), _Sums(found, bands)), cancel)
 
-    def _resting(self, table: Table, cancel: CancelCallback | None) -> Table:
+    def _resting(self, table: Table, cancel: Cancel) -> Table:
         """Add the exact sum for the present filter, and the table of approximations."""
         if self.filter is not None and not table.spectrum.small:
             content, spectrum = table.content, table.spectrum

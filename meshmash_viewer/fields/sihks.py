@@ -127,12 +127,7 @@ class ScaleInvariantHKS(Columns):
     # -- files --------------------------------------------------------------------------------
 
     def compute_features(
-        self,
-        pairs: Eigenpairs | None,
-        mesh: Mesh,
-        area: float | None = None,
-        bound: float | None = None,
-        **summed: Any,
+        self, pairs: Eigenpairs | None, mesh: Mesh, bound: float | None = None, **summed: Any
     ) -> Features:
         """Compute the exported columns, for which no truncation error is known."""
         assert pairs is not None

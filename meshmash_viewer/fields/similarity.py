@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.bank_columns import FEATURES, BankFamily
-from meshmash_viewer.fields.family import Answer, Description, Family, Table
+from meshmash_viewer.fields.family import Answer, Cancel, Description, Family, Table
 from meshmash_viewer.fields.parameter import Choice, Whole, parameter
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew
 
 #: Neglected share of the variance: its error of 2e-3 is half a step of colour.
@@ -76,9 +75,7 @@ class Similarity(Family):
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         return table is not None and table.holds(self._features(), spectrum)
 
-    def prepare(
-        self, spectrum: Eigenpairs, cancel: CancelCallback | None, before: Table | None = None
-    ) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
         features = self._features()
         bank = features.bank(spectrum.eigenvalues)
         return Table(spectrum, features, build_similarity_table(spectrum, bank, cancel))
@@ -130,7 +127,7 @@ class SimilarityTable:
 def build_similarity_table(
     spectrum: Eigenpairs,
     response: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]],
-    cancel: CancelCallback | None = None,
+    cancel: Cancel = None,
 ) -> SimilarityTable:
     """Compute features, standardise them, and rotate them to their principal directions.
 
