@@ -169,6 +169,7 @@ def test_every_format_gives_the_same_mesh(name: str, tmp_path: Path) -> None:
     assert mesh.unit == ("mm" if name in ("mesh.surf.gii", "lh.pial") else "")
 
 
+@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize(
     "name", [name for name in WRITERS if Path(name).suffix + ".gz" in READABLE_ENDINGS]
 )
@@ -248,6 +249,7 @@ def test_obj_lines_may_end_as_on_old_macs(tmp_path: Path) -> None:
     assert read_mesh(path).faces.tolist() == [[0, 1, 2]]
 
 
+@pytest.mark.usefixtures("read_here")
 def test_vtk_strips_polygons_and_grids(tmp_path: Path) -> None:
     points = "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET {kind}\nPOINTS 5 float\n"
     points += "0 0 0 1 0 0 1 1 0 0 1 0 0.5 2 0\n"
@@ -297,6 +299,7 @@ def test_stl_joins_residues_but_not_neighbours(tmp_path: Path) -> None:
     assert read_mesh(path).n_vertices == 4
 
 
+@pytest.mark.usefixtures("read_here")
 def test_scene_is_placed_by_its_transforms(tmp_path: Path) -> None:
     import trimesh
 
