@@ -11,8 +11,8 @@ from meshmash_viewer.progress import CancelCallback, Cancelled
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Faces whose boxes are computed at a time, and boxes whose faces are tested at a time.
-_CHUNK, _OPENED = 60_000, 24
+#: Boxes whose faces are tested at a time.
+_OPENED = 24
 #: Relative margins of boxes and of faces, so that no ray passes between two of them.
 _BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
 
@@ -46,9 +46,8 @@ class RayTarget:
         self._points = points
         self._faces = faces
         self._group = max(16, int(np.sqrt(len(faces)) / 16.0))
-        n_groups = -(-len(faces) // self._group)
-        self._low = np.empty((3, n_groups))
-        self._high = np.empty((3, n_groups))
+        starts = np.arange(0, len(faces), self._group)
+        self._low, self._high = np.empty((2, 3, len(starts)))
         self._order = np.zeros(0, dtype=np.int32)
         self._size = 1.0
         if len(faces) == 0:
@@ -56,15 +55,13 @@ class RayTarget:
         # keys of 32 bits are sorted in half the time
         key = curve_order(points)[faces[:, 0]].astype(np.uint32)
         self._order = np.argsort(key).astype(np.int32)
-        step = self._group * max(1, _CHUNK // self._group)
-        for start in range(0, len(faces), step):
+        ordered = faces[self._order]
+        for axis in range(3):
             if cancel is not None and cancel():
                 raise Cancelled
-            corners = points[faces[self._order[start : start + step]]]
-            firsts = np.arange(0, len(corners), self._group)
-            part = slice(start // self._group, start // self._group + len(firsts))
-            self._low[:, part] = np.minimum.reduceat(corners.min(axis=1), firsts).T
-            self._high[:, part] = np.maximum.reduceat(corners.max(axis=1), firsts).T
+            corners = points[:, axis][ordered]
+            self._low[axis] = np.minimum.reduceat(corners.min(axis=1), starts)
+            self._high[axis] = np.maximum.reduceat(corners.max(axis=1), starts)
         extent = self._high.max(axis=1) - self._low.min(axis=1)
         self._size = float(np.linalg.norm(extent)) or 1.0
         margin = _BOX_MARGIN * float(extent.max())
