@@ -28,6 +28,7 @@ from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.engine.run import Run
 
 
 @pytest.fixture(autouse=True)
@@ -350,9 +351,9 @@ def test_no_fault_ends_a_batch(
     def failing(*arguments: object, **options: object) -> object:
         if arguments[0].shape == (642, 642):  # type: ignore[attr-defined]
             raise fault
-        return solve(*arguments, **options)  # type: ignore[arg-type]
+        return Run(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("meshmash_viewer.spectral.eigensolver.solve", failing)
+    monkeypatch.setattr("meshmash_viewer.spectral.engine.run.Run", failing)
     arguments = ("features", ball, tmp_path / "absent.ply", sheet, "--count", 9)
     said = run(capsys, *arguments, "-o", f"{tmp_path / 'out'}/")
     assert said[0] == status
@@ -404,9 +405,9 @@ def test_stored_eigenpairs_are_not_computed_again(
 
     def counted(*arguments: object, **options: object) -> object:
         runs.append(1)
-        return solve(*arguments, **options)  # type: ignore[arg-type]
+        return Run(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("meshmash_viewer.spectral.eigensolver.solve", counted)
+    monkeypatch.setattr("meshmash_viewer.spectral.engine.run.Run", counted)
     out = tmp_path / "out.npz"
     for options in ((), ("--kind", "geometry-vectors"), ("--no-robust",)):
         assert run(capsys, "features", ball, "--count", 9, *options, "-o", out)[0] == 0
