@@ -89,18 +89,8 @@ def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
 def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
     """Unroll triangle strips, keeping the orientation of each one's first triangle.
 
-    Triangles that name a vertex twice are the joints of a strip and are left out.
-
-    Parameters
-    ----------
-    indices : ndarray of int64, shape (sum(counts),)
-        Corners of all strips, one strip after the other.
-    counts : ndarray of int64, shape (s,)
-        Corners of each strip; those with fewer than three are left out.
-
-    Returns
-    -------
-    ndarray of int64, shape (m, 3)
+    Triangles that name a vertex twice are the joints of a strip and are left out. `indices` are the
+    corners of all strips, one strip after the other, `counts` how many each has.
     """
     start, step = _runs_of_three(counts)
     first, odd = start + step, step % 2

@@ -41,20 +41,9 @@ def movie_file(
 ) -> Iterator[Add]:
     """Write a movie; the file appears when the body has ended, and not at all if that raises.
 
-    Parameters
-    ----------
-    path : str or Path
-        With one of `MOVIE_ENDINGS`.
-    size : (int, int)
-        Width and height in pixels.
-    rate : float
-        Frames per second.
-    n_frames : int
-
-    Yields
-    ------
-    callable
-        Takes the next frame, uint8 of shape (height, width, 3), first row on top.
+    The path has one of `MOVIE_ENDINGS`, the size is width and height in pixels, and the rate in
+    frames per second. What is yielded takes the next frame, uint8 of shape (height, width, 3),
+    first row on top.
 
     Raises
     ------

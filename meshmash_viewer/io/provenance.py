@@ -129,17 +129,11 @@ _FIRST, _NEXT = "meshmash-viewer ", "meshmash-viewer+ "
 
 
 def comment_lines(meta: str, keyword: str) -> Iterator[str]:
-    """Split the text of `provenance` into comment lines of at most 500 characters.
+    """Split the JSON text of `provenance` into comment lines of at most 500 characters.
 
-    Lines after the first begin with ``meshmash-viewer+``. None begins or ends with a space of the
-    text, which other programs may drop.
-
-    Parameters
-    ----------
-    meta : str
-        JSON, one line of ASCII without spaces between items.
-    keyword : str
-        Prefix of a comment line: "comment" in PLY, "#" in OBJ.
+    Lines begin with a keyword, "comment" in PLY and "#" in OBJ, and after the first one with
+    ``meshmash-viewer+``. None begins or ends with a space of the text, which other programs may
+    drop.
     """
     # all spaces are within strings; repeated ones, and those at the end of a line, are escaped
     meta = meta.replace("  ", " " + _SPACE)

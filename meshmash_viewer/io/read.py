@@ -64,18 +64,15 @@ READERS: dict[str, Reader] = {
 READERS |= plug_ins("readers", READERS)
 
 
-def limits_of_size(path: Path) -> ReadLimits:
-    """Return the limits for a file that is not compressed as a whole."""
-    return ReadLimits.of(path.stat().st_size)
-
-
 #: Formats that are packed or refer to other files are not found gzipped.
 _NEVER_GZIPPED = (".npz", ".gltf", ".glb")
 
 #: Limits of formats whose libraries crash or never end on some broken files, or whose files may
 #: unpack to much more than their size; None where a file is harmless.
 _LIMITS: dict[Reader, Callable[[Path], ReadLimits | None]] = {
-    **dict.fromkeys((read_vtp, read_legacy_vtk, read_gifti), limits_of_size),
+    **dict.fromkeys(
+        (read_vtp, read_legacy_vtk, read_gifti), lambda path: ReadLimits.of(path.stat().st_size)
+    ),
     read_gltf: gltf_limits,
     read_npz: npz_limits,
 }
@@ -142,7 +139,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             maps = [each for each in raw.maps if each.last >= 0 or len(each.values) == n]
             known, _, unusable = checked_maps(maps, n)
             mesh = Mesh(
-                scaled_vertices(raw.vertices, voxel) if voxel != NO_VOXEL else raw.vertices,
+                scaled_vertices(raw.vertices, voxel),
                 raw.faces,
                 unit=raw.unit or "" if given_unit is None else given_unit,
                 name=mesh_name(path),

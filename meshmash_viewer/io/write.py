@@ -248,7 +248,6 @@ def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
     Parameters
     ----------
     path : str or Path
-        Ends in ".png".
     pixels : ndarray of uint8, shape (height, width, 3 or 4)
         RGB or RGBA, first row on top.
 
@@ -319,16 +318,7 @@ def _ranges(indices: npt.NDArray[np.int64]) -> list[list[int]]:
 
 
 def unused_path(path: str | Path) -> Path:
-    """Find a path at which there is no file.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    Path
-        `path`, or if that exists the first free one with a number: `hks_2.npz` for `hks.npz`.
+    """Return a path, or if it exists the first free one with a number: `hks_2.npz` for `hks.npz`.
 
     Examples
     --------
