@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import (
@@ -54,42 +53,29 @@ def read_ply(path: Path) -> RawMesh:
     is_text, elements, start = _parse_header(data)
     columns_of_each = (_text_body if is_text else _binary_body)(elements, data, start)
     said = stated_comment(_comments(data[:start]))
-    names = names_of_properties(said)
-    vertices = None
-    maps: tuple[RawMap, ...] = ()
-    polygons: list[tuple[IntArray, IntArray]] = []
-    strips: list[IntArray] = []
+    columns_of: dict[str, list[Columns]] = {}
     for element, columns in zip(elements, columns_of_each, strict=True):
-        if element.name == "vertex":
-            if vertices is not None:
-                raise InputError("has two elements 'vertex'")
-            try:
-                axes = [columns[axis] for axis in "xyz"]
-            except KeyError:
-                raise InputError("has vertices without x, y and z") from None
-            if any(isinstance(axis, tuple) for axis in axes):
-                raise InputError("has vertices without x, y and z")
-            vertices = np.column_stack(axes).astype(np.float64)
-            maps = tuple(
-                RawMap(names.get(name, name), values)
-                for name, values in columns.items()
-                if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
-            )[:MOST_MAPS]
-        elif element.name in ("face", "tristrips") and element.count:
-            corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
-            if not isinstance(corners, tuple):
-                raise InputError("has faces without a list of vertex indices")
-            indices = _whole(corners[0])
-            if element.name == "face":
-                polygons.append((indices, corners[1]))
-            else:
-                strips.append(strip_triangles(*_without_breaks(indices, corners[1])))
-    if vertices is None:
-        raise InputError("has no vertices")
-    faces = [triangulate(vertices, *each) for each in polygons] + strips
-    triangles = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
-    structure = stated_structure(said)
-    return RawMesh(vertices, triangles, stated_unit(said), maps, structure=structure)
+        if element.name == "vertex" or element.count:
+            columns_of.setdefault(element.name, []).append(columns)
+    of_vertices = columns_of.get("vertex", [])
+    if len(of_vertices) != 1:
+        raise InputError("has two elements 'vertex'" if of_vertices else "has no vertices")
+    axes = [of_vertices[0].get(axis) for axis in "xyz"]
+    if any(axis is None or isinstance(axis, tuple) for axis in axes):
+        raise InputError("has vertices without x, y and z")
+    vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
+    names = names_of_properties(said)
+    maps = [
+        RawMap(names.get(name, name), values)
+        for name, values in of_vertices[0].items()
+        if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
+    ]
+    faces = [triangulate(vertices, *_corners(each)) for each in columns_of.get("face", [])]
+    for each in columns_of.get("tristrips", []):
+        faces.append(strip_triangles(*_without_breaks(*_corners(each))))
+    triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
+    unit, structure = stated_unit(said), stated_structure(said)
+    return RawMesh(vertices, triangles, unit, tuple(maps[:MOST_MAPS]), structure=structure)
 
 
 def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:
@@ -108,11 +94,15 @@ def _binary_body(elements: list[Element], data: bytes, start: int) -> list[Colum
     return columns
 
 
-def _whole(indices: npt.NDArray[Any]) -> IntArray:
-    whole = indices.astype(np.int64)
-    if indices.dtype.kind == "f" and not np.array_equal(whole, indices):
+def _corners(columns: Columns) -> tuple[IntArray, IntArray]:
+    """Return the corners of all faces, and how many each has."""
+    corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
+    if not isinstance(corners, tuple):
+        raise InputError("has faces without a list of vertex indices")
+    whole = corners[0].astype(np.int64)
+    if corners[0].dtype.kind == "f" and not np.array_equal(whole, corners[0]):
         raise InputError("has a face with a vertex index that is no whole number")
-    return whole
+    return whole, corners[1]
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
