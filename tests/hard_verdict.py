@@ -34,7 +34,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine import run, workers
+from meshmash_viewer.spectral.engine import computation, workers
 
 __all__ = ["Verdict", "judge", "judge_seed", "through"]
 
@@ -123,7 +123,7 @@ def through(path: str) -> Iterator[None]:
         return free < 80 or 2.3 * owed + 72.0 > free
 
     changed: list[tuple[Any, str, Any]] = [
-        (run, "is_dense", is_dense),
+        (computation, "is_dense", is_dense),
         (workers, "is_dense", is_dense),
     ]
     if path == "thin slices":

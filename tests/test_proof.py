@@ -18,7 +18,7 @@ from meshmash_viewer.decompose import compute_hks, decompose_laplacian_by_bands
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
-from meshmash_viewer.spectral.engine import run
+from meshmash_viewer.spectral.engine.computation import Computation
 
 
 def path_graph(n: int, periodic: bool) -> Any:
@@ -258,7 +258,7 @@ def test_a_given_inverse_finds_the_pairs_and_a_poor_one_loses_none(
     good = LinearOperator((n, n), matvec=apply, dtype=np.float64)
     with monkeypatch.context() as alone:  # no other way is gone besides
         for name in ("_dense", "_sliced"):
-            alone.setattr(run.Run, name, None)
+            alone.setattr(Computation, name, None)
         result = solve(laplacian, np.ones(n), 12, sigma=sigma, op_inv=good)
     assert calls
     assert result.complete

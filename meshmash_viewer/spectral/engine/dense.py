@@ -3,49 +3,79 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine.pencil import Pencil
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def dense_pairs(pencil: Pencil, check: Callable[[], None]) -> tuple[FloatArray, Any]:
-    """Compute all pairs beyond the known null space: ascending values (r,) and sparse columns.
+class DenseSpectrum:
+    """All pairs of a small pencil.
 
     Components are solved one by one, since one may be a million times as stiff as another.
-    """
-    from scipy import sparse
-    from scipy.sparse.csgraph import connected_components
 
-    count, component = connected_components(pencil.matrix, directed=False)
-    places = np.split(
-        np.argsort(component, kind="stable"),
-        np.cumsum(np.bincount(component, minlength=count))[:-1],
-    )
-    values, columns, rows, starts = [], [], [], [0]
-    for place in places:
-        is_null = pencil.labels[place[0]] >= 0
-        if is_null and len(place) == 1:
-            continue
-        check()
-        matrix = pencil.matrix[place][:, place].toarray()
-        found, vectors = component_pairs(matrix, pencil.null_direction[place] if is_null else None)
-        kept = len(found)
-        values.append(found)
-        columns.append(vectors.T.ravel())
-        rows.append(np.tile(place, kept))
-        starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
-    if not values:
-        return np.zeros(0), sparse.csc_array((pencil.n, 0))
-    every = np.concatenate(values)
-    parts = (np.concatenate(columns), np.concatenate(rows), np.array(starts))
-    matrix = sparse.csc_array(parts, shape=(pencil.n, len(every)))
-    order = np.argsort(every, kind="stable")
-    return every[order], matrix[:, order]
+    Parameters
+    ----------
+    pencil : Pencil
+    check : callable
+        Called before each component.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+        Ascending; first the zeros of the known null space.
+
+    Raises
+    ------
+    InputError
+        If an eigenvalue is negative by more than rounding.
+    """
+
+    def __init__(self, pencil: Pencil, check: Callable[[], None]) -> None:
+        self._pencil = pencil
+        count, component = connected_components(pencil.matrix, directed=False)
+        places = np.split(
+            np.argsort(component, kind="stable"),
+            np.cumsum(np.bincount(component, minlength=count))[:-1],
+        )
+        values, columns, rows, starts = [np.zeros(0)], [np.zeros(0)], [np.zeros(0, int)], [0]
+        for place in places:
+            is_null = pencil.labels[place[0]] >= 0
+            if is_null and len(place) == 1:
+                continue
+            check()
+            matrix = pencil.matrix[place][:, place].toarray()
+            constant = pencil.null_direction[place] if is_null else None
+            found, vectors = component_pairs(matrix, constant)
+            kept = len(found)
+            values.append(found)
+            columns.append(vectors.T.ravel())
+            rows.append(np.tile(place, kept))
+            starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
+        every = np.concatenate(values)
+        order = np.argsort(every, kind="stable")
+        parts = (np.concatenate(columns), np.concatenate(rows), np.array(starts))
+        self._columns = sparse.csc_array(parts, shape=(pencil.n, len(every)))[:, order]
+        lowest = float(every.min(initial=0.0))
+        if lowest < -max(1e-6, 1e-9 * pencil.norm):
+            raise InputError(
+                f"The Laplacian has a negative eigenvalue, {lowest * pencil.unit:.4g}: it must "
+                "be positive semidefinite, as that of every mesh is."
+            )
+        self.values: FloatArray = np.concatenate([np.zeros(pencil.n_null), every[order]])
+
+    def rows(self, chosen: npt.NDArray[np.intp]) -> FloatArray:
+        """Return the eigenvectors of ascending indices, shape (k, n)."""
+        n_null = self._pencil.n_null
+        null, rest = chosen[chosen < n_null], chosen[chosen >= n_null]
+        constants = self._pencil.null_rows(len(null) and int(null[-1]) + 1)[null]
+        return np.concatenate([constants, self._columns[:, rest - n_null].toarray().T])
 
 
 def component_pairs(

@@ -11,10 +11,14 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
+from meshmash_viewer.spectral.engine.request import Request
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
+#: Largest entry of an eigenvector in float32, with a margin for products.
+_LARGEST_SINGLE = 1e30
 #: Inner products of neighbouring slices below this are not corrected.
 _TOUCHING = 1e-11
 #: Inner products with earlier slices above this are more than rounding.
@@ -57,6 +61,25 @@ class Output:
         self._mixture = np.zeros((_MIXTURES, pencil.n_all))
         self.mass = np.zeros(pencil.n_all)
         self.mass[pencil.active] = pencil.root_mass**2
+
+    @classmethod
+    def allocate(cls, pencil: Pencil, request: Request, k: int, n_kept: int) -> Output:
+        """Allocate the rows of k pairs, of which the first are those that a request knows."""
+        smallest, largest = pencil.root_mass.min(), pencil.root_mass.max()
+        if request.lean and not 1.0 / _LARGEST_SINGLE < smallest <= largest < _LARGEST_SINGLE:
+            raise InputError(
+                f"Eigenvectors of masses from {smallest**2:.3g} to {largest**2:.3g} have entries "
+                "beyond the range of float32: ask for float64, or scale the mesh."
+            )
+        if request.allocate is not None:
+            rows = request.allocate(k, pencil.n_all, n_kept)
+        else:
+            rows = np.empty((k, pencil.n_all), dtype=request.precision)
+            if request.known is not None:
+                rows[:n_kept] = request.known.rows[:n_kept]
+        if rows.shape != (k, pencil.n_all):
+            raise ValueError(f"{rows.shape} was allocated for {(k, pencil.n_all)}")
+        return cls(pencil, rows, request.max_eigenvalue)
 
     @property
     def total(self) -> int:

@@ -1,130 +1,74 @@
-"""Control of one decomposition: choice of the method, threads, reports and results."""
+"""Control of one decomposition: threads, reports and results."""
 
 from __future__ import annotations
 
 import queue
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
-from meshmash_viewer.spectral.engine.dense import dense_pairs, dense_residuals
-from meshmash_viewer.spectral.engine.factorization import (
-    FactorizationError,
-    OrderedPencil,
-    order_pencil,
-)
-from meshmash_viewer.spectral.engine.known import KnownPairs
-from meshmash_viewer.spectral.engine.lanczos import (
-    IntervalPairs,
-    find_pairs,
-    measure_pairs,
-    run_slices,
-)
-from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
+from meshmash_viewer.spectral.engine.computation import Computation
 from meshmash_viewer.spectral.engine.output import Output
 from meshmash_viewer.spectral.engine.pace import Pace
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
-from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.request import Request
-from meshmash_viewer.spectral.engine.workers import (
-    can_be_dense,
-    core_count,
-    is_dense,
-    slice_sizes,
-    worker_count,
-)
+from meshmash_viewer.spectral.engine.workers import slice_sizes
 
-FloatArray = npt.NDArray[np.float64]
-
-#: Relative rounding error by which an eigenvalue may exceed a threshold.
-_THRESHOLD_MARGIN = 1e-11
-#: Maximum number of additional pairs due to a multiple eigenvalue at the end of the count.
-_MOST_COPIES = 1000
-#: Number of pairs of the slice below a threshold that is an eigenvalue.
-_LAST_SLICE = 80
-#: Largest entry of an eigenvector in float32, with a margin for products.
-_LARGEST_SINGLE = 1e30
-#: Factor by which the highest border may be moved if its count is unreliable.
-_BEYOND = 1.25
+#: Number of pairs assumed for progress reports before it is known.
+_USUAL_PAIRS = 80
 #: Seconds between two calls of `cancel`.
 _INTERVAL = 0.05
 
 
 class Run:
-    """The computation of a request.
+    """The run of a request: one thread computes, and the calling one reports.
 
-    Attributes
-    ----------
-    output : Output
-        Results so far.
-    timings : dict of float
-    pace : Pace
-        Reports progress.
+    Raises
+    ------
+    InputError
+        If the matrices are invalid.
     """
 
-    output: Output
-
     def __init__(self, stiffness: Any, mass: Any, request: Request) -> None:
-        self.request = request
+        self._request = request
         n = max(np.shape(stiffness), default=0)
-        self._sizes = partial(slice_sizes, n, lean=request.lean, early=request.early)
-        self.pace = Pace(request.progress, request.n_components or _LAST_SLICE, self._sizes)
-        # Raises InputError for invalid matrices.
-        self.pencil = reduce_pencil(stiffness, mass)
-        self._count, self._remark = Certificate("none"), ""
-        self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.pace.began}
-        self._stop = np.zeros(1, dtype=np.uint8)
-        self._is_left = False
+        sizes = partial(slice_sizes, n, lean=request.lean, early=request.early)
+        self._pace = Pace(request.progress, request.n_components or _USUAL_PAIRS, sizes)
+        pencil = reduce_pencil(stiffness, mass)
         # Events from the computing thread to the waiting one: slices of final rows, reports to
         # be made, at the end an exception or None.
         self._events: queue.Queue[slice | Callable[[], None] | BaseException | None]
         self._events = queue.Queue()
-        self._ordered: OrderedPencil | None = None
-        self._plan: SpectrumPlan | None = None
-        # Computed here, since joblib's result depends on the calling thread.
-        self._cores = core_count() if request.n_jobs is None else 1
-        self._known: KnownPairs | None = None
-        self._n_kept = 0
+        self._computation = Computation(pencil, request, self._pace, sizes, self._events.put)
+        self._computation.timings["matrices"] = time.perf_counter() - self._pace.began
+
+    @property
+    def output(self) -> Output:
+        """Results so far."""
+        return self._computation.output
 
     def pairs(self) -> Eigenpairs:
         """Compute and return all pairs, with their certificate."""
         for _ in self.batches():
             pass
-        output = self.output
+        output, certificate = self.output, self._computation.certificate()
         if output.written != output.total:
             raise ArithmeticError(f"{output.written} of {output.total} eigenpairs found")
-        certificate = self._certificate()
+        seconds = time.perf_counter() - self._pace.began
         return replace(
             output.leading(output.total),
             rows=output.rows,
             certificate=certificate,
-            timings={**self.timings, "total": time.perf_counter() - self.pace.began},
-            known_to=(self.request.max_eigenvalue or 0.0) if certificate.complete else 0.0,
-        )
-
-    def _certificate(self) -> Certificate:
-        """Return the certificate of `output`, with the measured errors of its pairs."""
-        output = self.output
-        worst = int(np.argmax(output.residuals)) if output.total else 0
-        return replace(
-            self._count,
-            residual=float(output.residuals[worst]) if output.total else 0.0,
-            residual_index=worst,
-            orthonormality=output.orthonormality,
-            precision="float32" if self.request.lean else "float64",
-            remark=self._remark,
+            timings={**self._computation.timings, "total": seconds},
+            known_to=(self._request.max_eigenvalue or 0.0) if certificate.complete else 0.0,
         )
 
     def batches(self) -> Generator[slice, None, None]:
@@ -133,7 +77,7 @@ class Run:
         Another thread computes, so that this one can report progress and call `cancel`.
         """
         finder = threading.Thread(target=self._find, name="eigenpairs", daemon=True)
-        self.pace.stage("matrices")
+        self._pace.stage("matrices")
         with one_blas_thread():
             finder.start()
             try:
@@ -156,426 +100,28 @@ class Run:
                     else:
                         event()
             finally:
-                self._is_left = True
-                self._stop[0] = 1
+                self._computation.leave()
                 finder.join()
 
     def _find(self) -> None:
         """Compute, in the other thread."""
         try:
             with one_blas_thread():
-                for place in self._compute():
+                for place in self._computation.batches():
                     self._events.put(place)
             self._events.put(None)
         except BaseException as fault:  # noqa: BLE001 - raised in the waiting thread
-            if not self._is_left:
+            if not self._computation.is_left:
                 self._events.put(fault)
 
     def _publish(self, place: slice) -> None:
         """Report pairs that are final."""
         output = self.output
-        if self.request.on_pairs is not None:
-            self.request.on_pairs(output.leading(place.stop))
-        self.pace.pairs(place.stop, output.total, self._steps())
+        if self._request.on_pairs is not None:
+            self._request.on_pairs(output.leading(place.stop))
+        self._pace.pairs(place.stop, output.total, self._computation.steps)
 
     def _poll(self) -> None:
-        if self.request.cancel is not None and self.request.cancel():
+        if self._request.cancel is not None and self._request.cancel():
             raise Cancelled("the decomposition was cancelled")
-        self.pace.step(self._steps())
-
-    def _steps(self) -> int:
-        return 0 if self._ordered is None else self._ordered.steps
-
-    def _check(self) -> None:
-        """Raise `Cancelled` if the iterator has been closed."""
-        if self._is_left:
-            raise Cancelled("the iterator was closed")
-
-    def _resume(self) -> None:
-        """Continue after an error that stopped the slices, unless the iterator was closed."""
-        self._stop[0] = 0
-        self._check()
-
-    def _compute(self) -> Iterator[slice]:
-        try:
-            yield from self._compute_by_best_method()
-        except (ArithmeticError, FactorizationError, np.linalg.LinAlgError) as fault:
-            if self._plan is not None:
-                self._resume()
-                self._refuse_negative(self._plan)
-            raise UnprovenError(
-                f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
-                "differ too much in size; try robust=True, repair the mesh, or ask for "
-                "another number of pairs."
-            ) from fault
-
-    def _compute_by_best_method(self) -> Iterator[slice]:
-        if self.request.op_inv is not None:
-            pairs = self._through_given_inverse(self._order())
-            if pairs is not None:
-                yield from self._write_all(*pairs)
-                return
-        if self._is_dense(self.request.n_components or 0):
-            yield from self._dense()
-            return
-        try:
-            yield from self._sliced(self._ordered or self._order())
-        except (ArithmeticError, FactorizationError, np.linalg.LinAlgError):
-            # Published pairs are final; before that, a small mesh can be solved densely.
-            n_published = self.output.written if hasattr(self, "output") else 0
-            if n_published > self.pencil.n_null or not can_be_dense(self.pencil.n):
-                raise
-            self._resume()
-            yield from self._dense()
-
-    def _is_dense(self, wanted: int) -> bool:
-        return is_dense(self.pencil.n, self.pencil.n_null, wanted)
-
-    def _order(self) -> OrderedPencil:
-        started = time.perf_counter()
-        ordered = self._ordered = order_pencil(self.pencil)
-        self.pencil = ordered.pencil
-        self._spend("order", started)
-        self._events.put(partial(self.pace.stage, "order"))
-        return ordered
-
-    # -- the lowest pairs, or those around a value, slice by slice --------------------------------
-
-    def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
-        pencil, request = self.pencil, self.request
-        jobs = self._workers(ordered, request.n_components or 0)
-        plan = SpectrumPlan(ordered, self._stop, self._sizes, jobs)
-        self._plan = plan
-        started = time.perf_counter()
-        if request.target is not None:
-            yield from self._nearest(ordered, plan, request.target / pencil.unit)
-            return
-        known = KnownPairs.verified(request.known, ordered)
-        below, last_slice = 0.0, None
-        if request.max_eigenvalue is not None:
-            threshold = min(request.max_eigenvalue / pencil.unit, plan.top)
-            top = plan.settle(threshold)
-            ordered.solve_repeated(_BEYOND * top)
-            wanted = plan.count(top)
-            if wanted > plan.count(plan.settle(threshold, -1.0)):
-                below, last_slice = self._around_threshold(ordered, plan, threshold, top)
-                wanted = last_slice.interval.first + len(last_slice.values)
-        else:
-            assert request.n_components is not None
-            wanted = min(request.n_components, pencil.n)
-            top = 0.0
-            if wanted > pencil.n_null:
-                # `find_top` prepares the first slices, which known pairs make unnecessary.
-                find = plan.find_top if known is None else plan.find
-                top = find(wanted, wanted + max(4, wanted // 40))
-                ordered.solve_repeated(_BEYOND * top)
-        counted = plan.count(top)
-        self._spend("count", started)
-        if self._is_dense(wanted):
-            yield from self._dense()
-            return
-        sought = counted - (0 if ordered.repeated is None else ordered.repeated.count(top))
-        if top > 0.0 and sought > _MOST_COPIES + 2 * wanted:
-            raise UnprovenError(
-                f"{counted - wanted} more eigenvalues than the {wanted} requested are equal to "
-                f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
-            )
-        end, last = (top, wanted)
-        if last_slice is not None:
-            end, last = below, last_slice.interval.first
-        begin: float | None = 0.0
-        if known is not None:
-            first = min(len(known.values), last)
-            is_all = first == last == plan.count(end)
-            begin = end if is_all else known.border(plan, first)
-        yield from self._open(wanted, None if begin is None else known)
-        yield from self._place_null()
-        if wanted <= pencil.n_null:
-            self._refuse_negative(plan)
-            self._count = Certificate("inertia", counted, counted, top * pencil.unit)
-            if pencil.n_null:
-                self._count = Certificate("null space", pencil.n_null, pencil.n_null)
-            return
-        yield from self._slices(ordered, plan, begin or 0.0, end)
-        if last_slice is not None:
-            yield from self._place_slice(ordered, last_slice)
-        self._count = Certificate("inertia", counted, counted, top * pencil.unit)
-
-    def _around_threshold(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, threshold: float, top: float
-    ) -> tuple[float, IntervalPairs]:
-        """Return the start of the last slice, and its pairs, for a threshold at an eigenvalue.
-
-        It is computed first, since its values decide the number of pairs.
-        """
-        less = plan.count(plan.settle(threshold, -1.0)) - _LAST_SLICE
-        below = (
-            plan.settle(plan.find(less, less + _LAST_SLICE // 2))
-            if less > self.pencil.n_null
-            else 0.0
-        )
-        interval = plan.interval(below, top)
-        found = find_pairs(ordered, interval, self.request.tolerance, self._stop)
-        null = np.zeros(self.pencil.n_null if below == 0.0 else 0)
-        kept = self._kept(np.concatenate([null, found.values]), threshold) - len(null)
-        pairs = replace(
-            found,
-            values=found.values[:kept],
-            residuals=found.residuals[:kept],
-            rows=found.rows[:kept],
-        )
-        return below, pairs
-
-    def _refuse_negative(self, plan: SpectrumPlan) -> None:
-        if negative := plan.negative():
-            raise InputError(
-                f"The Laplacian has negative eigenvalues, {negative} of {self.pencil.n}: it must "
-                "be positive semidefinite, as that of every mesh is."
-            )
-
-    def _kept(self, values: FloatArray, threshold: float) -> int:
-        """Return the number of eigenvalues up to a threshold, with all copies of a multiple one."""
-        rounding = max(_THRESHOLD_MARGIN * threshold, self.pencil.noise)
-        kept = int(np.searchsorted(values, threshold + rounding, side="right"))
-        while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
-            kept += 1
-        copies = int(np.count_nonzero(np.abs(values - threshold) <= rounding))
-        if copies and threshold > rounding:
-            number = "which is" if copies == 1 else f"whose {copies} copies are"
-            self._remark = f"the threshold is an eigenvalue, {number} included"
-        return kept
-
-    def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
-        return self.request.n_jobs or worker_count(ordered, self._cores, pairs, self.request.lean)
-
-    def _slices(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
-    ) -> Iterator[slice]:
-        """Compute and write the pairs between two values.
-
-        That a border lies on an eigenvalue is detected when its slice is computed. The slices below
-        it are kept, and all further borders are counted on both sides.
-        """
-        if low >= high:
-            return
-        started = time.perf_counter()
-        jobs = self._workers(ordered, plan.count(high))
-        self._events.put(partial(self.pace.begin_slices, plan.count(high) - plan.count(low)))
-        for settled in (False, True):
-            try:
-                for pairs in run_slices(
-                    ordered,
-                    (
-                        replace(each, most=self._needed(each.first))
-                        for each in plan.slices(low, high, settled)
-                        if self._needed(each.first) != 0
-                    ),
-                    self.request.tolerance,
-                    jobs,
-                    self._stop,
-                ):
-                    yield from self._place_slice(ordered, pairs)
-                    low = pairs.interval.high
-                    del pairs  # free its memory
-                break
-            except (ArithmeticError, FactorizationError):
-                self._resume()
-                if settled:
-                    raise
-                high = plan.settle(high, wide=True)
-        self._spend("slices", started)
-
-    def _needed(self, first: int) -> int | None:
-        """Return the number of pairs needed from an index on; None for all, with known pairs."""
-        return max(self.output.total - first, 0) if first >= self._n_kept else None
-
-    def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
-        """Write the pairs of a slice that are not known."""
-        first, kept = pairs.interval.first, self._n_kept
-        if self._known is None or kept <= first:
-            yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
-        elif kept < first + len(pairs.values):
-            values, rows = self._known.complement(first, kept, pairs.values, pairs.rows)
-            yield from self._place(values, measure_pairs(ordered, rows)[1], rows)
-
-    def _place_null(self) -> Iterator[slice]:
-        """Write the null space, as far as it is requested and not kept."""
-        pencil, kept = self.pencil, self._n_kept
-        count = min(pencil.n_null, self.output.total)
-        if kept < count:
-            rows = pencil.null_rows(count)[kept:]
-            residuals = pencil.null_residuals[kept:count]
-            yield from self._place(np.zeros(count - kept), residuals, rows)
-
-    def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
-        """Compute all pairs within a radius that holds enough, and select those nearest a value."""
-        pencil = self.pencil
-        assert self.request.n_components is not None
-        wanted = min(self.request.n_components, pencil.n)
-        sigma = min(sigma, plan.top)
-        low, high = plan.around(sigma, wanted)
-        inside = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
-        if self._is_dense(inside if low == 0.0 else inside + pencil.n_null):
-            yield from self._dense()
-            return
-        parts = []
-        if low == 0.0:
-            null = min(pencil.n_null, wanted)
-            parts.append((np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null)))
-        ordered.solve_repeated(_BEYOND * high)
-        jobs = self._workers(ordered, inside)
-        self._events.put(partial(self.pace.begin_slices, inside))
-        for pairs in run_slices(
-            ordered,
-            plan.slices(low, high, settled=True),
-            self.request.tolerance,
-            jobs,
-            self._stop,
-        ):
-            parts.append((pairs.values, pairs.residuals, pairs.rows))
-        values, residuals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-        rows = np.concatenate([part[2] for part in parts])
-        chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
-        unit = pencil.unit
-        # Without lower end these are the lowest pairs.
-        below = None if low == 0.0 and chosen[0] == 0 else low * unit
-        self._count = Certificate("inertia", inside, inside, high * unit, below)
-        rows = rows[chosen]
-        if len(parts) > 1:
-            orthonormalise(rows)
-            residuals[chosen] = np.maximum(residuals[chosen], measure_pairs(ordered, rows)[1])
-        yield from self._write_all(values[chosen], residuals[chosen], rows)
-
-    # -- other methods ----------------------------------------------------------------------------
-
-    def _dense(self) -> Iterator[slice]:
-        """Compute the requested pairs from the dense matrix of each component."""
-        started = time.perf_counter()
-        pencil = self.pencil
-        values, columns = dense_pairs(pencil, self._check)
-        lowest = float(values.min(initial=0.0))
-        if lowest < -max(1e-6, 1e-9 * pencil.norm):
-            raise InputError(
-                f"The Laplacian has a negative eigenvalue, {lowest * pencil.unit:.4g}: it must "
-                "be positive semidefinite, as that of every mesh is."
-            )
-        n_null = pencil.n_null
-        every = np.concatenate([np.zeros(n_null), values])
-        chosen = self._chosen(every)
-        count, known, kept = len(chosen), None, 0
-        if hasattr(self, "output"):
-            kept = self.output.written
-            if self.output.total != count:
-                raise ArithmeticError("two counts disagree")
-        elif self.request.target is None:
-            known = KnownPairs.of_shape(self.request.known, pencil)
-            if known is not None and known.agrees_with(every):
-                kept = min(len(known.values), count)
-            if kept > n_null:
-                # Include all copies of a multiple eigenvalue, of which some may be known.
-                gaps = np.diff(every[count - 1 :]) > 1e-6 * np.maximum(every[count:], 1e-3)
-                chosen = np.arange(count + (int(np.argmax(gaps)) if gaps.any() else len(gaps)))
-        null = chosen[chosen < n_null]
-        rest = columns[:, chosen[len(null) :] - n_null].toarray().T
-        rows = np.concatenate([pencil.null_rows(len(null) and int(null[-1]) + 1)[null], rest])
-        values = every[chosen]
-        # Pairs around a shift have a lower end, as in a count.
-        low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
-        self._count = Certificate("dense", pencil.n, pencil.n, low=low)
-        if known is not None and kept > n_null:
-            try:
-                values, rows = known.complement(n_null, kept, values[n_null:], rows[n_null:])
-            except ArithmeticError:
-                kept = 0
-        else:
-            values, rows = values[kept:], rows[kept:]
-        self._spend("dense", started)
-        if not hasattr(self, "output"):
-            yield from self._open(count, known if kept else None)
-        values, rows, null = values[: count - kept], rows[: count - kept], null[kept:]
-        residuals = dense_residuals(pencil, values, rows)
-        residuals[: len(null)] = pencil.null_residuals[null]
-        yield from self._place(values, residuals, rows)
-
-    def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
-        """Return the indices of the requested pairs among all eigenvalues in ascending order."""
-        pencil, request = self.pencil, self.request
-        if request.max_eigenvalue is not None:
-            return np.arange(self._kept(values, request.max_eigenvalue / pencil.unit))
-        if request.target is None:
-            return np.arange(min(request.n_components or 0, len(values)))
-        # For a target beyond all, where distances are equal up to rounding, take the largest.
-        distance = np.abs(values - min(request.target / pencil.unit, values.max(initial=0.0)))
-        return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
-
-    def _through_given_inverse(
-        self, ordered: OrderedPencil
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Compute pairs with `op_inv`; return None if a count shows that some were missed."""
-        started = time.perf_counter()
-        found = pairs_around(self.pencil, self.request, self._check)
-        if found is None:
-            return None
-        plan = SpectrumPlan(ordered, self._stop, self._sizes)
-        low = plan.settle(found.low) if found.low > 0.0 else 0.0
-        high = plan.settle(found.high)
-        below = plan.count(low) if low > 0.0 else 0
-        counted = plan.count(high) - below
-        self._spend("given inverse", started)
-        if counted != found.count:
-            return None
-        unit = self.pencil.unit
-        # Without any below them these are the lowest pairs.
-        begin = low * unit if below + found.first else None
-        self._count = Certificate("inertia", counted, counted, high * unit, begin)
-        return found.values, measure_pairs(ordered, found.rows)[1], found.rows
-
-    # -- output -----------------------------------------------------------------------------------
-
-    def _open(self, k: int, known: KnownPairs | None = None) -> Iterator[slice]:
-        """Allocate the rows, of which the first are those of known pairs."""
-        request, n = self.request, self.pencil.n_all
-        smallest, largest = self.pencil.root_mass.min(), self.pencil.root_mass.max()
-        if request.lean and not 1.0 / _LARGEST_SINGLE < smallest <= largest < _LARGEST_SINGLE:
-            raise InputError(
-                f"Eigenvectors of masses from {smallest**2:.3g} to {largest**2:.3g} have entries "
-                "beyond the range of float32: ask for float64, or scale the mesh."
-            )
-        self._known = known
-        self._n_kept = kept = 0 if known is None else min(k, len(known.values))
-        if request.allocate is not None:
-            rows = request.allocate(k, n, kept)
-        else:
-            rows = np.empty((k, n), dtype=request.precision)
-            if known is not None:
-                rows[:kept] = known.given.rows[:kept]
-        if rows.shape != (k, n):
-            raise ValueError(f"{rows.shape} was allocated for {(k, n)}")
-        self.output = Output(self.pencil, rows, request.max_eigenvalue)
-        if known is not None:
-            started = time.perf_counter()
-            yield self.output.keep(known.given.eigenvalues[:kept], known.given.residuals[:kept])
-            self._spend("output", started)
-
-    def _write_all(
-        self, values: FloatArray, residuals: FloatArray, rows: FloatArray
-    ) -> Iterator[slice]:
-        yield from self._open(len(values))
-        yield from self._place(values, residuals, rows)
-
-    def _place(
-        self,
-        values: FloatArray,
-        residuals: FloatArray,
-        rows: FloatArray,
-        orthonormality: float | None = None,
-    ) -> Iterator[slice]:
-        """Write the next pairs, as far as they are requested."""
-        if len(values) and self.output.written < self.output.total:
-            started = time.perf_counter()
-            place = self.output.write(values, residuals, rows, orthonormality)
-            self._spend("output", started)
-            yield place
-
-    def _spend(self, stage: str, started: float) -> None:
-        self.timings[stage] = self.timings.get(stage, 0.0) + time.perf_counter() - started
+        self._pace.step(self._computation.steps)
