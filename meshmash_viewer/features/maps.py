@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from meshmash_viewer.errors import InputError, MissingValuesWarning
 from meshmash_viewer.features.filter_parameters import checked_coefficients
-from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
+    from meshmash_viewer.laplacian import SparseMatrix
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -260,7 +259,7 @@ def without_gaps(values: FloatArray, mass: FloatArray, stacklevel: int = 3) -> F
 
 
 def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
-    if sparse.issparse(given) or hasattr(given, "eigenvectors"):
+    if hasattr(given, "tocsr") or hasattr(given, "eigenvectors"):
         raise InputError(
             "Eigenvectors come first, as a matrix of shape (n, k), not of type "
             f"{type(given).__name__}: of eigenpairs they are `pairs.eigenvectors`."
@@ -276,9 +275,8 @@ def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
 
 def _diagonal(given: Any, n: int) -> FloatArray:
     """Diagonal of a mass matrix of n vertices."""
-    if sparse.issparse(given):
-        matrix: SparseMatrix = given
-        entries = matrix.tocoo()
+    if hasattr(given, "tocoo"):
+        entries = given.tocoo()
         if (entries.data[entries.row != entries.col] != 0.0).any():
             raise InputError("M is not diagonal: give the lumped mass matrix (`area_matrix`).")
         mass = np.asarray(entries.diagonal(), dtype=np.float64)
