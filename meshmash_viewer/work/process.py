@@ -14,6 +14,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -111,17 +112,20 @@ def call_in_child(
     Exception
         If the function raised it.
     """
-    given: bytes | None = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
+    given = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
     pause = _START
     with start_child(answer, env=env or {}) as child:
         tree = ProcessTree(child.pid)
+        # by a thread, as `communicate` writes nothing more after its first timeout
+        sink, child.stdin = cast(BinaryIO, child.stdin), None
+        threading.Thread(target=_write, args=(sink, given), daemon=True).start()
         try:
             while True:
                 try:
-                    answered = child.communicate(given, timeout=pause)[0]
+                    answered = child.communicate(timeout=pause)[0]
                     break
                 except subprocess.TimeoutExpired:
-                    given, pause = None, _LOOK
+                    pause = _LOOK
                     if look is not None:
                         look(tree)
         except BaseException:
@@ -135,6 +139,11 @@ def call_in_child(
     if fault is not None:
         raise fault
     return cast(Result, result)
+
+
+def _write(sink: BinaryIO, given: bytes) -> None:
+    with contextlib.suppress(OSError), sink:  # the child has ended
+        sink.write(given)
 
 
 def answer(source: BinaryIO, sink: BinaryIO) -> None:

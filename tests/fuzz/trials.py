@@ -156,7 +156,7 @@ class Forked:
         os.close(writing)
         os.close(source)
         self._said, self._pipe = b"", reading
-        self._given = given
+        self.stdin: Any = os.fdopen(given, "wb")
         self.returncode: int | None = None
 
     def __enter__(self) -> Forked:
@@ -165,10 +165,7 @@ class Forked:
     def __exit__(self, *_: object) -> None:
         self._wait()
 
-    def communicate(self, given: bytes | None, timeout: float) -> tuple[bytes, None]:
-        if given is not None:
-            with os.fdopen(self._given, "wb") as sink:
-                sink.write(given)
+    def communicate(self, timeout: float) -> tuple[bytes, None]:
         ends = time.monotonic() + timeout
         while select.select([self._pipe], [], [], max(ends - time.monotonic(), 0.0))[0]:
             part = os.read(self._pipe, 65536)

@@ -23,7 +23,7 @@ from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
 from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.model import worker
 from meshmash_viewer.work import process
-from meshmash_viewer.work.process import ProcessTree, end_group, start_child
+from meshmash_viewer.work.process import ProcessTree, call_in_child, end_group, start_child
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes programs of scripts")
 
@@ -111,6 +111,11 @@ def test_what_a_launcher_starts_answers(depth: int, mesh_file: Path) -> None:
     np.testing.assert_array_equal(found.vertices, CORNERS)
     with pytest.raises(InputError, match="is no mesh"):
         read_guarded(refusing, mesh_file)
+
+
+def test_large_arguments_reach_a_child_that_starts_slowly() -> None:
+    sent = np.arange(3_000_000.0)
+    np.testing.assert_array_equal(call_in_child(np.negative, sent), -sent)
 
 
 def test_an_interrupt_ends_all_of_them(
