@@ -56,16 +56,8 @@ METRES: dict[str, int] = {
 }
 METRES |= {f"{name}s": METRES[name] for name in METRES if name[-2:] in ("on", "er", "re", "om")}
 
-_ALIASES = {
-    "": "",
-    "none": "",
-    "nm": "nm",
-    "µm": "µm",  # micro sign
-    "μm": "µm",  # Greek letter mu
-    "um": "µm",
-    "mm": "mm",
-    "m": "m",
-}
+#: The micro sign is written; the Greek letter mu is read, too.
+_ALIASES = {**{unit: unit for unit in LENGTH_UNITS}, "none": "", "μm": "µm", "um": "µm"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 #: Numbers below this are written without an exponent.

@@ -98,24 +98,17 @@ def export_options(
     return options
 
 
-def stated_unit(meta: str) -> str | None:
-    """The unit of the mesh in the JSON text of `provenance`; None in another program's text."""
-    unit = _stated_of_mesh(meta).get("unit")
-    return unit if unit in LENGTH_UNITS else None
-
-
-def stated_structure(meta: str) -> str:
-    """The brain structure in the JSON text of `provenance`; "" if there is none."""
-    structure = _stated_of_mesh(meta).get("structure")
-    return printable(structure, 60) if isinstance(structure, str) else ""
-
-
-def _stated_of_mesh(meta: str) -> dict[str, Any]:
+def stated_mesh(meta: str) -> tuple[str | None, str]:
+    """Return unit and brain structure in the JSON text of `provenance`; None and "" if unstated."""
     try:
         about = json.loads(meta)["mesh"]
-    except (ValueError, KeyError, TypeError):
-        return {}
-    return about if isinstance(about, dict) else {}
+        unit, structure = about.get("unit"), about.get("structure")
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None, ""
+    return (
+        unit if unit in LENGTH_UNITS else None,
+        printable(structure, 60) if isinstance(structure, str) else "",
+    )
 
 
 # -- in the headers of PLY and OBJ files, readable by other programs ---------------------------

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.provenance import stated_unit
+from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import Label
 
@@ -47,7 +47,7 @@ def read_gifti(path: Path) -> RawMesh:
     return RawMesh(
         np.asarray(vertices, dtype=np.float64),
         faces.astype(np.int64),
-        "" if stated_unit(said) == "" else "mm",
+        "" if stated_mesh(said)[0] == "" else "mm",
         tuple(_gifti_maps(image))[:MOST_MAPS],
         structure=_structure(points[0]) or _structure(image),
     )

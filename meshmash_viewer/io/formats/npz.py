@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits
-from meshmash_viewer.io.provenance import stated_structure, stated_unit
+from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import (
     MOST_MAPS,
     RawMap,
@@ -54,7 +54,7 @@ def read_npz(path: Path) -> RawMesh:
         raise InputError(f"has faces of {faces.dtype} numbers, not whole ones")
     vertices = vertices.astype(np.float64)
     triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
-    unit, structure = stated_unit(said), stated_structure(said)
+    unit, structure = stated_mesh(said)
     return RawMesh(vertices, triangles, unit, maps, structure=structure)
 
 

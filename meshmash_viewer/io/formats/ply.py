@@ -13,8 +13,7 @@ from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import (
     names_of_properties,
     stated_comment,
-    stated_structure,
-    stated_unit,
+    stated_mesh,
 )
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
 from meshmash_viewer.io.rows import Columns, Element, Property, rows_of_text, take_rows
@@ -74,7 +73,7 @@ def read_ply(path: Path) -> RawMesh:
     for each in columns_of.get("tristrips", []):
         faces.append(strip_triangles(*_without_breaks(*_corners(each))))
     triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
-    unit, structure = stated_unit(said), stated_structure(said)
+    unit, structure = stated_mesh(said)
     return RawMesh(vertices, triangles, unit, tuple(maps[:MOST_MAPS]), structure=structure)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,18 +30,6 @@ _BEGINNING = 1_000_000
 _LARGEST_BLOCK = 2**31 - 1
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """How a text is divided: lines to skip, names of columns, signs between and within numbers."""
-
-    encoding: str
-    skipped: int
-    names: list[str] | None
-    named: bool
-    separator: str
-    decimal: str
-
-
 def csv_maps(path: Path) -> RawMesh:
     """Read the columns of numbers of a table, with or without a first line of names.
 
@@ -53,30 +40,19 @@ def csv_maps(path: Path) -> RawMesh:
     import pyarrow
     import pyarrow.csv
 
-    layout = _layout(path)
-    convert = pyarrow.csv.ConvertOptions(decimal_point=layout.decimal)
-    missing = [*convert.null_values, *_MISSING]
-    convert.null_values = [*missing, *(f" {each}" for each in missing)]
-    convert.strings_can_be_null = True
+    layout, separator, decimal = _layout(path)
     # in one block: the type of a column is that of all its rows, not of the first thousands
     block = min(path.stat().st_size * 4 + 1000, _LARGEST_BLOCK)
+    read = pyarrow.csv.ReadOptions(use_threads=False, block_size=block, **layout)
+    convert = pyarrow.csv.ConvertOptions(decimal_point=decimal, strings_can_be_null=True)
+    missing = [*convert.null_values, *_MISSING]
+    convert.null_values = [*missing, *(f" {each}" for each in missing)]
+    parse = pyarrow.csv.ParseOptions(delimiter=separator)
     try:
-        table = pyarrow.csv.read_csv(
-            path,
-            pyarrow.csv.ReadOptions(
-                use_threads=False,
-                block_size=block,
-                skip_rows=layout.skipped,
-                column_names=layout.names,
-                autogenerate_column_names=layout.names is None and not layout.named,
-                encoding=layout.encoding,
-            ),
-            pyarrow.csv.ParseOptions(delimiter=layout.separator),
-            convert,
-        )
+        table = pyarrow.csv.read_csv(path, read, parse, convert)
     except pyarrow.ArrowInvalid as fault:
         raise InputError(f"is no table ({printable(fault)})") from fault
-    if not layout.named and len(table.column_names) == 1:
+    if read.autogenerate_column_names and len(table.column_names) == 1:
         table = table.rename_columns([""])
     return _maps(table)
 
@@ -88,7 +64,8 @@ def parquet_maps(path: Path) -> RawMesh:
     return _maps(pyarrow.parquet.read_table(path, use_threads=False))
 
 
-def _layout(path: Path) -> _Layout:
+def _layout(path: Path) -> tuple[dict[str, Any], str, str]:
+    """Return how a text is divided: its lines, and the signs between and within numbers."""
     with path.open("rb") as file:
         beginning = file.read(_BEGINNING)
     encoding = _encoding(beginning)
@@ -105,7 +82,13 @@ def _layout(path: Path) -> _Layout:
     if skipped and not named:
         above = _words(lines[skipped - 1].lstrip("# "), separator)
         names = above if len(above) == len(words) else None
-    return _Layout(encoding, skipped, names, named or names is not None, separator, decimal)
+    layout = {
+        "encoding": encoding,
+        "skip_rows": skipped,
+        "column_names": names,
+        "autogenerate_column_names": names is None and not named,
+    }
+    return layout, separator, decimal
 
 
 def _encoding(beginning: bytes) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.provenance import stated_structure, stated_unit
+from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_of_columns
 from meshmash_viewer.io.text import unmarked
 from meshmash_viewer.triangulation import polydata_triangles
@@ -140,7 +140,7 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
     field = output.GetFieldData().GetAbstractArray("meshmash-viewer")
     said = str(field.GetValue(0)) if field is not None and field.GetNumberOfValues() else ""
     maps, remarks = _maps(output, colors or {})
-    unit, structure = stated_unit(said), stated_structure(said)
+    unit, structure = stated_mesh(said)
     return RawMesh(vertices, triangles, unit, maps, remarks, structure)
 
 
