@@ -20,20 +20,11 @@ from meshmash_viewer.mesh import FloatArray, IntArray
 from meshmash_viewer.triangulation import fan_triangles, strip_triangles
 from meshmash_viewer.units import counted
 
-_POINTS, _LINES = (0,), (1, 2, 3)
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 #: Attributes that give the joints of a vertex and how far each moves it, four in a set.
 _SKIN = "JOINTS_", "WEIGHTS_"
-#: What can be left out: a noun, and which of them.
-_LEFT_OUT = {
-    "points": ("primitive", "of points"),
-    "lines": ("primitive", "of lines"),
-    "unplaced": ("primitive", "without positions"),
-    "incomplete": ("incomplete triangle", "at the end of a primitive"),
-    "vanishing": ("mesh", "scaled to nothing"),
-    "elsewhere": ("mesh", "that its scene does not show"),
-    "maps": ("column", f"of values beyond the first {MOST_MAPS}"),
-}
+#: Modes of primitives that have no triangles.
+_NO_TRIANGLES = {0: "of points", 1: "of lines", 2: "of lines", 3: "of lines"}
 
 
 def read_gltf(path: Path) -> RawMesh:
@@ -76,8 +67,8 @@ class _Scene:
         self._file = file
         self._parts: dict[tuple[object, ...], _Part] = {}
         self._shown: set[object] = set()
-        #: By the keys of `_LEFT_OUT`.
-        self._left_out: Counter[str] = Counter()
+        #: How often something was left out, by a noun and which of them.
+        self._left_out: Counter[tuple[str, str]] = Counter()
         self._matrices: dict[int, FloatArray] = {}
 
     def mesh(self) -> RawMesh:
@@ -88,7 +79,7 @@ class _Scene:
                 self._shown.add(node["mesh"])
         placed = [each for each in self._placed() if len(each.faces)]
         unseen = len(self._file.description.get("meshes") or []) - len(self._shown)
-        self._left_out["elsewhere"] = unseen
+        self._left_out["mesh", "that its scene does not show"] = unseen
         if not placed:
             raise InputError(self._nothing())
         whole = _concatenated(placed)
@@ -98,24 +89,25 @@ class _Scene:
             for name, values in whole.values.items()
             if name.startswith("_")
         ]
-        self._left_out["maps"] = max(len(maps) - MOST_MAPS, 0)
+        beyond = "column", f"of values beyond the first {MOST_MAPS}"
+        self._left_out[beyond] = max(len(maps) - MOST_MAPS, 0)
         remarks = tuple(self._remarks())
         return RawMesh(whole.vertices, whole.faces, maps=tuple(maps[:MOST_MAPS]), remarks=remarks)
 
     def _remarks(self) -> Iterator[str]:
-        for key, count in self._left_out.items():
+        for (noun, which), count in self._left_out.items():
             if count:
-                noun, which = _LEFT_OUT[key]
                 verb = "is" if count == 1 else "are"
                 yield f"holds {counted(count, noun)} {which}, which {verb} left out"
 
     def _nothing(self) -> str:
         """What a file without triangles is."""
-        kinds = {key for key, count in self._left_out.items() if count}
-        if kinds == {"points"}:
+        kinds = sorted(which for (_, which), count in self._left_out.items() if count)
+        named = " and ".join(which.removeprefix("of ") for which in kinds)
+        if kinds == ["of points"]:
             return "holds nothing but points, so it is a point cloud"
-        if kinds and kinds <= {"points", "lines"}:
-            return f"holds nothing but {' and '.join(sorted(kinds))}, and no triangle"
+        if kinds and set(kinds) <= set(_NO_TRIANGLES.values()):
+            return f"holds nothing but {named}, and no triangle"
         remarks = "; it ".join(self._remarks())
         return f"shows no triangle mesh{f': it {remarks}' if remarks else ''}"
 
@@ -161,7 +153,7 @@ class _Scene:
             instances, values = self._instances(node)
             matrices = matrix @ instances
             sized = np.any(matrices[:, :3, :3] != 0.0, axis=(1, 2))
-            self._left_out["vanishing"] += int((~sized).sum())
+            self._left_out["mesh", "scaled to nothing"] += int((~sized).sum())
             if sized.any():
                 values = {name: each[sized] for name, each in values.items()}
                 yield _copies(part, matrices[sized], values)
@@ -216,9 +208,9 @@ class _Scene:
     def _primitive(self, primitive: Entry, weights: list[float]) -> _Part | None:
         mode = primitive.get("mode", _TRIANGLES)
         attributes = primitive.get("attributes") or {}
-        if mode in (*_POINTS, *_LINES) or "POSITION" not in attributes:
-            kinds = {**dict.fromkeys(_POINTS, "points"), **dict.fromkeys(_LINES, "lines")}
-            self._left_out[kinds.get(mode, "unplaced")] += 1
+        if mode in _NO_TRIANGLES or "POSITION" not in attributes:
+            which = _NO_TRIANGLES.get(mode, "without positions")
+            self._left_out["primitive", which] += 1
             return None
         wanted = {
             name: index
@@ -255,7 +247,7 @@ class _Scene:
             corners = found[:, 0].astype(np.int64)
         if mode == _TRIANGLES:
             over = len(corners) % 3
-            self._left_out["incomplete"] += over > 0
+            self._left_out["incomplete triangle", "at the end of a primitive"] += over > 0
             return corners[: len(corners) - over].reshape(-1, 3)
         if mode == _STRIP:
             return strip_triangles(corners, np.array([len(corners)]))

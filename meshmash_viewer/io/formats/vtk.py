@@ -73,7 +73,8 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 
-    content = unmarked(path.read_bytes())
+    whole = path.read_bytes()
+    content = unmarked(whole)
     if not content.startswith(b"# vtk DataFile"):
         raise InputError('does not begin with "# vtk DataFile"')
     for name in _LEGACY_COUNTS:
@@ -82,8 +83,9 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     reader: Any = vtkGenericDataObjectReader()
     for kind in _ATTRIBUTES:
         getattr(reader, f"ReadAll{kind}On")()
-    reader.ReadFromInputStringOn()
-    reader.SetBinaryInputString(content, len(content))
+    if content is not whole:
+        reader.ReadFromInputStringOn()
+        reader.SetBinaryInputString(content, len(content))
     output = _output(reader, path)
     if output is None:
         raise InputError("holds no data set that VTK can read")
