@@ -43,7 +43,7 @@ _DEFECT = 1
 _SEVERITY = (0, FAULT, _DEFECT)
 
 
-# What is said ---------------------------------------------------------------------------------
+# Messages -------------------------------------------------------------------------------------
 
 
 def say_fault(fault: Exception, subject: str = "") -> int:
@@ -143,7 +143,7 @@ def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
             own = in_unit(options, mesh.unit)
             mesh = prepared(mesh, options) if repaired else mesh
             print_report(options, path, *work(mesh, index, own))
-        except (Cancelled, BrokenPipeError):  # meant for all of them
+        except (Cancelled, BrokenPipeError):  # end the command
             raise
         except Exception as fault:  # noqa: BLE001  reported; the next mesh follows
             status = max(status, say_fault(fault, str(path)), key=_SEVERITY.index)
@@ -169,7 +169,7 @@ def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
     return mesh
 
 
-# While it computes ----------------------------------------------------------------------------
+# Computation ----------------------------------------------------------------------------------
 
 
 def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:

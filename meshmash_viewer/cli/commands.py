@@ -146,7 +146,7 @@ def compare(options: Namespace) -> int:
     read_as = [read(path, options) for path in options.mesh]
     meshes = [prepared(mesh, options) for mesh in read_as]
     first = solved(meshes[0], options, target)
-    # as far up the spectrum of the second, where it has one that far
+    # the second up to the same eigenvalue times area
     top = matched_top(first, meshes[1].area)
     second = solved(meshes[1], options, Target("max_eigenvalue", top) if top > 0.0 else target)
     for mesh, pairs in zip(meshes, (first, second), strict=True):

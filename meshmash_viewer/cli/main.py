@@ -1,5 +1,7 @@
 """The command ``meshmash-viewer``: the window, and commands without it.
 
+`command_parser` declares the options; a command (in ``features``, ``commands`` or ``pictures``)
+checks them and calls `for_each` (in ``batch``), which reads each mesh and prints its report.
 Large modules are imported only after the arguments are checked. A fault that the user can correct
 is one line on stderr and exit status 2; a defect of the program is status 1, and its message names
 a file with details. Neither stops the other meshes of a batch.
@@ -50,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return _run(list(sys.argv[1:] if argv is None else argv))
             finally:
                 sys.stdout.flush()
-    except BrokenPipeError:  # what reads our output has seen enough
+    except BrokenPipeError:  # the reader has closed the pipe
         drop(sys.stdout)
         return 0
     except OSError as fault:
@@ -69,12 +71,12 @@ def open_window() -> int:
         sys.stderr = said
     try:
         status = main()
-    except SystemExit as end:  # the parser of arguments has said why
+    except SystemExit as end:  # the parser has printed the reason
         status = end.code if isinstance(end.code, int) else int(end.code is not None)
     if status and (text := said.getvalue()):
         from meshmash_viewer.app.run import show_message
 
-        with contextlib.suppress(InputError):  # there is no display either
+        with contextlib.suppress(InputError):  # without a display
             show_message(text.replace(f"{PROGRAM}: ", "").strip())
     return status
 

@@ -245,7 +245,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
     else:
         rate = TURN_RATE if rate is None else rate
         count = n_frames(rate, TURN_SECONDS if seconds is None else seconds)
-        # what was asked for stays; of eigenfunctions the first that is not constant is shown
+        # without options, the default of the family for this mesh
         shown = family if options_of(type(family)) else family.for_other_mesh(mesh.n_components)
         if column is not None:
             shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
@@ -290,7 +290,7 @@ def _solved(mesh: Mesh, family: Family, options: Namespace, report: dict[str, An
     return replace(pairs, mesh=mesh)
 
 
-# What all pictures share ----------------------------------------------------------------------
+# Shared by all pictures -----------------------------------------------------------------------
 
 
 def _policy(options: Namespace) -> LockedLimits | None:

@@ -80,7 +80,7 @@ def drop(stream: TextIO) -> None:
             os.close(nothing)
 
 
-# What replaces a character ---------------------------------------------------------------------
+# Replacement of characters ---------------------------------------------------------------------
 
 
 def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
@@ -89,7 +89,7 @@ def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
         raise fault
     text, start, end = fault.object, fault.start, fault.end
     if "\udc80" <= text[start] <= "\udcff":
-        # A byte of a file's name that was no text: as it came.
+        # A byte of a file's name that is not text is written unchanged.
         return bytes([ord(text[start]) & 0xFF]), start + 1
     for marks in (_RAISED, _LOWERED):
         # the whole exponent, though the encoding may have some of its digits: nm⁻² is nm^-2
