@@ -50,8 +50,10 @@ class ContactSheet:
         transparent: bool = False,
     ) -> None:
         self._captions, self._theme = captions, DARK if dark else LIGHT
-        layouts = [_layout(columns, len(captions), size, aspect) for columns in _counts(captions)]
-        self._layout = max(layouts, key=lambda each: _drawn_width(each, aspect))
+        count = len(captions)
+        layouts = (_layout(columns, count, size) for columns in range(1, count + 1))
+        # the one in which a mesh of this aspect ratio is drawn widest
+        self._layout = max(layouts, key=lambda each: min(each.picture[0], each.picture[1] * aspect))
         self.picture_size = self._layout.picture
         if min(self.picture_size) < _LEAST:
             raise InputError(
@@ -117,19 +119,15 @@ class ContactSheet:
         colors = Image.fromarray(np.ascontiguousarray(caption.table[None]))
         bar = colors.resize((max(round(strip), 2), tall))
         self._sheet.paste(bar, (round(start), round(at - tall / 2)))
-        for text, place, anchor in ((low, left, "lm"), (high, start + strip + gap, "lm")):
-            self._draw.text((place, at), text, fill=self._theme.faint_ink, font=font, anchor=anchor)
+        for text, place in ((low, left), (high, start + strip + gap)):
+            self._draw.text((place, at), text, fill=self._theme.faint_ink, font=font, anchor="lm")
 
     def pixels(self) -> npt.NDArray[np.uint8]:
         """The sheet, RGBA, shape (height, width, 4)."""
         return np.asarray(self._sheet)
 
 
-def _counts(captions: list[str]) -> range:
-    return range(1, len(captions) + 1)
-
-
-def _layout(columns: int, count: int, size: tuple[int, int], aspect: float) -> _Layout:
+def _layout(columns: int, count: int, size: tuple[int, int]) -> _Layout:
     rows = math.ceil(count / columns)
     head = round(max(0.045 * min(size), 16.0))
     edge = round(0.4 * head)
@@ -139,8 +137,3 @@ def _layout(columns: int, count: int, size: tuple[int, int], aspect: float) -> _
     text = min(max(wide / 15.0, 7.0), 0.36 * head, 0.2 * tall)
     picture = round(0.96 * wide), int(tall - (_CAPTION + _STRIP) * text)
     return _Layout(columns, head, (wide, tall), picture, text)
-
-
-def _drawn_width(layout: _Layout, aspect: float) -> float:
-    """Width in which a mesh of this aspect ratio is drawn."""
-    return min(layout.picture[0], layout.picture[1] * aspect)
