@@ -87,6 +87,7 @@ class MeshPanel(QWidget):
         follow((*signals, document.job_changed), self._refresh_job)
         self._refresh_facts()
         self._refresh_operator()
+        self._refresh_undo()
         self._refresh_cost()
         self._refresh_job()
         self._fit()
