@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -30,8 +30,6 @@ from meshmash_viewer.units import counted
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
-__all__ = ["FEATURES", "MOST_COLUMNS", "BankColumns", "BankFamily", "Columns"]
 
 #: Maximum number of columns.
 MOST_COLUMNS = 512
@@ -104,9 +102,9 @@ class Columns(Family):
         Number of columns.
     """
 
-    counted: ClassVar[str] = "count"
-    position: ClassVar[tuple[str, ...]] = ("index",)
-    interval: ClassVar[int] = 250
+    counted = "count"
+    position = ("index",)
+    interval = 250
 
     index: int = parameter(0, Whole(0, MOST_COLUMNS - 1))
     count: int = parameter(32, Whole(1, MOST_COLUMNS))

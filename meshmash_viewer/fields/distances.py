@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -68,18 +68,16 @@ class Distances(Family):
         Vertices of the exported columns; `vertex` alone if empty.
     """
 
-    name: ClassVar[str] = "distance"
-    label: ClassVar[str] = "Distance from a vertex"
-    short: ClassVar[str] = "Distance"
-    tip: ClassVar[str] = "Geodesic, biharmonic, commute-time or diffusion distance from a pin"
-    export: ClassVar[str] = "distance"
-    icon: ClassVar[str] = (
-        '<path d="M5 19L19 5"/><path d="M3 17l4 4M17 3l4 4"/><path d="M9 12l3 3M12 9l3 3"/>'
-    )
-    position: ClassVar[tuple[str, ...]] = ("time",)
-    required: ClassVar[str] = "vertex"
-    contoured: ClassVar[bool] = True
-    interval: ClassVar[int] = 50
+    name = "distance"
+    label = "Distance from a vertex"
+    short = "Distance"
+    tip = "Geodesic, biharmonic, commute-time or diffusion distance from a pin"
+    export = "distance"
+    icon = '<path d="M5 19L19 5"/><path d="M3 17l4 4M17 3l4 4"/><path d="M9 12l3 3M12 9l3 3"/>'
+    position = ("time",)
+    required = "vertex"
+    contoured = True
+    interval = 50
 
     measure: str = parameter(
         "geodesic",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -37,15 +37,15 @@ class Eigenfunctions(Family):
         Indices of those drawn with flipped sign.
     """
 
-    name: ClassVar[str] = "eigenfunction"
-    label: ClassVar[str] = "Eigenfunctions"
-    short: ClassVar[str] = "Eigenfunctions"
-    tip: ClassVar[str] = "Eigenfunctions of the Laplacian"
-    export: ClassVar[str] = "eigenpairs"
-    export_label: ClassVar[str] = "Eigenpairs"
-    icon: ClassVar[str] = '<path d="M3 12c3-10 6-10 9 0s6 10 9 0"/>'
-    position: ClassVar[tuple[str, ...]] = ("index",)
-    interval: ClassVar[int] = 250
+    name = "eigenfunction"
+    label = "Eigenfunctions"
+    short = "Eigenfunctions"
+    tip = "Eigenfunctions of the Laplacian"
+    export = "eigenpairs"
+    export_label = "Eigenpairs"
+    icon = '<path d="M3 12c3-10 6-10 9 0s6 10 9 0"/>'
+    position = ("index",)
+    interval = 250
 
     index: int = parameter(1, Whole())
     flipped: frozenset[int] = parameter(frozenset(), Listing(Whole(), 1_000_000, into=frozenset))

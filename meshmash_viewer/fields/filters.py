@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -94,17 +94,17 @@ class Filters(BankFamily):
     low, high : float or None
     """
 
-    name: ClassVar[str] = "filter"
-    label: ClassVar[str] = "Filter"
-    short: ClassVar[str] = "Filter"
-    tip: ClassVar[str] = "Low-pass, band-pass, Gaussian, or any formula in λ"
-    icon: ClassVar[str] = '<path d="M3 5h18l-7 8v6l-4 2v-8z"/>'
-    export: ClassVar[str] = "filter"
-    counted: ClassVar[str] = "count"
-    ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
-    position: ClassVar[tuple[str, ...]] = ("values",)
-    interval: ClassVar[int] = 100
-    logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, False, False)
+    name = "filter"
+    label = "Filter"
+    short = "Filter"
+    tip = "Low-pass, band-pass, Gaussian, or any formula in λ"
+    icon = '<path d="M3 5h18l-7 8v6l-4 2v-8z"/>'
+    export = "filter"
+    counted = "count"
+    ordered = ("low", "high")
+    position = ("values",)
+    interval = 100
+    logarithmic = (True, False, False)
 
     text: str = parameter(
         READY["Low-pass"],

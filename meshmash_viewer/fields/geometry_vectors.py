@@ -35,22 +35,20 @@ class GeometryVectors(BankColumns):
         Range of eigenvalues in inverse squared length units when not automatic.
     """
 
-    name: ClassVar[str] = "band"
-    label: ClassVar[str] = "Geometry vectors"
-    short: ClassVar[str] = "Geometry vectors"
-    tip: ClassVar[str] = "Bands of the spectrum: cubic B-splines that sum to 1"
-    export: ClassVar[str] = "geometry-vectors"
-    icon: ClassVar[str] = (
-        '<path d="M2 19c4 0 4-13 7-13s3 13 7 13"/><path d="M8 19c4 0 4-13 7-13s3 13 7 13"/>'
-    )
-    nouns: ClassVar[tuple[str, str]] = ("Band", "Bands")
+    name = "band"
+    label = "Geometry vectors"
+    short = "Geometry vectors"
+    tip = "Bands of the spectrum: cubic B-splines that sum to 1"
+    export = "geometry-vectors"
+    icon = '<path d="M2 19c4 0 4-13 7-13s3 13 7 13"/><path d="M8 19c4 0 4-13 7-13s3 13 7 13"/>'
+    nouns = ("Band", "Bands")
     facts: ClassVar[dict[str, str]] = {
         "band_center_label": "Centre λ",
         "band_wavelength_label": "Wavelength there",
         "band_support_label": "Not zero between",
         "band_pairs_label": "Eigenpairs in it",
     }
-    ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
+    ordered = ("low", "high")
 
     automatic: bool = parameter(
         True,

@@ -54,19 +54,19 @@ class HeatKernelSignature(BankFamily):
         Number of times in the exported feature and on the profile plot.
     """
 
-    name: ClassVar[str] = "hks"
-    label: ClassVar[str] = "Heat kernel signature"
-    short: ClassVar[str] = "HKS"
-    tip: ClassVar[str] = "Heat kernel signature"
-    export: ClassVar[str] = "hks"
-    icon: ClassVar[str] = '<path d="M4 4v16h16"/><path d="M6 6c2 8 6 11 13 11.5"/>'
-    nouns: ClassVar[tuple[str, str]] = ("Time", "Times")
+    name = "hks"
+    label = "Heat kernel signature"
+    short = "HKS"
+    tip = "Heat kernel signature"
+    export = "hks"
+    icon = '<path d="M4 4v16h16"/><path d="M6 6c2 8 6 11 13 11.5"/>'
+    nouns = ("Time", "Times")
     facts: ClassVar[dict[str, str]] = {"hks_length_label": "Length √t"}
-    counted: ClassVar[str] = "scales"
-    position: ClassVar[tuple[str, ...]] = ("time",)
-    ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
-    interval: ClassVar[int] = 50
-    logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
+    counted = "scales"
+    position = ("time",)
+    ordered = ("t_min", "t_max")
+    interval = 50
+    logarithmic = (True, True, True)
 
     time: float | None = parameter(None, Number(ABOVE_ZERO), power=2)
     automatic: bool = parameter(

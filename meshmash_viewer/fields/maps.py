@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -72,17 +72,17 @@ class OwnMaps(Family):
         The filter, once resolved.
     """
 
-    name: ClassVar[str] = "map"
-    label: ClassVar[str] = "Own maps"
-    short: ClassVar[str] = "Own maps"
-    tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
-    icon: ClassVar[str] = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
-    position: ClassVar[tuple[str, ...]] = ("pairs", "view", "filter")
-    own: ClassVar[tuple[str, ...]] = ("chosen",)
-    response_label: ClassVar[str] = "Relative energy"
-    response_decades: ClassVar[int] = 6
-    tailed: ClassVar[bool] = True
-    interval: ClassVar[int] = 250
+    name = "map"
+    label = "Own maps"
+    short = "Own maps"
+    tip = "Values per vertex from a file, and the curvature of the mesh"
+    icon = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
+    position = ("pairs", "view", "filter")
+    own = ("chosen",)
+    response_label = "Relative energy"
+    response_decades = 6
+    tailed = True
+    interval = 250
 
     chosen: str = parameter(
         "",

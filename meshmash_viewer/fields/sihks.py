@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -96,15 +96,13 @@ class ScaleInvariantHKS(Columns):
         Frequency, from 0, and number of frequencies.
     """
 
-    name: ClassVar[str] = "sihks"
-    label: ClassVar[str] = "Scale-invariant heat kernel signature"
-    short: ClassVar[str] = "SI-HKS"
-    tip: ClassVar[str] = "Heat kernel signature that is equal on a mesh of another size"
-    icon: ClassVar[str] = (
-        '<path d="M3 20h18"/><path d="M5 20V6M9 20v-9M13 20v-6M17 20v-3M21 20v-1"/>'
-    )
-    nouns: ClassVar[tuple[str, str]] = ("Frequency", "Frequencies")
-    export: ClassVar[str] = "sihks"
+    name = "sihks"
+    label = "Scale-invariant heat kernel signature"
+    short = "SI-HKS"
+    tip = "Heat kernel signature that is equal on a mesh of another size"
+    icon = '<path d="M3 20h18"/><path d="M5 20V6M9 20v-9M13 20v-6M17 20v-3M21 20v-1"/>'
+    nouns = ("Frequency", "Frequencies")
+    export = "sihks"
 
     count: int = parameter(6, Whole(1, MOST_COLUMNS))
 

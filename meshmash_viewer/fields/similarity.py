@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -37,14 +37,14 @@ class Similarity(Family):
         That family with its parameters, once resolved.
     """
 
-    name: ClassVar[str] = "similarity"
-    label: ClassVar[str] = "Similar to a vertex"
-    short: ClassVar[str] = "Similar"
-    tip: ClassVar[str] = "Distance in feature space from a pinned vertex"
-    icon: ClassVar[str] = (
+    name = "similarity"
+    label = "Similar to a vertex"
+    short = "Similar"
+    tip = "Distance in feature space from a pinned vertex"
+    icon = (
         '<circle cx="12" cy="12" r="8.5"/><circle cx="12" cy="12" r="4.5"/><path d="M12 11.8v.4"/>'
     )
-    required: ClassVar[str] = "vertex"
+    required = "vertex"
 
     vertex: int | None = parameter(None, Whole(), vertex=True)
     basis: str = parameter("hks", Choice(FEATURES))

@@ -26,21 +26,21 @@ class WaveKernelSignature(BankColumns):
         Energy, from 0, and number of energies.
     """
 
-    name: ClassVar[str] = "wks"
-    label: ClassVar[str] = "Wave kernel signature"
-    short: ClassVar[str] = "WKS"
-    tip: ClassVar[str] = "Wave kernel signature, at energies evenly spaced in log λ"
-    export: ClassVar[str] = "wks"
-    icon: ClassVar[str] = '<path d="M2 12c2 0 2-3 4-3s2 8 4 8 2-13 4-13 2 11 4 11 2-3 4-3"/>'
-    nouns: ClassVar[tuple[str, str]] = ("Energy", "Energies")
+    name = "wks"
+    label = "Wave kernel signature"
+    short = "WKS"
+    tip = "Wave kernel signature, at energies evenly spaced in log λ"
+    export = "wks"
+    icon = '<path d="M2 12c2 0 2-3 4-3s2 8 4 8 2-13 4-13 2 11 4 11 2-3 4-3"/>'
+    nouns = ("Energy", "Energies")
     facts: ClassVar[dict[str, str]] = {
         "wks_eigenvalue_label": "λ there",
         "wks_wavelength_label": "Wavelength there",
         "wks_width_label": "Width σ in ln λ",
         "wks_pairs_label": "Eigenpairs within σ",
     }
-    interval: ClassVar[int] = 100
-    logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, True)
+    interval = 100
+    logarithmic = (False, False, True)
 
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         energy = self.place(spectrum)

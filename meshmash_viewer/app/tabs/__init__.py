@@ -16,8 +16,6 @@ from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.document import Document
 
-__all__ = ["make_tab"]
-
 #: Controls of families with more than a form has.
 _MADE_BY_HAND: dict[type[Family], type[FamilyTab]] = {
     Eigenfunctions: EigenfunctionTab,

@@ -18,8 +18,6 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity
 
-__all__ = ["DistanceTab"]
-
 #: Missing share of a distance from which it is said.
 _TOLD = 0.01
 _LINES = "Lines at round distances"

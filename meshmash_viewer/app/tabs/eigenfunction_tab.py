@@ -18,9 +18,6 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import counted, format_quantity, subscript
 
-__all__ = ["EigenfunctionTab"]
-
-
 _FACTS = {
     "wavelength_label": "Wavelength 2π/√λ",
     "residual_label": "Relative residual",

@@ -19,8 +19,6 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import format_quantity, power_unit
 
-__all__ = ["FilterParameters", "refusal"]
-
 
 class FilterParameters(QWidget):
     """A row for each parameter of the document's filter; those of its controls begin with a prefix.

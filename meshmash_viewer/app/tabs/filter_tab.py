@@ -18,8 +18,6 @@ from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import power_unit
 
-__all__ = ["FilterTab"]
-
 #: What the list calls a filter that is none of the ready ones.
 _OWN = "Formula"
 _HINT = "x is λ; other names become sliders. Arithmetic, comparisons, exp, log, sqrt, where, …"

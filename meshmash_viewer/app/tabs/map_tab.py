@@ -27,8 +27,6 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted, format_number
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-__all__ = ["MapTab"]
-
 _FACTS = {
     "map_range_label": "Range",
     "map_mean_label": "Mean by area",

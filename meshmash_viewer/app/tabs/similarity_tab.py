@@ -9,8 +9,6 @@ from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.units import counted
 
-__all__ = ["SimilarityTab"]
-
 
 class SimilarityTab(PinChooser):
     """Paint how far every vertex is from a pinned one in feature space; follows the last pin."""
