@@ -37,7 +37,8 @@ class Tasks(QObject):
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document = document
-        self._job: Job | None = None
+        #: The running job.
+        self.job: Job | None = None
         self._queue: list[Job] = []
         self._received.connect(self._take, Qt.ConnectionType.QueuedConnection)
         self.worker = Worker(self._prepare)
@@ -54,24 +55,19 @@ class Tasks(QObject):
     def _take(self, kind: str, content: Any) -> None:
         getattr(self, f"_on_{kind}")(content)
 
-    @property
-    def job(self) -> Job | None:
-        """The running job."""
-        return self._job
-
     def run(self, job: Job) -> None:
         """Run a job now, or after the running one."""
-        if self._job is None:
+        if self.job is None:
             self._start(job)
-        elif isinstance(job, DecomposeJob) and isinstance(self._job, PreviewJob):
+        elif isinstance(job, DecomposeJob) and isinstance(self.job, PreviewJob):
             # the preview ends within seconds and is used; two requests for one job run it once
             self._queue = [other for other in self._queue if not isinstance(other, DecomposeJob)]
             self._queue.insert(0, job)
-        elif isinstance(job, ExportJob) or isinstance(self._job, ExportJob):
+        elif isinstance(job, ExportJob) or isinstance(self.job, ExportJob):
             self._queue.append(job)
-            self._document.say(f"{job.label} waits for: {self._job.label}.")
-        elif isinstance(job, DecomposeJob) and not isinstance(self._job, DecomposeJob):
-            text = f"{self._job.label} is not done yet: compute when it is."
+            self._document.say(f"{job.label} waits for: {self.job.label}.")
+        elif isinstance(job, DecomposeJob) and not isinstance(self.job, DecomposeJob):
+            text = f"{self.job.label} is not done yet: compute when it is."
             self._document.say(text, Severity.WARNING)
         else:
             self._queue = [waiting for waiting in self._queue if isinstance(waiting, ExportJob)]
@@ -91,20 +87,20 @@ class Tasks(QObject):
         self.worker.close()
 
     def _start(self, job: Job) -> None:
-        self._job = job
+        self.job = job
         self._document.job_started(job)
         self.worker.submit(job)
 
     def _end(self, notice: Notice | None = None, whole: bool = False) -> None:
-        self._job = None
+        self.job = None
         self._document.end_growing(whole)
         self._document.job_ended(notice)
-        if self._queue and self._job is None:
+        if self._queue and self.job is None:
             self._start(self._queue.pop(0))
 
     def _on_mesh_changed(self) -> None:
         """Stop a decomposition of a mesh that is no longer shown, as after an undo."""
-        job = self._job
+        job = self.job
         kinds = DecomposeJob | PreviewJob | PiecesJob
         if isinstance(job, kinds) and not self._is_shown(job.mesh):
             self.worker.cancel()
@@ -118,7 +114,7 @@ class Tasks(QObject):
         self._document.job_progressed(progress)
 
     def _on_sent(self, message: object) -> None:
-        job = self._job
+        job = self.job
         if isinstance(message, Notice):
             self._document.notify(message)
         elif isinstance(message, MapGrew) and isinstance(job, PiecesJob):
@@ -150,7 +146,7 @@ class Tasks(QObject):
         self._end(notice_of(failure))
 
     def _on_cancelled(self, _: None) -> None:
-        job = self._job
+        job = self.job
         replaced = bool(self._queue)
         if replaced or job is None:
             self._end()
