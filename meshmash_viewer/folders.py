@@ -1,11 +1,11 @@
-"""Folders of the user for stored eigenpairs and logs."""
+"""Folders of the user for stored eigenpairs, sessions and logs."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-#: Environment variable that names one folder for both, on every operating system.
+#: Environment variable that names one folder for all, on every operating system.
 CACHE_VARIABLE = "MESHMASH_CACHE"
 
 
@@ -14,6 +14,16 @@ def cache_folder() -> Path:
     import platformdirs
 
     return _named() or Path(platformdirs.user_cache_dir("meshmash-viewer", appauthor=False))
+
+
+def session_folder() -> Path:
+    """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
+    import platformdirs
+
+    named = _named()
+    if named is not None:
+        return named / "sessions"
+    return Path(platformdirs.user_data_dir("meshmash-viewer", appauthor=False)) / "sessions"
 
 
 def log_folder() -> Path:

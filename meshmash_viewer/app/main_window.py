@@ -38,7 +38,6 @@ from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
 from meshmash_viewer.app.hover_label import HoverLabel
-from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
@@ -116,8 +115,7 @@ class MainWindow(QMainWindow):
         self._build_status_bar()
         self.tasks = Tasks(self.document, self)
         self.background_io = BackgroundIO(self.document, self)
-        self.last_look = LastLook(self.document, self.settings, self)
-        self.opening = Opening(self, self.document, self.settings, self.last_look, self.stage)
+        self.opening = Opening(self, self.document, self.settings, self.stage)
         self.opening.pair_changed.connect(self._on_pair_changed)
         self.commands = Commands(
             self,
@@ -297,7 +295,6 @@ class MainWindow(QMainWindow):
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and ready.path is not None and not ready.derived:
             self.settings.add_recent(ready.path)
-            self.last_look.restore()
         self.hover_label.show_vertex(-1)
 
     def _show_stage(self) -> None:
@@ -446,7 +443,8 @@ class MainWindow(QMainWindow):
         if not self._closed:
             self._closed = True
             self.settings.layout = self.arrangement.save()
-            self.last_look.keep()
+            self.opening.last_session.save()
+            self.settings.close()
             self.document.display.playing = False
             self.document.display.vibrating = False
             stop_listening(self)

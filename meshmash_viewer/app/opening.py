@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QFileDialog, QMainWindow
 
 from meshmash_viewer.app.controller import Controller
-from meshmash_viewer.app.last_look import LastLook
-from meshmash_viewer.app.sessions import Restoration, store_session
+from meshmash_viewer.app.last_session import LastSession
+from meshmash_viewer.app.sessions import Restoration, session_of
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
-from meshmash_viewer.io.session import SESSION_ENDING
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.io.session import SESSION_ENDING, Session, write_session
+from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.pair import LINKS, Pair
+from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.second_view import SecondView
@@ -52,12 +54,12 @@ class Opening(QObject):
         window: QMainWindow,
         document: Document,
         settings: Settings,
-        last_look: LastLook,
         stage: Stage,
     ) -> None:
         super().__init__(window)
         self._window, self._document, self._settings = window, document, settings
-        self._last_look, self._stage = last_look, stage
+        self._stage = stage
+        self.last_session = LastSession(document, settings.sessions, self._look_of, self)
         self.scene: MeshView | None = None
         self.controller: Controller | None = None
         self.second_view: SecondView | None = None
@@ -93,11 +95,44 @@ class Opening(QObject):
 
         It is in the unit that it was given last, unless another is given.
         """
-        self._read(self._document, path, unit, maps)
+        self.last_session.save()
+        session = self.last_session.stored(path)
+        if session is None:
+            self._document.open_mesh(path, unit, maps=maps)
+            return
+        file = self.last_session.path(path)
+        session = replace(session, unit=unit or session.unit, mesh_path=str(path.absolute()))
+        try:
+            restoration = Restoration(self._document, file, session, saved_itself=True, maps=maps)
+        except InputError:
+            self._document.open_mesh(path, unit or session.unit, maps=maps)
+            return
+        restoration.restored.connect(lambda: self._offer_fresh_start(path, session))
+        self._begin(restoration)
 
-    def _read(self, document: Document, path: Path, unit: str, maps: Sequence[Path]) -> None:
-        state = self._last_look.state(path)
-        document.open_mesh(path, **{**state, "unit": unit or state["unit"]}, maps=maps)
+    def _offer_fresh_start(self, path: Path, session: Session) -> None:
+        """Say what of the last time is there again, and offer to open the file without it."""
+        made = {
+            "pin": len(self._document.pins),
+            "map": self.last_session.restore_maps() + len(session.maps),
+            "second mesh": int(bool(session.second_path)),
+        }
+        if any(made.values()):
+            made["repair"] = len(self._document.repairs)
+            what = ", ".join(counted(count, noun) for noun, count in made.items() if count)
+            text = f"Opened as you left it: {what}."
+            notice = Notice(text, button="Start afresh", undo=lambda: self.start_afresh(path))
+            self._document.notify(notice)
+
+    def start_afresh(self, path: Path) -> None:
+        """Open a mesh file without what was made on it."""
+        self.last_session.forget(path)
+        self.end_comparison()
+        self._document.open_mesh(path)
+
+    def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
+        camera = self.scene.camera() if self.scene is not None else None
+        return camera or {}, self.pair
 
     def add_map(self) -> None:
         """Ask for files with values per vertex of the open mesh."""
@@ -155,7 +190,14 @@ class Opening(QObject):
 
     def open_second(self, path: Path, maps: Sequence[Path] = (), unit: str = "") -> None:
         """Read a second mesh as `read` does; an open one stays if that fails."""
-        self._read(self._make_view(LINKS).document, path, unit, maps)
+        session = self.last_session.stored(path)
+        document = self._make_view(LINKS).document
+        if session is None:
+            document.open_mesh(path, unit, maps=maps)
+        else:
+            unit = unit or session.unit
+            known = session.repairs, session.source
+            document.open_mesh(path, unit, None, maps, *(known if session.source else ()))
 
     def _make_view(self, links: Collection[str]) -> SecondView:
         """Return the view of the second mesh, made if needed, with only these links active."""
@@ -166,7 +208,7 @@ class Opening(QObject):
             assert self.scene is not None and self.controller is not None  # noqa: PT018  a render
             view = self.second_view = SecondView(self._document, self.scene, self.controller)
             view.close_requested.connect(self.end_comparison)
-            self._last_look.watch(view.document, view)
+            self.last_session.watch(view.document)
             self._stage.add_second(view)
             self.pair_changed.emit(view.pair)
         for name in LINKS:
@@ -202,8 +244,12 @@ class Opening(QObject):
         except InputError as fault:
             self._document.say(str(fault), Severity.ERROR)
             return
+        self._begin(restoration)
+
+    def _begin(self, restoration: Restoration) -> None:
         if self.restoration is not None:
             self.restoration.stop()
+        self.last_session.save()
         self.restoration = restoration
         restoration.restored.connect(self.look)
         restoration.begin()
@@ -224,8 +270,7 @@ class Opening(QObject):
 
     def store_session(self, path: Path) -> None:
         """Write the session; raise `InputError` if the file cannot be written."""
-        camera = self.scene.camera() if self.scene is not None else None
-        store_session(self._document, camera or {}, path, self.pair)
+        write_session(path, session_of(self._document, *self._look_of()))
 
     def save_session(self) -> None:
         """Ask for a file name, and save the session."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from psygnal import Signal
 
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.session import Session, read_session, write_session
+from meshmash_viewer.io.session import Session, read_session
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
@@ -20,13 +21,11 @@ from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["Restoration", "store_session"]
+__all__ = ["Restoration", "session_of"]
 
 
-def store_session(
-    document: Document, camera: dict[str, Any], path: Path, pair: Pair | None = None
-) -> None:
-    """Write what a window shows.
+def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = None) -> Session:
+    """Return what a window shows.
 
     Parameters
     ----------
@@ -34,23 +33,18 @@ def store_session(
         With a mesh.
     camera : dict
         As `View.to_json` gives it; empty while there is no render.
-    path : Path
     pair : Pair, optional
         With the second mesh, where there is one.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
     """
-    mesh = document.mesh
-    assert mesh is not None
+    mesh, ready = document.mesh, document.ready
+    assert mesh is not None and ready is not None  # noqa: PT018  one has the other
     second = None if pair is None or pair.second.path is None else pair.second
-    session = Session(
+    return Session(
         mesh_path=str(document.path or ""),
         maps=_map_files(mesh),
         unit=document.unit_text,
         repairs=list(document.repairs),
+        source=ready.source,
         mesh_hash=mesh.content_hash,
         n_vertices=mesh.n_file_vertices,
         operator=asdict(document.operator),
@@ -65,7 +59,6 @@ def store_session(
         second_repairs=list(second.repairs) if second is not None else [],
         links=sorted(pair.links) if pair is not None else [],
     )
-    write_session(path, session)
 
 
 def _map_files(mesh: Mesh | None) -> list[str]:
@@ -82,6 +75,11 @@ class Restoration:
     path : Path
     session : Session, optional
         What is in the file, where that is known.
+    saved_itself : bool
+        Whether the session was not saved by the user: it is opened only if the mesh file has the
+        content that it had.
+    maps : sequence of Path
+        Files of more maps to add.
 
     Raises
     ------
@@ -92,7 +90,16 @@ class Restoration:
     #: All is there again, but for the camera.
     restored = Signal()
 
-    def __init__(self, document: Document, path: Path, session: Session | None = None) -> None:
+    def __init__(
+        self,
+        document: Document,
+        path: Path,
+        session: Session | None = None,
+        *,
+        saved_itself: bool = False,
+        maps: Sequence[Path] = (),
+    ) -> None:
+        self._saved_itself, self._maps = saved_itself, tuple(maps)
         session = session or read_session(path)
         if not session.mesh_path:
             raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
@@ -119,9 +126,12 @@ class Restoration:
     def begin(self) -> None:
         """Ask for the mesh."""
         self._document.job_changed.connect(self._advance)
+        session = self._session
+        source = session.source if self._saved_itself else ""
         self._document.open_mesh(
-            self._mesh_path, self._session.unit, self._operator, repairs=self._session.repairs
-        )
+            self._mesh_path, session.unit, self._operator, repairs=session.repairs, source=source,
+            maps=self._maps,
+        )  # fmt: skip
 
     def stop(self) -> None:
         """Leave it at what has been restored so far."""
@@ -154,6 +164,12 @@ class Restoration:
         mesh = document.mesh
         assert mesh is not None
         if session.mesh_hash and mesh.content_hash != session.mesh_hash:
+            if self._saved_itself:
+                self._warn(
+                    f"{document.path} has changed since it was open last: what was made on it"
+                    " then is left out."
+                )
+                return
             self._warn(
                 f"{document.path} has changed since {self._path.name} was saved: "
                 "pins and field may not be where they were."

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,13 @@ from typing import Any
 from PySide6.QtCore import QByteArray, QSettings
 
 from meshmash_viewer.app.theme import Mode
+from meshmash_viewer.folders import session_folder
 
 _RECENT_KEPT = 10
-_LOOKS_KEPT = 50
 
 
 class Settings:
-    """Recent files with their last display, theme, layout and the speed of the last solve.
+    """Recent files, theme, layout and the speed of the last solve.
 
     Parameters
     ----------
@@ -25,10 +26,18 @@ class Settings:
     """
 
     def __init__(self, fresh: bool = False) -> None:
+        self._fresh = fresh
+        #: Where the session of each mesh file is saved.
+        self.sessions = Path(tempfile.mkdtemp()) if fresh else session_folder()
         store = None if fresh else QSettings("meshmash-viewer", "meshmash-viewer")
         kept: dict[str, object] = {}
         self._get: Callable[[str], Any] = kept.get if store is None else store.value
         self._set = kept.__setitem__ if store is None else store.setValue
+
+    def close(self) -> None:
+        """Delete the sessions of a fresh start."""
+        if self._fresh:
+            shutil.rmtree(self.sessions, ignore_errors=True)
 
     @property
     def recent(self) -> list[Path]:
@@ -43,20 +52,6 @@ class Settings:
         path = path.absolute()
         kept = [path, *(other for other in self.recent if other != path)][:_RECENT_KEPT]
         self._set("recent", [str(each) for each in kept])
-
-    @property
-    def looks(self) -> dict[str, dict[str, Any]]:
-        """The last display of each mesh file (`LastLook`), the newest at the end."""
-        try:
-            stored = json.loads(str(self._get("looks") or "{}"))
-        except ValueError:
-            return {}
-        return stored if isinstance(stored, dict) else {}
-
-    @looks.setter
-    def looks(self, looks: dict[str, dict[str, Any]]) -> None:
-        newest = dict(list(looks.items())[-_LOOKS_KEPT:])
-        self._set("looks", json.dumps(newest))
 
     @property
     def folder(self) -> Path:

@@ -86,6 +86,8 @@ class Session(Parameters):
         the format states.
     repairs : list of str
         Names of the repairs made after reading, oldest first.
+    source : str
+        Content hash of the mesh before its repairs; "" if not known.
     mesh_hash : str
         Content hash of the repaired mesh, to detect changes of the file; "" if not known.
     n_vertices : int
@@ -115,6 +117,7 @@ class Session(Parameters):
     maps: list[str] = parameter(list, _FILES)
     unit: str = parameter("", _Unit(100))
     repairs: list[str] = parameter(list, _REPAIRS)
+    source: str = parameter("", Text(200))
     mesh_hash: str = parameter("", Text(200))
     n_vertices: int = parameter(0, Whole())
     operator: dict[str, Any] = parameter(

@@ -62,12 +62,13 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """One sentence for the message bar; `details` is for the copy button, `undo` for Undo."""
+    """One sentence for the message bar; `details` is for the copy button, `undo` for `button`."""
 
     text: str
     severity: Severity = Severity.INFORMATION
     details: str = ""
     undo: Callable[[], None] | None = None
+    button: str = "Undo"
 
 
 @dataclass(frozen=True, eq=False)

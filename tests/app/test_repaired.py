@@ -37,6 +37,7 @@ def remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         return QSettings(str(path), QSettings.Format.IniFormat)
 
     monkeypatch.setattr(settings, "QSettings", stored)
+    monkeypatch.setattr(settings, "session_folder", lambda: path.with_name("sessions"))
     return path
 
 
@@ -260,6 +261,12 @@ def test_the_second_mesh_is_repaired_as_it_was(
     assert beside.document.mesh.file_index(0) == 44
 
 
+def stored_unit(window: MainWindow, path: Path) -> str:
+    """Unit that a mesh file will be opened in; "" if nothing is known of it."""
+    session = window.opening.last_session.stored(path)
+    return "" if session is None else session.unit
+
+
 @pytest.mark.slow
 def test_a_unit_of_the_command_line_is_remembered_for_its_file(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path
@@ -284,7 +291,7 @@ def test_a_unit_of_the_command_line_is_remembered_for_its_file(
     window = start()
     read(qtbot, window, path)
     assert window.document.unit_text == unit
-    assert window.settings.looks[str(path)]["unit"] == unit
+    assert stored_unit(window, path) == unit
     # also one that says what the file does; not of what cannot be read
     absent = path.with_name("absent.npz")
     window.open_mesh(absent, "m")
@@ -292,8 +299,8 @@ def test_a_unit_of_the_command_line_is_remembered_for_its_file(
     window.open_mesh(path, "none")
     qtbot.waitUntil(lambda: window.document.unit_text == "none", timeout=PATIENCE)
     rest(qtbot, window)
-    states = [window.last_look.state(each)["unit"] for each in (path, absent)]
-    assert states == ["none", ""]
+    window.opening.last_session.save()
+    assert [stored_unit(window, each) for each in (path, absent)] == ["none", ""]
 
 
 @pytest.mark.slow

@@ -18,8 +18,9 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.sessions import Restoration, store_session
+from meshmash_viewer.app.sessions import Restoration, session_of
 from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.io.session import write_session
 from meshmash_viewer.model.display import (
     Display,
     display_from_json,
@@ -45,7 +46,7 @@ def shown(window: MainWindow, field: QWidget) -> bool:
 
 def read_again(document: Document, path: Path) -> None:
     """Write a session and read it, as another window does, and compare all that was typed."""
-    store_session(document, {}, path)
+    write_session(path, session_of(document, {}))
     content = json.loads(path.read_text())
     path.write_text(json.dumps(content | {"mesh_path": "ball.npz"}))
     read = Restoration(Document(), path)
@@ -131,7 +132,7 @@ def test_what_is_typed_computed_and_saved_is_opened(
 
 def test_a_session_of_before_with_a_count_that_is_a_float(tmp_path: Path) -> None:
     path = tmp_path / "old.meshmash.json"
-    store_session(rectangle_document(), {}, path)
+    write_session(path, session_of(rectangle_document(), {}))
     content = json.loads(path.read_text()) | {"mesh_path": "ball.npz"}
     content["target"] = {"kind": "count", "value": 50.0}
     content["display"]["fields"]["hks"]["scales"] = 9.0

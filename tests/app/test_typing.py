@@ -260,8 +260,12 @@ def test_a_unit_given_by_hand_is_remembered_for_its_file(
     assert window.document.unit_text == "none", "each has its own"
     open_file("ball")
     assert window.document.unit_text == unit
-    window.close()
-    assert window.settings.looks[str(window.document.path)]["unit"] == unit, "for the next run"
+    path = window.document.path
+    assert path is not None
+    window.opening.last_session.save()
+    stored = window.opening.last_session.stored(path)
+    assert stored is not None
+    assert stored.unit == unit, "for the next run"
 
 
 # -- what is computed --------------------------------------------------------------------------

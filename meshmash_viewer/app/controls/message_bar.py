@@ -69,6 +69,7 @@ class MessageBar(QFrame):
         self._text.setText(notice.text)
         self._copy.setText("Copy details")
         self._copy.setVisible(bool(notice.details) or notice.severity is Severity.ERROR)
+        self._undo.setText(notice.button)
         self._undo.setVisible(notice.undo is not None)
         self.setProperty("severity", notice.severity.value)
         self._refresh()

@@ -1,0 +1,177 @@
+"""Sessions that save themselves: every mesh file opens again as it was left."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QObject, QTimer
+
+from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.sessions import session_of
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import written_whole
+from meshmash_viewer.io.session import SESSION_ENDING, Session, read_session, write_session
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.pair import Pair
+from meshmash_viewer.vertex_map import VertexMap
+
+#: Milliseconds from a change until it is written.
+_DELAY = 1000
+#: Number of mesh files whose sessions are kept.
+_KEPT = 200
+_MAPS_ENDING = ".maps.npz"
+
+
+class LastSession(QObject):
+    """Writes the session of a document's mesh file after every change, and finds it again.
+
+    Parameters
+    ----------
+    document : Document
+    folder : Path
+        Of the sessions, one for each mesh file.
+    look : callable
+        Returns the camera (see `View.to_json`) and the pair with the second mesh, if there is one.
+    parent : QObject
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        folder: Path,
+        look: Callable[[], tuple[dict[str, Any], Pair | None]],
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._document, self._folder, self._look = document, folder, look
+        self._second: Document | None = None
+        #: Names of the maps in the mesh file itself, and the other ones that have been written.
+        self._of_file: frozenset[str] = frozenset()
+        self._written: tuple[VertexMap, ...] = ()
+        self._timer = QTimer(self, singleShot=True, interval=_DELAY)
+        self._timer.timeout.connect(self.save)
+        listen(document.mesh_changed, self._note_mesh)
+        changes = document.history.changed, document.display.events, document.settings_changed
+        listen(changes, self.changed)
+
+    def changed(self) -> None:
+        """Write the session soon."""
+        if self._document.path is not None and not self._timer.isActive():
+            self._timer.start()
+
+    def watch(self, document: Document) -> None:
+        """Keep unit and repairs of the mesh file of a second document, too."""
+        self._second = document
+        listen(document.mesh_changed, self._keep_second)
+
+    def stored(self, mesh_path: Path) -> Session | None:
+        """Return the session of a mesh file; None if there is none that can be read."""
+        try:
+            return read_session(self.path(mesh_path))
+        except InputError:
+            return None
+
+    def path(self, mesh_path: Path) -> Path:
+        """Return the file of the session of a mesh file."""
+        key = hashlib.sha256(str(mesh_path.absolute()).encode()).hexdigest()[:20]
+        return self._folder / f"{key}{SESSION_ENDING}"
+
+    def save(self) -> None:
+        """Write the session now; a folder that cannot be written to is said."""
+        self._timer.stop()
+        document = self._document
+        if document.path is None or document.mesh is None:
+            return
+        camera, pair = self._look()
+        path = self.path(document.path)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            write_session(path, session_of(document, camera, pair))
+            self._write_maps(path)
+        except (InputError, OSError) as fault:
+            document.say(f"What you made could not be saved for the next time: {fault}")
+        self._delete_oldest()
+
+    def forget(self, mesh_path: Path) -> None:
+        """Delete the session of a mesh file."""
+        self._timer.stop()
+        for file in (self.path(mesh_path), self._maps_file(self.path(mesh_path))):
+            file.unlink(missing_ok=True)
+
+    def restore_maps(self) -> int:
+        """Add the kept maps to the mesh again, and return their number."""
+        document = self._document
+        mesh = document.mesh
+        if mesh is None or document.path is None:
+            return 0
+        try:
+            with np.load(self._maps_file(self.path(document.path))) as stored:
+                about = json.loads(str(stored["about"]))
+                values = [stored[f"values_{at}"] for at in range(len(about["maps"]))]
+        except (OSError, ValueError, KeyError):
+            return 0
+        if about["mesh"] != mesh.content_hash:
+            return 0
+        maps = [
+            VertexMap(one["name"], each, unit=one["unit"])
+            for one, each in zip(about["maps"], values, strict=True)
+        ]
+        with document.history.paused():
+            document.accept_maps(mesh, maps, shown=False)
+        self._written = tuple(maps)
+        return len(maps)
+
+    # -- details ------------------------------------------------------------------------------
+
+    def _note_mesh(self) -> None:
+        ready = self._document.ready
+        if ready is not None and not ready.derived:
+            self._of_file = frozenset(each.name for each in ready.mesh.maps)
+            self._written = ()
+        self.changed()
+
+    def _keep_second(self) -> None:
+        document = self._second
+        if document is not None and document.path is not None:
+            now = session_of(document, {}, None)
+            known = self.stored(document.path)
+            if known is not None:
+                now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
+            self._folder.mkdir(parents=True, exist_ok=True)
+            write_session(self.path(document.path), now)
+
+    @staticmethod
+    def _maps_file(session: Path) -> Path:
+        return session.with_name(session.name.removesuffix(SESSION_ENDING) + _MAPS_ENDING)
+
+    def _write_maps(self, session: Path) -> None:
+        """Write the maps that are in no file, unless that has been done."""
+        mesh = self._document.mesh
+        assert mesh is not None
+        kept = tuple(each for each in mesh.maps if not each.path and each.name not in self._of_file)
+        if len(kept) == len(self._written) and all(
+            one.values is other.values for one, other in zip(kept, self._written, strict=True)
+        ):
+            return
+        about = {
+            "mesh": mesh.content_hash,
+            "maps": [{"name": each.name, "unit": each.unit} for each in kept],
+        }
+        values: dict[str, Any] = {f"values_{at}": each.values for at, each in enumerate(kept)}
+        with written_whole(self._maps_file(session)) as part, part.open("wb") as file:
+            np.savez(file, about=np.array(json.dumps(about)), **values)
+        self._written = kept
+
+    def _delete_oldest(self) -> None:
+        sessions = sorted(
+            self._folder.glob(f"*{SESSION_ENDING}"), key=lambda each: each.stat().st_mtime
+        )
+        for old in sessions[:-_KEPT]:
+            old.unlink(missing_ok=True)
+            self._maps_file(old).unlink(missing_ok=True)

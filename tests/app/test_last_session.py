@@ -1,0 +1,125 @@
+"""Every mesh file opens again as it was left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from closed_form import part
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.vertex_map import VertexMap
+
+PATIENCE = 60_000
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Sessions of all windows, as of a program that is started again."""
+    made = Settings.__init__
+
+    def begin(settings: Settings, fresh: bool = False) -> None:
+        made(settings, fresh)
+        settings.close()
+        settings.sessions = tmp_path / "sessions"
+        settings._fresh = False
+
+    monkeypatch.setattr(Settings, "__init__", begin)
+    return tmp_path
+
+
+def two_balls(path: Path, size: float = 1.0) -> Path:
+    small, large = shapes.icosphere(1), shapes.icosphere(2)
+    vertices = np.concatenate([small.vertices + 9.0, size * large.vertices])
+    np.savez(path, vertices=vertices, faces=np.concatenate([small.faces, large.faces + 42]))
+    return path
+
+
+def opened(window: MainWindow, path: Path, qtbot: QtBot) -> MainWindow:
+    window.open_mesh(path)
+    document = window.document
+    qtbot.waitUntil(lambda: document.path == path and document.job is None, timeout=PATIENCE)
+    window.wait()
+    return window
+
+
+def test_what_was_made_is_there_again_and_can_be_left_out(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path, other = two_balls(folder / "balls.npz"), two_balls(folder / "other.npz", 2.0)
+    window = opened(open_window(), path, qtbot)
+    document = window.document
+    document.set_unit("nm")
+    document.repair("keep_largest_component")
+    qtbot.waitUntil(lambda: document.repairs != () and document.job is None, timeout=PATIENCE)
+    for vertex in (3, 100):
+        document.toggle_pin(vertex)
+    document.toggle_pin(3)
+    document.display.limits = LockedLimits(-1.0, 2.0)
+    document.display.sequential_colormap = "magma"
+    mesh = document.mesh
+    assert isinstance(mesh, Mesh)
+    height = VertexMap("height", mesh.vertices[:, 2].astype(np.float32), unit="nm")
+    document.accept_maps(mesh, [height])
+    document.display.kind = HeatKernelSignature.name
+    camera = window.scene.camera()
+    camera["half_size"] *= 2.0
+    window.scene.set_camera(camera)
+    opened(window, other, qtbot)  # at once, before anything is saved by the clock
+    assert document.pins == ()
+
+    def check(window: MainWindow) -> None:
+        document = window.document
+        qtbot.waitUntil(lambda: len(document.pins) == 1, timeout=PATIENCE)
+        window.wait()
+        assert document.mesh is not None
+        assert document.unit == "nm"
+        assert document.repairs == ("keep_largest_component",)
+        assert [(pin.number, document.mesh.file_index(pin.vertex)) for pin in document.pins] == [
+            (2, 142)
+        ]
+        assert document.display.policies["eigenfunction"] == LockedLimits(-1.0, 2.0)
+        assert document.display.sequential_colormap == "magma"
+        kept = document.mesh.map_named("height")
+        np.testing.assert_allclose(kept.values, height.values)
+        assert kept.unit == "nm"
+        assert window.scene.camera()["half_size"] == pytest.approx(camera["half_size"])
+
+    check(opened(window, path, qtbot))
+    window.close()
+    again = opened(open_window(), path, qtbot)
+    check(again)
+    button = part(again, "undo_message")
+    assert button.text() == "Start afresh"
+    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: again.document.repairs == (), timeout=PATIENCE)
+    again.wait()
+    assert again.document.pins == ()
+    assert again.document.mesh is not None
+    assert not again.document.mesh.maps
+    again.close()
+
+
+def test_a_changed_file_is_opened_without_what_was_made_on_the_old_one(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path = two_balls(folder / "balls.npz")
+    window = opened(open_window(), path, qtbot)
+    window.document.toggle_pin(100)
+    window.close()
+    two_balls(path, 3.0)
+    again = opened(open_window(), path, qtbot)
+    assert again.document.pins == ()
+    notice = again.stage.message_bar.notice
+    assert notice is not None
+    assert "has changed" in notice.text
