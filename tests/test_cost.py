@@ -19,7 +19,7 @@ from test_eigensolver import dense, random_mesh, torus
 from test_eigensolver_hard import icosphere, strip
 
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
-from meshmash_viewer.spectral.engine import lanczos
+from meshmash_viewer.spectral.engine import refinement
 from meshmash_viewer.spectral.engine.basis import KrylovBasis, RitzPairs
 from meshmash_viewer.spectral.engine.factorization import Factor
 
@@ -32,7 +32,7 @@ _COUNTED: dict[str, tuple[Any, str]] = {
     "passes": (KrylovBasis, "_project_known_out"),
     "searches": (KrylovBasis, "_find_nearest"),
     "looks": (RitzPairs, "__init__"),
-    "refined": (lanczos, "_polish"),
+    "refined": (refinement, "_polish"),
 }
 #: So much more than was counted on one machine is borne with, since rounding differs between them;
 #: one more of what depends on when pairs have converged.

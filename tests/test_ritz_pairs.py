@@ -7,9 +7,9 @@ import pytest
 from test_eigensolver import torus
 
 from meshmash_viewer.spectral.engine.factorization import order_pencil
-from meshmash_viewer.spectral.engine.lanczos import measure_pairs, rotate_to_pairs
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise, subtract
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
+from meshmash_viewer.spectral.engine.refinement import measure_pairs, rotate_to_pairs
 
 
 @pytest.mark.parametrize("p", [3, 37, 100])

@@ -24,7 +24,6 @@ from meshmash_viewer.spectral.engine.known import KnownPairs
 from meshmash_viewer.spectral.engine.lanczos import (
     IntervalPairs,
     find_pairs,
-    measure_pairs,
     run_slices,
 )
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
@@ -32,6 +31,7 @@ from meshmash_viewer.spectral.engine.output import Output
 from meshmash_viewer.spectral.engine.pace import Pace
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
+from meshmash_viewer.spectral.engine.refinement import measure_pairs
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.engine.workers import (
     can_be_dense,

@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.factorization import FactorizationError, OrderedPencil
-from meshmash_viewer.spectral.engine.lanczos import measure_pairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
+from meshmash_viewer.spectral.engine.refinement import measure_pairs
 
 FloatArray = npt.NDArray[np.float64]
 

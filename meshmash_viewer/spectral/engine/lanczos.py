@@ -18,11 +18,10 @@ import numpy.typing as npt
 from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.orthogonality import (
-    independent_gram,
-    multiply_in_place,
     orthonormalise,
     project_out,
 )
+from meshmash_viewer.spectral.engine.refinement import refine_pairs, rotate_to_pairs
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -30,16 +29,8 @@ FloatArray = npt.NDArray[np.float64]
 _USUAL = (2.3, 56)
 #: Number of fruitless restarts after which an interval fails.
 _PATIENCE = 6
-#: Residuals above this multiple of the tolerance are refined.
-_COARSE = 8.0
-#: Maximum number of refinements.
-_POLISHES = 3
 #: Factor of the tolerance after a fruitless restart.
 _LENIENCE = 1e3
-#: Correction of rows above which they have to be orthonormalised again.
-_SEEN = 1e-7
-#: Number of products of A with rows held in memory.
-_IMAGES = 8 * BLOCK
 #: Backward error of a factor above which the lowest pairs lose accuracy.
 _BLURRED = 2e-14
 #: Distance of an eigenvalue from the shift, in mean spacings, below which its rounding dominates.
@@ -197,28 +188,9 @@ def find_pairs(
     order = np.argsort(found_values, kind="stable")
     order = order[: interval.most]
     rows = found[order] if np.any(np.diff(order) < 0) or len(order) < len(found) else found
-    values, residuals = measure_pairs(ordered, rows)
-    if interval.low < 0.0 and values[0] < -max(1e-6, 1e-9 * ordered.pencil.norm):
-        raise ArithmeticError(f"a negative eigenvalue, {values[0]:.6g}")
-    refined = np.zeros(len(rows), dtype=bool)
-    for attempt in range(_POLISHES):
-        coarse = np.flatnonzero(residuals > _COARSE * tolerance * np.abs(values))
-        if len(coarse) == 0:
-            break
-        if attempt == 1 and interval.low < 0.0:
-            # Near the lowest eigenvalue, to damp components of neighbouring eigenvectors too; this
-            # seldom needed step takes another factor.
-            below = -float(values[coarse[0]])
-            factor = ordered.factor(below, 0.1 * below, stop)
-        gained = _polish(ordered, factor, rows, values, residuals, coarse)
-        if len(gained) == 0:
-            break
-        orthonormality = max(orthonormality, _insert_refined(rows, gained))
-        values, residuals = measure_pairs(ordered, rows)
-        values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
-        refined[gained] = True
-    # Residuals in float64 contain this rounding already; those in twice the precision do not.
-    residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
+    lowest = interval.low < 0.0
+    values, residuals, defect = refine_pairs(ordered, factor, rows, tolerance, lowest, stop)
+    orthonormality = max(orthonormality, defect)
     return IntervalPairs(interval, values, residuals, rows, orthonormality)
 
 
@@ -298,24 +270,6 @@ def _search(
     return found_values, found, orthonormality, factor
 
 
-def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
-    """Compute the contribution of rounding of A and of rows to residuals, shape (p,).
-
-    Residuals are computed exactly, but from rounded A and rows.
-    """
-    sizes = np.empty(len(rows))
-    weight = ordered.pencil.root_mass[:, None]
-    columns = np.zeros((ordered.pencil.n, BLOCK))
-    for start in range(0, len(rows), BLOCK):
-        some = np.abs(rows[start : start + BLOCK]).T
-        width = some.shape[1]
-        columns[:, :width] = some
-        image = ordered.multiply(columns, magnitudes=True)[:, :width] * weight
-        norms = np.linalg.norm(image, axis=0) / np.linalg.norm(some * weight, axis=0)
-        sizes[start : start + width] = norms
-    return np.asarray(0.5 * np.finfo(np.float64).eps * sizes)
-
-
 def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Factor:
     """Factor for an interval at its shift or close to it.
 
@@ -330,59 +284,6 @@ def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Facto
         other = ordered.factor(interval.shift + side * nudge, nudge, stop)
         best = min(best, other, key=lambda factor: factor.error)
     return best
-
-
-def _polish(
-    ordered: OrderedPencil,
-    factor: Factor,
-    rows: FloatArray,
-    values: FloatArray,
-    residuals: FloatArray,
-    coarse: npt.NDArray[np.int64],
-) -> npt.NDArray[np.int64]:
-    """Refine some rows, in place, by one inverse iteration; return the indices of improved rows.
-
-    Rounding in the basis is spread over the whole spectrum and magnified by the norm of A: for the
-    smallest eigenvalues it limits the residual. The inverse damps it; with a shift below zero, as
-    close to zero as the smallest eigenvalue, it damps components of neighbouring eigenvectors too.
-    The solution is refined with defects in twice the precision. What remains is the rounding of the
-    entries themselves, about eps ‖A‖ / λ: in float64 about 1e-9 for the first eigenfunction of a
-    neuron of a hundred thousand vertices. Rows that do not improve are unchanged.
-    """
-    gained: list[npt.NDArray[np.int64]] = []
-    for start in range(0, len(coarse), BLOCK):
-        some = coarse[start : start + BLOCK]
-        given = np.zeros((rows.shape[1], BLOCK))
-        given[:, : len(some)] = (rows[some] * (values[some] - factor.shift)[:, None]).T
-        better = given.copy()
-        factor.solve(better)
-        defect = given - ordered.multiply(better, exactly=True) + factor.shift * better
-        factor.solve(defect)
-        better += defect
-        ordered.remove_null(better)
-        candidates = np.ascontiguousarray(better[:, : len(some)].T)
-        candidates /= np.linalg.norm(candidates, axis=1)[:, None]
-        gains = measure_pairs(ordered, candidates, exactly=True)[1] < 0.7 * residuals[some]
-        rows[some[gains]] = candidates[gains]
-        gained.append(some[gains])
-    return np.concatenate(gained)
-
-
-def _insert_refined(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
-    """Make some refined rows orthonormal and the others orthogonal to them; return the defect.
-
-    The others are corrected, since the refined rows are the more accurate ones.
-    """
-    pure = rows[some]
-    orthonormalise(pure)
-    rows[some] = 0.0
-    shared = project_out(rows, pure)
-    rows[some] = pure
-    if np.abs(shared).max() > _SEEN:
-        return orthonormalise(rows)
-    overlap = pure @ rows.T
-    overlap[np.arange(len(some)), some] -= 1.0
-    return float(np.abs(overlap).max())
 
 
 def _converge(
@@ -439,66 +340,3 @@ def _converge(
                 rate = (worst_before[1] - worst) / (size - worst_before[0])
                 check = max(check, size + b * int(0.9 * worst / rate / b))
             worst_before = (size, worst)
-
-
-def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArray, float]:
-    """Rotate nearly orthonormal rows (p, n) to Ritz vectors of A, in place (Rayleigh–Ritz).
-
-    Rounding in the inverse mixes pairs that are close to each other; this separates them again.
-
-    Returns
-    -------
-    values : ndarray, shape (p,)
-        Ascending.
-    orthonormality : float
-        Largest defect of the rows' inner products.
-
-    Raises
-    ------
-    ArithmeticError
-        If the rows are far from independent.
-    """
-    from scipy.linalg import eigh
-
-    p, n = rows.shape
-    if p == 0:
-        return np.zeros(0), 0.0
-    projection = np.empty((p, p))
-    columns = np.zeros((n, BLOCK))
-    images = np.empty((_IMAGES, n))
-    for first in range(0, p, _IMAGES):
-        last = min(first + _IMAGES, p)
-        for start in range(first, last, BLOCK):
-            count = min(BLOCK, last - start)
-            columns[:, :count] = rows[start : start + count].T
-            image = ordered.multiply(columns)
-            ordered.fill_rows(image, images[start - first : start - first + BLOCK])
-        projection[:, first:last] = rows @ images[: last - first].T
-    gram = independent_gram(rows)
-    values, weights = eigh(projection, gram)
-    multiply_in_place(np.ascontiguousarray(weights.T), rows, rows)
-    return values, orthonormalise(rows)
-
-
-def measure_pairs(
-    ordered: OrderedPencil, rows: FloatArray, exactly: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Compute Rayleigh quotients of normalised rows (p, n) and residuals in the M norm.
-
-    `exactly` computes products in twice the precision, with rows rounded as they are when divided
-    by the roots of the masses.
-    """
-    if exactly:
-        root_mass = ordered.pencil.root_mass
-        rows = rows / root_mass * root_mass
-    p = len(rows)
-    values, residuals = np.empty(p), np.empty(p)
-    columns = np.zeros((ordered.pencil.n, BLOCK))
-    for start in range(0, p, BLOCK):
-        stop = min(start + BLOCK, p)
-        b = stop - start
-        columns[:, :b] = rows[start:stop].T
-        quotients, sizes = ordered.quotients(columns, ordered.multiply(columns, exactly))
-        values[start:stop] = quotients[:b]
-        residuals[start:stop] = sizes[:b]
-    return values, residuals
