@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QObject, QSignalBlocker, QTimer
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QHBoxLayout,
+    QPushButton,
+    QSpinBox,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, Part, column, row
+from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.range_box import RangeBox
 from meshmash_viewer.app.controls.scale_marks import decade_marks
 from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider
 from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family, Reading
-from meshmash_viewer.fields.parameter import Whole
+from meshmash_viewer.fields.parameter import Choice, Flag, Number, Parameter, Whole
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
@@ -182,8 +192,56 @@ class FamilyTab(QWidget):
         self._change(**dict(zip(self.family.ordered, (low, high), strict=True)), automatic=False)
 
 
+class ParameterRow(QWidget):
+    """The control of a parameter, after its text: a number, a choice, or a box to tick.
+
+    Parameters
+    ----------
+    name : str
+        Beginning of the object name of the control.
+    declared : Parameter
+        With a text.
+    take : callable
+        Takes a value that the user gives.
+    """
+
+    def __init__(self, name: str, declared: Parameter, take: Callable[[Any], None]) -> None:
+        super().__init__()
+        self._declared, kind, text = declared, declared.kind, declared.text
+        self.control: QWidget
+        self.unit = make.muted()
+        if isinstance(kind, Flag):
+            self.control = make.check(text, f"{name}_check", text, take, tip=declared.tip)
+            self.setLayout(row(self.control, None))
+            return
+        if isinstance(kind, Whole):
+            ends = {"minimum": kind.least, "maximum": kind.most}
+            self.control = make.spin(f"{name}_spin", text, take, tip=declared.tip, **ends)
+        elif isinstance(kind, Choice):
+            labels = {key: str(label) for key, label in kind.labels.items()}
+            self.control = make.combo(f"{name}_combo", text, take, labels, tip=declared.tip)
+        else:
+            assert isinstance(kind, Number), "other kinds have a tab of their own"
+            self.control = NumberField(f"{name}_field", text)
+            self.control.bounds = kind.least, kind.most
+            self.control.setToolTip(declared.tip)
+            self.control.edited.connect(take)
+        self.setLayout(row(make.muted(text), None, self.control, self.unit, spacing=6))
+
+    def show_value(self, value: Any, unit: str) -> None:
+        """Show a value, with its power of a unit of length."""
+        written = power_unit(unit, self._declared.power) if self._declared.power else ""
+        self.unit.setText(written)
+        if isinstance(self.control, NumberField):
+            self.control.show_value(value, written)
+        elif isinstance(self.control, QComboBox):
+            self.control.setCurrentIndex(self.control.findData(value))
+        elif isinstance(self.control, QSpinBox | QCheckBox):
+            show_quietly(self.control, value)
+
+
 class FamilyForm(FamilyTab):
-    """The position in the family, facts about it, and number and range of the exported columns."""
+    """The position in the family, facts about it, its parameters, and the exported columns."""
 
     def _build(self) -> None:
         family, (one, many) = self.family, self.family.nouns
@@ -195,10 +253,21 @@ class FamilyForm(FamilyTab):
         #: Whether the position is an index; else it is a number, in log scale.
         self.stepped = isinstance(family.declared()[self.position].kind, Whole)
         name = family.name if self.stepped else f"{family.name}_{self.position}"
+        shown = {self.position, family.counted, "automatic", *(family.ordered or ())}
+        self.rows = {
+            each: ParameterRow(
+                declared.control or f"{family.name}_{each}",
+                declared,
+                partial(self._set_parameter, each),
+            )
+            for each, declared in family.declared().items()
+            if declared.text and each not in shown
+        }
         self._fill(
             f"{name}_label",
             one if self.stepped else f"{one} of the {family.label.lower()}",
             *self._position_parts(name, one),
+            *self.rows.values(),
             make.heading(many),
             self._make_count_row(
                 counted.text or f"Number of {many.lower()}",
@@ -217,6 +286,9 @@ class FamilyForm(FamilyTab):
         slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
         return slider, row((self.facts,), play)
 
+    def _set_parameter(self, name: str, value: Any) -> None:
+        self._change(**{name: value})
+
     def _set_count(self, count: int) -> None:
         position = getattr(self._document.display[self.family], self.position)
         clipped = {self.position: min(position, count - 1)} if self.stepped else {}
@@ -234,6 +306,8 @@ class FamilyForm(FamilyTab):
             except InputError as fault:
                 reading = replace(reading, warning=str(fault))
         show_quietly(self.count_spin, count)
+        for name, each in self.rows.items():
+            each.show_value(getattr(chosen, name), self._document.unit)
         if self.stepped:
             for control in (self.slider, self.spin):
                 show_quietly(control, index, most=count - 1)
