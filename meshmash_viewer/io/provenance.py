@@ -67,28 +67,11 @@ def export_options(
     *,
     whole_mesh: bool = False,
 ) -> dict[str, Any]:
-    """The choices that led to exported features or eigenpairs, for `provenance`.
+    """Return the choices that led to an exported result, for `provenance`.
 
-    Parameters
-    ----------
-    kind : str
-        What was exported: "hks", "eigenpairs", ...
-    operator : OperatorOptions
-        Of the Laplacian.
-    target : Target
-        How much of the spectrum was used.
-    proof : str
-        What the eigenpairs have been shown to be; "" where none took part.
-    repairs : sequence of str
-        What had been done to the mesh.
-    whole_mesh : bool
-        Whether the results are written at all vertices of the mesh before the repairs.
-
-    Returns
-    -------
-    dict
-        JSON-able: ``kind``, ``repairs``, ``whole_mesh`` where there are some, and of eigenpairs
-        ``operator``, ``target``, ``proof``.
+    `kind` is that of the result, such as "hks"; `proof` states what the eigenpairs have been shown
+    to be, "" where none took part; `whole_mesh` is whether the result is written at all vertices of
+    the mesh before its repairs.
     """
     options: dict[str, Any] = {"kind": kind}
     if proof:

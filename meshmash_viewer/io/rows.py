@@ -61,14 +61,9 @@ def rows_of_text(
     number more in each of an element. Where there are more or fewer lines than rows, line ends have
     no meaning, and all numbers are used.
 
-    Parameters
-    ----------
-    elements : list of Element
-        Of properties of 64-bit floating-point numbers.
-    numbers, counts : ndarray
-        See `meshmash_viewer.io.text.parse_rows`.
-    ragged : bool
-        Whether lines with lists may differ in what they have more.
+    All properties are 64-bit floating-point numbers; `numbers` and `counts` are those of
+    `meshmash_viewer.io.text.parse_rows`. Where `ragged`, lines with lists may differ in what they
+    have more.
 
     Raises
     ------

@@ -79,19 +79,8 @@ class NotANumber(InputError):
 def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], IntArray]:
     """Read lines of numbers separated by white space, far faster than line by line.
 
-    Parameters
-    ----------
-    text : bytes
-        ASCII lines.
-    dtype : type
-        `numpy.float64` or `numpy.int64`.
-
-    Returns
-    -------
-    numbers : ndarray of `dtype`, shape (k,)
-        The numbers of all lines, one after the other.
-    counts : ndarray of int64, shape (lines,)
-        How many numbers each line holds.
+    Returns the numbers of all lines, one after the other, in the given type, `numpy.float64` or
+    `numpy.int64`; and how many numbers each line holds.
 
     Raises
     ------
