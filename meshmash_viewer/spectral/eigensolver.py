@@ -27,7 +27,23 @@ __all__ = ["Batch", "Decomposition", "iterate", "solve"]
 class Decomposition(Eigenpairs):
     """Eigenpairs that unpack and index like the pair ``(eigenvalues, eigenvectors)``.
 
-    `solve` returns them. See `meshmash_viewer.spectral.eigenpairs.Eigenpairs` for the attributes.
+    `solve` returns them.
+
+    Parameters
+    ----------
+    eigenvalues : ndarray of float64, shape (k,)
+        In the inverse squared unit of the mesh.
+    rows : ndarray of float64 or float32, shape (k, n)
+        Row i is eigenvector i, M-orthonormal; NaN at vertices without mass. The entry of largest
+        magnitude is positive.
+    residuals : ndarray of float64, shape (k,)
+        ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
+    certificate : Certificate
+        Evidence that none is missing, with the worst residual and the orthonormality.
+    timings : dict of float
+        Seconds by stage.
+    mass : ndarray of float64, shape (n,)
+        Diagonal of M.
 
     Examples
     --------
@@ -98,8 +114,37 @@ def solve(
     n_components : int, optional
         Number of pairs; all of them if it exceeds their number.
     **options
-        Attributes of `meshmash_viewer.spectral.engine.request.Request`, such as `max_eigenvalue`,
-        `sigma`, `tol`, `dtype`, `n_jobs`, `progress` and `cancel`.
+        The following ones, all optional.
+    max_eigenvalue : float, optional
+        Threshold: all pairs with λ ≤ max_eigenvalue. Exactly one of the two is given.
+    sigma : float, optional
+        With `n_components`: the pairs nearest sigma. None or a negative value: the lowest.
+    tol : float
+        Requested residual relative to λ, limited by float64 precision.
+    dtype : dtype
+        float64 or float32, of the rows. float32 relaxes `tol` to 1e-7 and uses smaller slices:
+        about a third less memory. None is float64.
+    n_jobs : int, optional
+        Number of slices computed in parallel threads; None for as many as cores and memory allow.
+    known : Eigenpairs, optional
+        Lowest pairs of the same problem, found earlier; they are returned bit by bit, and only
+        the others are computed.
+    allocate : callable, optional
+        ``(k, n, n_kept) -> array`` that the rows are written into, called once when k is known.
+        Its first `n_kept` rows must be those of `known`, and are not written to.
+    on_pairs : callable, optional
+        Receives all leading pairs that are final, each time that there are more.
+    early : bool
+        Whether a long run yields about sixteen of the lowest pairs first, in less than half the
+        time; the whole run then takes about a tenth longer.
+    progress, cancel : callable, optional
+        Receives reports; is called often, and `Cancelled` is raised after it returns True.
+    op_inv : LinearOperator or array, optional
+        ``(L - sigma M)^-1``, with which ARPACK finds the pairs; requires `n_components`. They are
+        still counted by one factorization; if some are missing, the solver recomputes all.
+    ncv : int, optional
+        Number of Lanczos vectors of ARPACK, with `op_inv` only: the solver's own bases grow as
+        needed.
 
     Raises
     ------
