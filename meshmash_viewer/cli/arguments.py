@@ -171,8 +171,20 @@ def command_parser() -> argparse.ArgumentParser:
         "--time", type=numbers.quantity(2), metavar="T", help="diffusion time of the HKS (unit²)"
     )
     _add_columns(render, "number of bands", 32)
-    _add_output(render, "OUT.png")
+    _add_output(render, "OUT.png", "a .pdf or .svg is a figure")
     _add_looks(render, (1600, 1200), transparent=True)
+    about = "of a figure for a paper, in place of --size: white unless --transparent"
+    render.add_argument("--width-mm", type=numbers.number(), metavar="MM", help=f"width {about}")
+    render.add_argument(
+        "--dpi", type=whole(1), default=300, metavar="N", help="pixels per inch of a figure"
+    )
+    render.add_argument(
+        "--font-size",
+        type=numbers.number(),
+        default=7.0,
+        metavar="PT",
+        help="of a figure, in points",
+    )
 
     gallery = command("gallery", "draw many fields of a mesh side by side")
     movie = command("movie", "draw a sweep through fields, or a turn")

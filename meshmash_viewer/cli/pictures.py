@@ -69,7 +69,7 @@ _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
 def render(options: Namespace) -> int:
     """Draw a picture of a mesh."""
-    check_output(options.output, "picture")
+    check_output(options.output, "figure")
     if options.field is None:
         options.field = "map" if options.map or options.map_name else "hks"
     elif (options.map or options.map_name) and options.field != "map":
@@ -81,7 +81,7 @@ def render(options: Namespace) -> int:
 
 
 def _write_render(mesh: Mesh, options: Namespace) -> Report:
-    from meshmash_viewer.app.view.picture import render_picture
+    from meshmash_viewer.app.view.picture import new_drawing, render_picture
 
     report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output)}
     report["field"] = options.field
@@ -112,16 +112,20 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
             "quantity": f"{field.title}: {field.quantity}",
             "unit": field.unit,
         }
-    render_picture(
-        mesh,
-        values,
-        options.output,
-        size=options.size,
-        title=mesh.name,
-        transparent=options.transparent,
-        dark=options.dark,
-        **shown,
-    )
+    shown |= {"title": mesh.name, "dark": options.dark}
+    if options.width_mm is not None or options.output.suffix.lower() != ".png":
+        from meshmash_viewer.app.view.figure import FigureOptions, compose_figure, save_figure
+
+        figure = FigureOptions(
+            width_mm=options.width_mm or 85.0,
+            dpi=options.dpi,
+            font_points=options.font_size,
+            background="transparent" if options.transparent else "white",
+        )
+        save_figure(compose_figure([new_drawing(mesh, values, **shown)], figure), options.output)
+    else:
+        size, transparent = options.size, options.transparent
+        render_picture(mesh, values, options.output, size=size, transparent=transparent, **shown)
     reached = f": {reach(report, mesh)}" if "max_eigenvalue" in report else ""
     return report, f"{options.output}{reached}"
 

@@ -276,6 +276,7 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "coefficients": ("coefficients", SPECTRUM_WRITERS),
     "mesh": ("meshes", MESH_WRITERS),
     "picture": ("pictures", {".png": None}),
+    "figure": ("figures", {".png": None, ".pdf": None, ".svg": None}),
     "movie": ("movies", dict.fromkeys(MOVIE_ENDINGS)),
     "scene": ("scenes", dict.fromkeys(SCENE_ENDINGS)),
 }

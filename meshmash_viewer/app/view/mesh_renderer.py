@@ -252,7 +252,7 @@ class MeshRenderer:
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         view = self.view if self.annotated else None
-        self.annotations.show(page, view, self.shown_caption, unit, self._placed_pins())
+        self.annotations.show(page, view, self.shown_caption, unit, self.placed_pins())
 
     def _write_coarse(self) -> None:
         """Give the stand-in the values and positions of its vertices."""
@@ -284,7 +284,7 @@ class MeshRenderer:
         camera.SetClippingRange(0.9 * reach, 3.1 * reach)
         self._placed = view, camera.GetMTime()
 
-    def _placed_pins(self) -> list[Pin]:
+    def placed_pins(self) -> list[Pin]:
         if self.mesh is None or self.view is None or not self._pins:
             return []
         known = (self.view, self.picker, self._pins)

@@ -23,6 +23,7 @@ from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLi
 __all__ = [
     "OffScreen",
     "draw_picture",
+    "new_drawing",
     "new_window",
     "render_picture",
     "straight",
@@ -74,18 +75,36 @@ def render_picture(
     dark : bool
         Use the dark theme.
     """
-    drawing = MeshRenderer(dark)
-    drawing.set_mesh(mesh, mesh.vertex_normals)
-    if values is not None:
-        values = np.asarray(values, dtype=np.float32)
-        limits = _limits(values, limits)
-        caption = Caption(title, quantity, unit, *limits, colormap)
-        drawing.set_field(values, caption)
+    drawing = new_drawing(
+        mesh, values, colormap=colormap, limits=limits, title=title, quantity=quantity, unit=unit,
+        dark=dark,
+    )  # fmt: skip
     pixels = draw_picture(drawing, size, transparent)
     # imported late: the writers load more than a picture on the screen needs
     from meshmash_viewer.io.write import write_picture
 
     write_picture(path, pixels)
+
+
+def new_drawing(
+    mesh: Mesh,
+    values: npt.NDArray[np.floating] | None,
+    *,
+    colormap: ColorMap = "RdBu_r",
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+    quantity: str = "",
+    unit: str = "",
+    dark: bool = False,
+) -> MeshRenderer:
+    """Return the drawing of a field on a mesh; for the arguments see `render_picture`."""
+    drawing = MeshRenderer(dark)
+    drawing.set_mesh(mesh, mesh.vertex_normals)
+    if values is not None:
+        values = np.asarray(values, dtype=np.float32)
+        limits = _limits(values, limits)
+        drawing.set_field(values, Caption(title, quantity, unit, *limits, colormap))
+    return drawing
 
 
 def _limits(

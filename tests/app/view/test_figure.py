@@ -1,0 +1,137 @@
+"""Figures for a paper: their size, resolution, text and contents."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from PIL import Image
+
+from meshmash_viewer.app.view.figure import FigureOptions, compose_figure, save_figure
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.picture import new_drawing
+from meshmash_viewer.cli.main import main
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import Mesh
+
+
+def drawing(size: float = 20.0, unit: str = "mm") -> MeshRenderer:
+    """A ball of a radius, coloured by x, with two pins."""
+    ball = shapes.icosphere(3, radius=size)
+    mesh = Mesh(ball.vertices, ball.faces, unit=unit)
+    values = mesh.vertices[:, 0]
+    made = new_drawing(mesh, values, title="Height", quantity="along x", unit=unit)
+    made.set_pins([(0, "#d5530b", "soma"), (5, "#1b7a4b", "2")])
+    made.fit_view(800, 600, 1.0)
+    return made
+
+
+def opened(path: Path) -> Image.Image:
+    with Image.open(path) as picture:
+        picture.load()
+    return picture
+
+
+@pytest.mark.parametrize(("width", "dpi"), [(85.0, 600), (174.0, 300), (114.0, 150)])
+def test_a_png_has_its_width_on_paper(qapp, tmp_path: Path, width: float, dpi: int) -> None:
+    options = FigureOptions(width_mm=width, dpi=dpi)
+    save_figure(compose_figure([drawing(), drawing(40.0)], options), tmp_path / "a.png")
+    picture = opened(tmp_path / "a.png")
+    assert picture.info["dpi"][0] == pytest.approx(dpi, abs=0.02)
+    assert picture.width == pytest.approx(width / 25.4 * dpi, abs=1.0)
+    pixels = np.asarray(picture.convert("RGB"))
+    edges = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
+    assert all((edge == 255).all() for edge in edges), "nothing is cut off"
+
+
+def test_text_of_svg_and_pdf_is_text(qapp, tmp_path: Path) -> None:
+    figure = compose_figure([drawing()], FigureOptions())
+    save_figure(figure, tmp_path / "a.svg")
+    svg = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", svg)
+    for text in ("Height", "along x", "mm", "soma", "10", "−10", "10 mm"):
+        assert text in texts
+    assert svg.count("<image") == 1, "the render alone; the bar is made of vectors"
+    save_figure(figure, tmp_path / "a.pdf")
+    pdf = (tmp_path / "a.pdf").read_bytes()
+    fonts = b"/FontType 42" in pdf or b"/Type0" in pdf or b"/TrueType" in pdf
+    streams = re.findall(rb"stream\r?\n(.*?)endstream", pdf, re.S)
+    shown = b""
+    for stream in streams:
+        try:
+            shown += zlib.decompress(stream)
+        except zlib.error:
+            continue
+    assert fonts
+    assert b"BT" in shown
+
+
+def test_the_scale_bar_is_true(qapp, tmp_path: Path) -> None:
+    """Without title, bar and axes, a ball of 40 mm and the scale bar are measured in pixels."""
+    options = FigureOptions(
+        width_mm=100.0, dpi=254, title=False, color_bar=False, axes=False, pins=False
+    )
+    save_figure(compose_figure([drawing()], options), tmp_path / "a.png")
+    pixels = np.asarray(opened(tmp_path / "a.png").convert("RGB")).astype(int)
+    ink = abs(pixels - (0x1D, 0x23, 0x2B)).sum(axis=2) < 12
+    rows = ink.sum(axis=1)
+    bar = int(rows[-60:].max())
+    colored = (pixels.max(axis=2) - pixels.min(axis=2) > 25).any(axis=0)
+    ball = int(np.flatnonzero(colored)[-1] - np.flatnonzero(colored)[0] + 1)
+    svg = tmp_path / "a.svg"
+    save_figure(compose_figure([drawing()], options), svg)
+    (length,) = re.findall(r">(\d+) mm<", svg.read_text(encoding="utf-8"))
+    assert bar / ball == pytest.approx(float(length) / 40.0, rel=0.03)
+
+
+def test_backgrounds(qapp, tmp_path: Path) -> None:
+    corner = {}
+    for background in ("white", "transparent", "window"):
+        options = FigureOptions(background=background, dpi=72)
+        save_figure(compose_figure([drawing()], options), tmp_path / "a.png")
+        corner[background] = opened(tmp_path / "a.png").convert("RGBA").getpixel((1, 1))
+    assert corner["white"] == (255, 255, 255, 255)
+    assert corner["transparent"][3] == 0
+    assert corner["window"][3] == 255
+    assert corner["window"] != corner["white"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"width_mm": 0.0}, "between 10 and 2000 mm"),
+        ({"width_mm": float("nan")}, "between 10 and 2000 mm"),
+        ({"dpi": 5}, "between 30 and 2400 dpi"),
+        ({"font_points": 900.0}, "between 3 and 72 points"),
+        ({"width_mm": 2000.0, "dpi": 2400}, "wider than"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(wrong: dict, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        FigureOptions(**wrong)
+
+
+def test_text_without_room_and_unknown_endings_are_refused(qapp, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no room"):
+        compose_figure([drawing()], FigureOptions(width_mm=12.0, font_points=12.0))
+    with pytest.raises(InputError, match=r"\.pdf"):
+        save_figure(compose_figure([drawing()], FigureOptions(dpi=30)), tmp_path / "a.docx")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_line_writes_figures(qapp, tmp_path: Path) -> None:
+    ball = shapes.icosphere(2)
+    np.savez(tmp_path / "ball.npz", vertices=ball.vertices, faces=ball.faces)
+    mesh, out = str(tmp_path / "ball.npz"), tmp_path / "out.pdf"
+    wanted = ["render", mesh, "--field", "eigenfunction", "--index", "4", "--count", "8"]
+    assert main([*wanted, "-o", str(out)]) == 0
+    assert out.read_bytes().startswith(b"%PDF")
+    png = tmp_path / "out.png"
+    assert main([*wanted, "-o", str(png), "--width-mm", "85", "--dpi", "600"]) == 0
+    with Image.open(png) as picture:
+        assert picture.width == pytest.approx(85 / 25.4 * 600, abs=1.0)
+    assert main([*wanted, "-o", str(png), "--width-mm", "-3"]) == 2
