@@ -65,10 +65,11 @@ class LastSession(QObject):
         if self._document.path is not None and not self._timer.isActive():
             self._timer.start()
 
-    def watch(self, document: Document) -> None:
-        """Keep unit and repairs of the mesh file of a second document, too."""
+    def watch(self, document: Document | None) -> None:
+        """Keep unit and repairs of the mesh file of a second document, too, until it is closed."""
         self._second = document
-        listen(document.mesh_changed, self._keep_second)
+        if document is not None:
+            listen(document.mesh_changed, self._keep_second)
 
     def stored(self, mesh_path: Path) -> Session | None:
         """Return the session of a mesh file; None if there is none that can be read."""

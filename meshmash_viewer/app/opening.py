@@ -220,6 +220,7 @@ class Opening(QObject):
         if self.second_view is not None:
             view, self.second_view, self._second_restoration = self.second_view, None, None
             view.shut()
+            self.last_session.watch(None)
             self.pair_changed.emit(None)
             view.setParent(None)
             view.deleteLater()

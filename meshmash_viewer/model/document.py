@@ -399,12 +399,11 @@ class Document:
     def _record_display(self) -> None:
         """Record changes of colours and limits."""
         for part, label in _RECORDED.items():
-            signal = getattr(self.display.events, part)
-            signal.connect(
-                lambda _new, old, part=part, label=label: self.history.record(
-                    label, before={part: old}
-                )
-            )
+            # held weakly, so that a closed document is freed
+            getattr(self.display.events, part).connect(partial(self._record_part, part, label))
+
+    def _record_part(self, part: str, label: str, _new: object, old: object) -> None:
+        self.history.record(label, before={part: old})
 
     # -- opening ----------------------------------------------------------------------------
 
