@@ -60,6 +60,7 @@ class _Order:
     job: Job
     stopped: threading.Event = field(default_factory=threading.Event)
     ended: threading.Event = field(default_factory=threading.Event)
+    answered: threading.Event = field(default_factory=threading.Event)
 
 
 class Worker:
@@ -163,8 +164,12 @@ class Worker:
         finally:
             self._drop_process(_CLOSE_PATIENCE)
 
-    def _run(self, order: _Order) -> None:
-        """Run a job, and report how it ended."""
+    def _run(self, order: _Order, *, again: bool = True) -> None:
+        """Run a job, and report how it ended.
+
+        A process that gives no answer may have ended while it was idle, which `poll` reports only
+        when all its threads have ended; another one tries the job once more.
+        """
         receive = partial(self._deliver, order)
         if self._is_stopped(order):
             receive("cancelled", None)
@@ -175,8 +180,12 @@ class Worker:
                 self._exchange(order)
             except (EOFError, BrokenPipeError):
                 failure = self._replace_process(order.job)
-                stopped = self._is_stopped(order)
-                receive(*(("cancelled", None) if stopped else ("failed", failure)))
+                if self._is_stopped(order):
+                    receive("cancelled", None)
+                elif again and not order.answered.is_set():
+                    self._run(order, again=False)
+                else:
+                    receive("failed", failure)
             except OSError as error:
                 text = f"{order.job.label} stopped: {error.strerror or error}."
                 receive("failed", Failure(text, repr(error), correctable=True))
@@ -188,6 +197,7 @@ class Worker:
         return order.stopped.is_set() or self._closing
 
     def _deliver(self, order: _Order, kind: str, content: Any) -> None:
+        order.answered.set()
         if kind in _ENDS:
             order.ended.set()  # before the receiver submits the next job
         self._receive(kind, content)
