@@ -57,6 +57,7 @@ class Commands:
         self._export_ending = ""
         self._exported: Exported | None = None
         self.pictures = Pictures(window, document, settings, background_io)
+        self.pictures.scenes = lambda: opening.scenes
         display = document.display
         #: The commands that are a call of something else.
         self._calls: dict[str, Callable[..., object]] = {

@@ -188,6 +188,12 @@ class Opening(QObject):
         """Both documents with their links; None without a second mesh."""
         return None if self.second_view is None else self.second_view.pair
 
+    @property
+    def scenes(self) -> list[MeshView]:
+        """The renders of the first mesh and of the second, as far as there are any."""
+        first = [] if self.scene is None else [self.scene]
+        return first if self.second_view is None else [*first, self.second_view.scene]
+
     def open_second(self, path: Path, maps: Sequence[Path] = (), unit: str = "") -> None:
         """Read a second mesh as `read` does; an open one stays if that fails."""
         session = self.last_session.stored(path)

@@ -1,4 +1,4 @@
-"""Commands that save the render: pictures, galleries, movies and scenes."""
+"""Commands that save the render: pictures, figures, galleries, movies and scenes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
-from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.work.process import call_in_child
 
 if TYPE_CHECKING:
+    from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
     from meshmash_viewer.app.dialogs.picture_dialog import PictureChoice, PictureDialog
+    from meshmash_viewer.app.view.figure import FigureOptions
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 
@@ -39,8 +42,11 @@ class Pictures:
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self.scene: MeshView | None = None
+        #: Returns the renders of the first mesh and of the second, if there is one.
+        self.scenes: Callable[[], list[MeshView]] = list
         self._pictured = ""
         self._picture: PictureChoice | None = None
+        self._figure: FigureOptions | None = None
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
         self.painter = SeriesPainter(window)
@@ -77,6 +83,34 @@ class Pictures:
             transparent=choice.transparent,
         )
         self._settings.folder = choice.path.parent
+
+    def save_figure(self) -> None:
+        """Ask for size and contents, and save the render, or both, as a figure for a paper."""
+        from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
+
+        mesh = self._document.mesh
+        assert mesh is not None
+        path = self._settings.folder / f"{mesh.name or 'mesh'}_figure"
+        dialog = FigureDialog(path, self._window, self._figure)
+        ask(dialog, lambda: self._write_figure(dialog))
+
+    def _write_figure(self, dialog: FigureDialog) -> None:
+        from meshmash_viewer.app.view.figure import compose_figure, save_figure
+
+        path = dialog.path
+        try:
+            self._figure = dialog.options
+            drawings = [scene.renderer.twin() for scene in self.scenes()]
+            figure = compose_figure(drawings, self._figure)
+        except InputError as fault:
+            self._document.say(f"The figure was not saved: {fault}", Severity.ERROR)
+            return
+        self._settings.folder = path.parent
+        self._background_io.run(
+            f"Writing {path.name}",
+            lambda: save_figure(figure, path),
+            lambda _: self._document.say(f"Figure saved to {path}."),
+        )
 
     def gallery(self) -> None:
         """Open the gallery of the displayed family."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from closed_form import give, rectangle_document
+from PIL import Image
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -21,8 +22,10 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.view.figure import FigureOptions
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.model.export import ExportJob
 
@@ -75,6 +78,32 @@ def test_a_picture_that_cannot_be_written_leaves_the_dialog_as_it_was(
     assert again.choice.transparent
     assert again.path == tmp_path / "bun.png"
     assert "will be replaced" in again.remark_label.text()
+    again.reject()
+
+
+def test_a_figure_has_the_width_of_a_journal(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    dialog = asked(qtbot, window, "figure_dialog", Qt.Key.Key_S, Qt.KeyboardModifier.AltModifier)
+    assert isinstance(dialog, FigureDialog)
+    assert dialog.options == FigureOptions()
+    dialog.width_combo.setFocus()
+    QTest.keyClick(dialog.width_combo, Qt.Key.Key_Down)
+    dialog.width_combo.activated.emit(dialog.width_combo.currentIndex())
+    assert dialog.options.width_mm == 114.0
+    check = dialog.checks["axes"]
+    QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
+    edit = dialog.file_row.edit
+    edit.selectAll()
+    QTest.keyClicks(edit, str(tmp_path / "figure.png"))
+    assert dialog.ending == ".png"
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    qtbot.waitUntil((tmp_path / "figure.png").exists, timeout=PATIENCE)
+    with Image.open(tmp_path / "figure.png") as picture:
+        assert picture.width == pytest.approx(114.0 / 25.4 * 300.0, abs=1.0)
+    again = asked(qtbot, window, "figure_dialog", Qt.Key.Key_S, Qt.KeyboardModifier.AltModifier)
+    assert isinstance(again, FigureDialog)
+    assert (again.options.width_mm, again.options.axes) == (114.0, False)
     again.reject()
 
 
