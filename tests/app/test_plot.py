@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from meshmash_viewer.app.listening import catch_up
@@ -21,6 +23,17 @@ from meshmash_viewer.app.plots.plot import Plot, ScientificAxis
 )
 def test_ticks_are_powers_of_ten(qapp, values, spacing, texts) -> None:
     assert ScientificAxis("left").tickStrings(values, 1.0, spacing) == texts
+
+
+@pytest.mark.parametrize(
+    ("ends", "texts"),
+    [((-8.0, -7.0), ["10⁻⁸", "2×10⁻⁸", None]), ((-8.0, -4.0), ["10⁻⁸", None, None])],
+)
+def test_few_ticks_in_log_scale_have_labels(qapp, ends, texts) -> None:
+    axis = ScientificAxis("left")
+    axis.setLogMode(True)
+    axis.setRange(*ends)
+    assert axis.tickStrings([-8.0, math.log10(2e-8), math.log10(3e-8)], 1.0, 1.0) == texts
 
 
 def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:

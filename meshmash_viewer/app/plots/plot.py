@@ -72,6 +72,13 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             powers = [self.decades * (value - 1.0) for value in values]
             return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else None for p in powers]
         texts: list[str] = super().tickStrings(values, scale, spacing)
+        if self.logMode:
+            low, high = self.range
+            factors = (1, 10) if high - low > 2.2 else (1, 2, 5, 10)
+            return [
+                text.replace("·", "×") if round(10.0 ** (value % 1.0)) in factors else None
+                for text, value in zip(texts, values, strict=True)
+            ]
         return [_EXPONENT.sub(lambda found: f"×10{superscript(int(found[1]))}", t) for t in texts]
 
     def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
