@@ -17,7 +17,7 @@ class Written:
         self.strips: list[tuple[float, ...]] = []
         pen, brush, look = vtkPen(), vtkBrush(), vtkTextProperty()
         self.GetPen, self.GetBrush, self.GetTextProp = lambda: pen, lambda: brush, lambda: look
-        self.DrawEllipse = self.DrawPolygon = lambda *_: None
+        self.DrawEllipse = self.DrawPolygon = self.SetTransform = lambda *_: None
         drawing.prepare(*size, scale)
         drawing.annotations.Paint(None, self)
 

@@ -12,6 +12,7 @@ import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectf
+from vtkmodules.vtkCommonTransforms import vtkTransform2D
 from vtkmodules.vtkPythonContext2D import vtkPythonItem
 from vtkmodules.vtkRenderingContext2D import vtkContext2D, vtkContextActor, vtkPen
 
@@ -182,6 +183,11 @@ class _Painter:
         self._context, self._page, self._theme = context, page, page.theme
         self._width, self._height = page.width / page.scale, page.height / page.scale
         context.GetPen().SetLineType(vtkPen.NO_PEN)
+        # VTK stretches the range from 0.5 to the size minus 0.5 over the picture
+        pixels = vtkTransform2D()
+        pixels.Translate(0.5, 0.5)
+        pixels.Scale(1.0 - 1.0 / page.width, 1.0 - 1.0 / page.height)
+        context.SetTransform(pixels)
 
     def title(self, caption: Caption) -> None:
         """Paint title and quantity at the upper left; in a low picture the title alone."""
@@ -227,7 +233,7 @@ class _Painter:
         ):  # fmt: skip
             self._rectangle(self._theme.ink, x, y, wide, tall)
         x, text = (left + right) / 2, scale_bar_text(length, unit)
-        self._text(text, _SCALE, self._theme.ink, x, up - 9, _MIDDLE, _TOP)
+        self._text(text, _SCALE, self._theme.ink, x, up - 13, _MIDDLE, _TOP)
 
     def axes(self, view: View) -> None:
         """Paint arrows along the axes of the mesh at the lower left, the nearest on top."""
