@@ -176,7 +176,8 @@ COMMANDS: tuple[Command, ...] = (
     # -- Inspect
     Command("pin", "Pin vertex under the pointer", "Inspect",
             "Pin the vertex under the pointer, or take its pin away", ("P",), needs="render"),
-    Command("pin_index", "Pin vertex by index…", "Inspect", "Pin a vertex whose index you know",
+    Command("pin_index", "Go to vertex or position…", "Inspect",
+            "Pin a vertex by its index, or the one nearest to a position, and go there",
             ("Ctrl+G",), needs="mesh"),
     Command("clear_pins", "Clear pins", "Inspect", "Take all pins away", ("Shift+P",),
             needs="mesh"),

@@ -251,15 +251,15 @@ class Commands:
             self._document.say("Hold the pointer over the mesh, then press P.")
 
     def pin_index(self) -> None:
-        """Ask for an index and pin that vertex."""
+        """Ask for an index or a position, and pin that vertex."""
         from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
 
         mesh = self._document.mesh
         assert mesh is not None
         dialog = PinDialog(mesh, self._window)
-        ask(dialog, lambda: self._pin(mesh, dialog.vertex))
+        ask(dialog, lambda: self._pin(mesh, dialog.vertex, dialog.remark))
 
-    def _pin(self, mesh: Mesh, vertex: int) -> None:
+    def _pin(self, mesh: Mesh, vertex: int, remark: str) -> None:
         if self._document.mesh is not mesh:
             text = "The vertex was not pinned: its mesh is not open any more."
             self._document.say(text, Severity.WARNING)
@@ -267,6 +267,10 @@ class Commands:
             self._document.say(f"{mesh.named_vertex(vertex).capitalize()} is pinned already.")
         else:
             self._document.toggle_pin(vertex)
+            if remark:
+                self._document.say(remark)
+        if self.scene is not None and self.scene.mesh is mesh:
+            self.scene.centre_on(vertex)
 
     # -- help ---------------------------------------------------------------------------------
 

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from closed_form import part, rectangle_document
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog
 from pytestqt.qtbot import QtBot
+from shapes import icosphere
 
-from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
+from meshmash_viewer.app.dialogs.pin_dialog import PinDialog, nearest_vertex
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
+from meshmash_viewer.mesh import Mesh
 
 CONTROL = Qt.KeyboardModifier.ControlModifier
 
@@ -96,3 +100,36 @@ def test_the_index_is_that_of_the_file(qtbot: QtBot) -> None:
         dialog.pin_button.click()
         assert dialog.vertex == vertex
         assert says in dialog.fault.text()
+
+
+@pytest.mark.parametrize("form", ["{}, {}, {}", "[{}, {}, {}]", "({},{},{})", "{}; {}; {}"])
+def test_a_position_pins_the_nearest_vertex_and_goes_there(
+    qtbot: QtBot, window: MainWindow, form: str
+) -> None:
+    mesh = window.document.mesh
+    place = mesh.vertices[123] + (3.0, -4.0, 0.0)
+    ask(qtbot, window)
+    edit = part(window, "pin_index_edit")
+    QTest.keyClicks(edit, form.format(*(f"{each:.3f}" for each in place)))
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert pinned(window) == [123]
+    assert "Vertex 123 is 5 nm from that position" in window.stage.message_bar.notice.text
+    np.testing.assert_allclose(window.scene.camera()["focus"], mesh.vertices[123])
+
+
+def test_positions_in_voxels_and_far_away() -> None:
+    mesh = icosphere(3, radius=100.0)
+    voxels = Mesh(mesh.vertices, mesh.faces).in_voxels((4.0, 4.0, 40.0), "nm")
+    for at in (7, 300):
+        assert nearest_vertex(voxels, *mesh.vertices[at])[0] == at
+        assert nearest_vertex(voxels, *voxels.vertices[at])[0] == at
+    with pytest.raises(InputError, match="far from the mesh, which lies between"):
+        nearest_vertex(voxels, 1e9, 0.0, 0.0)
+
+
+def test_a_number_with_separators_is_an_index(qtbot: QtBot, window: MainWindow) -> None:
+    ask(qtbot, window)
+    edit, fault = part(window, "pin_index_edit"), part(window, "pin_fault_label")
+    QTest.keyClicks(edit, "1,234,567")
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert fault.text().startswith("The index is a whole number from 0")

@@ -1,7 +1,12 @@
-"""Dialog that pins a vertex by its index."""
+"""Dialog that pins a vertex by its index, or the one nearest to a position."""
 
 from __future__ import annotations
 
+import math
+import re
+
+import numpy as np
+import numpy.typing as npt
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
@@ -10,21 +15,34 @@ from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.quantities import parse_whole
+from meshmash_viewer.units import NO_VOXEL, format_quantity
+
+_NUMBER = r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
+#: Three numbers, in brackets or with a blank after each comma: "1,234,567" is one number.
+_POSITIONS = (
+    re.compile(rf"[\[(]\s*{_NUMBER}\s*[,;\s]\s*{_NUMBER}\s*[,;\s]\s*{_NUMBER}\s*[\])]"),
+    re.compile(rf"{_NUMBER}(?:,\s+|\s*;\s*|\t+){_NUMBER}(?:,\s+|\s*;\s*|\t+){_NUMBER}"),
+)
 
 
 class PinDialog(QDialog):
-    """Asks for an index in the file of a mesh; it stays open until a valid one is typed.
+    """Asks for an index in the file of a mesh, or for a position; it stays open until one is valid.
 
-    `vertex` is the index in the mesh, once the dialog is accepted.
+    Once the dialog is accepted, `vertex` is the index in the mesh, and `remark` says how far it is
+    from a position.
     """
 
     def __init__(self, mesh: Mesh, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         theme.named(self, "pin_dialog").setWindowTitle("Pin vertex")
-        self.vertex = -1
+        self.vertex, self.remark = -1, ""
         self._mesh = mesh
-        label = QLabel(f"Index of the vertex, 0 to {mesh.n_file_vertices - 1:,}")
-        self.edit = theme.named(QLineEdit(), "pin_index_edit", "Index of the vertex")
+        where = f" in {mesh.unit}" if mesh.unit else ""
+        where += " or voxels" if mesh.voxel != NO_VOXEL else ""
+        label = QLabel(
+            f"Index of the vertex, 0 to {mesh.n_file_vertices - 1:,}, or a position x, y, z{where}"
+        )
+        self.edit = theme.named(QLineEdit(), "pin_index_edit", "Index of the vertex, or position")
         label.setBuddy(self.edit)
         self.fault = reserved_note("pin_fault_label", 2)
         self.pin_button = theme.named(QPushButton("Pin"), "pin_button", role="primary")
@@ -39,12 +57,54 @@ class PinDialog(QDialog):
 
     def _accept(self) -> None:
         try:
-            last = self._mesh.n_file_vertices - 1
-            index = parse_whole(self.edit.text(), 0, last, "The index")
-            self.vertex = self._mesh.vertex_of(index)
+            text, last = self.edit.text().strip(), self._mesh.n_file_vertices - 1
+            found = next(filter(None, (each.fullmatch(text) for each in _POSITIONS)), None)
+            if found is not None:
+                self.vertex, self.remark = nearest_vertex(self._mesh, *map(float, found.groups()))
+            else:
+                index = parse_whole(text, 0, last, "The index")
+                self.vertex = self._mesh.vertex_of(index)
         except InputError as fault:
             self.fault.setText(str(fault))
             self.edit.setFocus()
             self.edit.selectAll()
         else:
             self.accept()
+
+
+def nearest_vertex(mesh: Mesh, x: float, y: float, z: float) -> tuple[int, str]:
+    """Find the vertex nearest to a position in the mesh's unit or in its voxels.
+
+    Returns
+    -------
+    vertex : int
+    remark : str
+        Its distance from the position.
+
+    Raises
+    ------
+    InputError
+        If the position is farther from the mesh than the mesh is large.
+    """
+    position, used = np.array([x, y, z]), np.flatnonzero(mesh.referenced)
+    places = mesh.vertices[used]
+    found = []
+    for at in (position, position * mesh.voxel):
+        squared = ((places - at) ** 2).sum(axis=1)
+        found.append((float(squared.min()), int(used[squared.argmin()])))
+    squared_distance, vertex = min(found)
+    distance = math.sqrt(squared_distance)
+    if not distance <= float(np.linalg.norm(np.ptp(places, axis=0))):
+        low, high = (format_position(each) for each in (places.min(axis=0), places.max(axis=0)))
+        raise InputError(
+            f"The position is far from the mesh, which lies between {low} and {high}"
+            f" {mesh.unit}".rstrip()
+            + ": check its unit."
+        )
+    name = mesh.named_vertex(vertex).capitalize()
+    return vertex, f"{name} is {format_quantity(distance, mesh.unit)} from that position."
+
+
+def format_position(position: npt.ArrayLike) -> str:
+    """Write a position as `PinDialog` reads it: "612400.2, 418900, 287300"."""
+    return ", ".join(f"{value:.7g}" for value in np.asarray(position).tolist())

@@ -320,10 +320,16 @@ class MeshView(QWidget):
         if vertex >= 0:
             self.vertex_clicked.emit(vertex)
 
-    def _centre_on(self, at: QPointF) -> None:
-        vertex, view = self.vertex_at(at.x(), at.y()), self.renderer.view
-        if vertex >= 0 and self.mesh is not None and view is not None:
+    def centre_on(self, vertex: int) -> None:
+        """Move the camera so that a vertex is in the middle."""
+        view = self.renderer.view
+        if view is not None:
             self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size))
+
+    def _centre_on(self, at: QPointF) -> None:
+        vertex = self.vertex_at(at.x(), at.y())
+        if vertex >= 0 and self.mesh is not None:
+            self.centre_on(vertex)
 
     def _resized(self) -> None:
         if self.renderer.view is not None and not self.turned_by_hand:
