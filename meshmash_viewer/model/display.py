@@ -125,7 +125,7 @@ class Display:
         first one.
         """
         family = self.family
-        if type(family).profile is not Family.profile:
+        if family.export and type(family).profile is not Family.profile:
             return family
         return self.fields[getattr(family, "basis", next(iter(self.fields)))]
 

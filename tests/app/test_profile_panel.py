@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QLabel, QToolButton, QWidget
 from meshmash_viewer.app.panels.profile_panel import ProfilePanel
 from meshmash_viewer.features.filter_parameters import hks_times
 from meshmash_viewer.features.filters import bspline_bank
+from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
@@ -239,3 +240,10 @@ def test_a_spectrum_of_zeros_alone_has_no_profile(panel: ProfilePanel, document,
     document.spectrum = zeros
     document.display.change(WaveKernelSignature, index=3)  # before the spectrum has been announced
     assert len(curves(panel, document, qtbot)[5][0]) == 0
+
+
+def test_each_family_shows_profiles_that_are_in_the_list(panel: ProfilePanel, document) -> None:
+    for name in FAMILIES:
+        document.display.kind = name
+        assert panel.view_choice.currentText(), name
+    assert panel.view_choice.currentData() == "eigenfunction", "maps have none of their own"
