@@ -101,7 +101,7 @@ class Eigenpairs:
 
     def __getstate__(self) -> dict[str, Any]:
         state = self.__dict__.copy()
-        if isinstance(self.rows, np.memmap):
+        if isinstance(self.rows, np.memmap) and self.rows.filename:
             state["rows"] = _MappedRows(self.rows.filename, self.rows.dtype, self.rows.shape)
         return state
 
