@@ -28,6 +28,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Ctrl + drag", "Roll"),
     ("Wheel, or pinch on a trackpad", "Zoom to the pointer"),
     ("Ctrl + wheel", "Next or previous eigenfunction, time or column"),
+    ("Double click", "Put what is under the pointer in the middle, a little closer"),
     ("Middle click", "Put what is under the pointer in the middle"),
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),

@@ -205,6 +205,7 @@ class MainWindow(QMainWindow):
         self.pair_panel.save_requested.connect(self.commands.save_match)
         self.pair_panel.maps_requested.connect(self.opening.add_map_to_second)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
+        self.scene.click_revoked.connect(self.document.history.undo)
         self.scene.vertex_hovered.connect(self.hover_label.show_vertex)
         self.scene.vertex_hovered.connect(self._point_at_pin)
         self.profile_panel.pin_pointed.connect(self.scene.point_at)

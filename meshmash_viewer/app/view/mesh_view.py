@@ -25,6 +25,8 @@ from meshmash_viewer.surface.rays import RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, and faces.
 _Places: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer]]
+#: Magnification by a double click.
+_CLOSER = 1.4
 
 
 class MeshView(QWidget):
@@ -39,6 +41,8 @@ class MeshView(QWidget):
     vertex_hovered = Signal(int)
     #: Vertex that was clicked (not dragged from).
     vertex_clicked = Signal(int)
+    #: The last click was the first of a double click, and means nothing by itself.
+    click_revoked = Signal()
     #: Ctrl and the wheel: one step forward or back, +1 or -1 per notch.
     stepped = Signal(int)
     camera_changed = Signal()
@@ -60,7 +64,7 @@ class MeshView(QWidget):
         #: Whether the camera has been moved since `reset_camera`.
         self.turned_by_hand = False
         self._closed = False
-        self._hovered = self._pointed = -1
+        self._hovered = self._pointed = self._last_clicked = -1
         self._picking: LatestThread[_Places] = LatestThread(
             _ray_target, self._take_picker, parent=self
         )
@@ -72,6 +76,7 @@ class MeshView(QWidget):
         canvas.zoomed.connect(self._zoom)
         canvas.stepped.connect(self.stepped)
         canvas.clicked.connect(self._clicked)
+        canvas.double_clicked.connect(self._double_clicked)
         canvas.middle_clicked.connect(self._centre_on)
         canvas.pointer_moved.connect(self._hover)
 
@@ -316,15 +321,23 @@ class MeshView(QWidget):
             self.vertex_hovered.emit(vertex)
 
     def _clicked(self, at: QPointF) -> None:
+        self._last_clicked = self.vertex_at(at.x(), at.y())
+        if self._last_clicked >= 0:
+            self.vertex_clicked.emit(self._last_clicked)
+
+    def _double_clicked(self, at: QPointF) -> None:
+        """Move what is under the pointer into the middle, a little closer."""
+        if self._last_clicked >= 0:
+            self.click_revoked.emit()
         vertex = self.vertex_at(at.x(), at.y())
         if vertex >= 0:
-            self.vertex_clicked.emit(vertex)
+            self.centre_on(vertex, _CLOSER)
 
-    def centre_on(self, vertex: int) -> None:
-        """Move the camera so that a vertex is in the middle."""
+    def centre_on(self, vertex: int, closer: float = 1.0) -> None:
+        """Move the camera so that a vertex is in the middle, magnified by a factor."""
         view = self.renderer.view
         if view is not None:
-            self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size))
+            self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size / closer))
 
     def _centre_on(self, at: QPointF) -> None:
         vertex = self.vertex_at(at.x(), at.y())

@@ -44,6 +44,7 @@ class RenderWidget(QtInteractor):
     stepped = Signal(int)
     #: Pressed and released at one position, with the left or with the middle button.
     clicked = Signal(QPointF)
+    double_clicked = Signal(QPointF)
     middle_clicked = Signal(QPointF)
     pointer_moved = Signal()
 
@@ -64,7 +65,7 @@ class RenderWidget(QtInteractor):
         self.pointer: QPointF | None = None
         self._pressed: QPointF | None = None
         self._last = QPointF()
-        self._button = Qt.MouseButton.NoButton
+        self._button, self._double = Qt.MouseButton.NoButton, False
         self._step_rest = 0
 
     @property
@@ -165,9 +166,12 @@ class RenderWidget(QtInteractor):
             return
         self._end_drag()
         self._pressed = self._last = event.position()
-        self._button = event.button()
+        self._button, self._double = event.button(), False
 
-    mouseDoubleClickEvent = mousePressEvent
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        """Begin the second click of a double click, or a drag."""
+        self.mousePressEvent(event)
+        self._double = True
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         """Continue a drag, or note the position of the pointer."""
@@ -203,7 +207,7 @@ class RenderWidget(QtInteractor):
         if self.dragging:
             self._end_drag()
         elif self._button == Qt.MouseButton.LeftButton:
-            self.clicked.emit(pressed)
+            (self.double_clicked if self._double else self.clicked).emit(pressed)
         elif self._button == Qt.MouseButton.MiddleButton:
             self.middle_clicked.emit(pressed)
 

@@ -1,0 +1,61 @@
+"""A double click on the render centres the vertex under it and pins nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from closed_form import rectangle_document
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.main_window import MainWindow
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+@pytest.fixture
+def window(open_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
+    window = open_window(rectangle_document(), (1440, 900))
+    qtbot.waitUntil(lambda: window.scene.can_pick, timeout=60_000)
+    return window
+
+
+def double_click(window: MainWindow, at: QPoint) -> None:
+    canvas = window.scene.plotter
+    QTest.mouseClick(canvas, LEFT, pos=at)
+    QTest.mouseDClick(canvas, LEFT, pos=at)  # the second press alone
+    QTest.mouseRelease(canvas, LEFT, pos=at)
+
+
+def test_it_centres_the_vertex_a_little_closer_and_pins_nothing(window: MainWindow) -> None:
+    scene, document = window.scene, window.document
+    document.toggle_pin(3)
+    pins, before = document.pins, scene.camera()
+    at = scene.display_point(200)
+    vertex = scene.vertex_at(at.x(), at.y())
+    assert document.mesh is not None
+    double_click(window, at)
+    assert document.pins == pins
+    after = scene.camera()
+    np.testing.assert_allclose(after["focus"], document.mesh.vertices[vertex], atol=1e-6)
+    assert 1.1 < before["half_size"] / after["half_size"] < 2.0
+    double_click(window, scene.rect().center())
+    assert document.pins == pins
+
+
+def test_on_the_background_nothing_happens(window: MainWindow) -> None:
+    scene, document = window.scene, window.document
+    document.toggle_pin(3)
+    pins, before = document.pins, scene.camera()
+    double_click(window, QPoint(scene.width() // 2, 8))
+    assert document.pins == pins
+    assert scene.camera() == before
+
+
+def test_a_single_click_still_pins_at_once(window: MainWindow) -> None:
+    at = window.scene.display_point(200)
+    QTest.mouseClick(window.scene.plotter, LEFT, pos=at)
+    assert len(window.document.pins) == 1
