@@ -25,6 +25,9 @@ from meshmash_viewer.surface.rays import RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, and faces.
 _Places: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer]]
+#: Pixels (of a screen without scaling) within which a click counts for a vertex, and the number
+#: of vertices tried.
+_NEAR, _TRIED = 8.0, 50
 #: Magnification by a double click.
 _CLOSER = 1.4
 
@@ -240,6 +243,22 @@ class MeshView(QWidget):
         through = drawing.view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
         return drawing.picker.seen_vertex(through - drawing.centre, drawing.view.axes[2])
 
+    def vertex_near(self, x: float, y: float) -> int:
+        """Vertex displayed at a position, or else the nearest visible one within a few pixels."""
+        vertex, drawing = self.vertex_at(x, y), self.renderer
+        if vertex >= 0 or drawing.picker is None or drawing.view is None or self.mesh is None:
+            return vertex
+        width, height, ratio = self.plotter.pixels()
+        places = drawing.view.to_pixels(drawing.drawn[0] + drawing.centre, width, height)
+        squared = ((places[:, :2] - self.plotter.to_pixels(x, y)) ** 2).sum(axis=1)
+        squared[~self.mesh.referenced] = np.inf
+        near = np.flatnonzero(squared <= (_NEAR * ratio) ** 2)
+        eye = drawing.view.axes[2]
+        for vertex in near[squared[near].argsort()][:_TRIED].tolist():
+            if not drawing.picker.hidden(vertex, eye):
+                return int(vertex)
+        return -1
+
     @property
     def can_pick(self) -> bool:
         """Whether the search structure for picking has been made."""
@@ -321,7 +340,7 @@ class MeshView(QWidget):
             self.vertex_hovered.emit(vertex)
 
     def _clicked(self, at: QPointF) -> None:
-        self._last_clicked = self.vertex_at(at.x(), at.y())
+        self._last_clicked = self.vertex_near(at.x(), at.y())
         if self._last_clicked >= 0:
             self.vertex_clicked.emit(self._last_clicked)
 
@@ -329,7 +348,7 @@ class MeshView(QWidget):
         """Move what is under the pointer into the middle, a little closer."""
         if self._last_clicked >= 0:
             self.click_revoked.emit()
-        vertex = self.vertex_at(at.x(), at.y())
+        vertex = self.vertex_near(at.x(), at.y())
         if vertex >= 0:
             self.centre_on(vertex, _CLOSER)
 
@@ -340,8 +359,8 @@ class MeshView(QWidget):
             self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size / closer))
 
     def _centre_on(self, at: QPointF) -> None:
-        vertex = self.vertex_at(at.x(), at.y())
-        if vertex >= 0 and self.mesh is not None:
+        vertex = self.vertex_near(at.x(), at.y())
+        if vertex >= 0:
             self.centre_on(vertex)
 
     def _resized(self) -> None:

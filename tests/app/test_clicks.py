@@ -1,4 +1,4 @@
-"""A double click on the render centres the vertex under it and pins nothing."""
+"""Clicks on the render: next to a vertex, and double ones."""
 
 from __future__ import annotations
 
@@ -59,3 +59,19 @@ def test_a_single_click_still_pins_at_once(window: MainWindow) -> None:
     at = window.scene.display_point(200)
     QTest.mouseClick(window.scene.plotter, LEFT, pos=at)
     assert len(window.document.pins) == 1
+
+
+def test_a_click_next_to_the_mesh_takes_the_nearest_vertex(window: MainWindow) -> None:
+    scene, mesh = window.scene, window.document.mesh
+    assert mesh is not None
+    corner = int(mesh.vertices.sum(axis=1).argmin())
+    at = scene.display_point(corner)
+    outside = next(
+        at + step
+        for step in (QPoint(-4, 4), QPoint(4, 4), QPoint(-4, -4), QPoint(4, -4))
+        if scene.vertex_at((at + step).x(), (at + step).y()) < 0
+    )
+    QTest.mouseClick(scene.plotter, LEFT, pos=outside)
+    assert [pin.vertex for pin in window.document.pins] == [corner]
+    far = outside + 4 * (outside - at)
+    assert scene.vertex_near(far.x(), far.y()) == -1
