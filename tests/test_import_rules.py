@@ -47,6 +47,7 @@ VTK_INSIDE_APP = ("view",)
 
 #: Who knows a family besides its file, its tab and the table, and why.
 KNOW_A_FAMILY = {
+    "meshmash_viewer.app.opening": {"map"},  # the word, in what it says was kept
     "meshmash_viewer.app.panels.pair_panel": {"eigenfunction"},  # which of them correspond
     "meshmash_viewer.app.plots.eigenvalue_view": {"eigenfunction"},  # whose eigenvalues it draws
     "meshmash_viewer.app.tabs.map_tab": {"filter"},  # what a map is passed through
