@@ -15,20 +15,12 @@ _WORDS = 160
 
 @dataclass(frozen=True)
 class Failure:
-    """Reason of a failure.
-
-    Parameters
-    ----------
-    text : str
-        One sentence for the message bar.
-    details : str
-        Traceback for the copy button, or "".
-    correctable : bool
-        Whether the input or the machine is at fault, not the program.
-    """
+    """Reason of a failure: one sentence for the message bar."""
 
     text: str
+    #: Traceback for the copy button.
     details: str = ""
+    #: Whether the input or the machine is at fault, not the program.
     correctable: bool = False
 
 

@@ -62,14 +62,7 @@ def _as_shown(pairs: Eigenpairs) -> Eigenpairs:
 
 @dataclass(frozen=True, eq=False)
 class ComparisonRequest:
-    """Eigenpairs of two meshes up to the same eigenvalue times area, and the feature to match.
-
-    Parameters
-    ----------
-    first, second : Eigenpairs
-    matched_in : str
-        A key of `MATCHED_IN`.
-    """
+    """Eigenpairs of two meshes up to the same eigenvalue times area, and a key of `MATCHED_IN`."""
 
     first: Eigenpairs
     second: Eigenpairs
@@ -95,10 +88,6 @@ class Pair:
 
     Views connect to `changed`. `comparison_requested` carries a `ComparisonRequest`; its runner
     calls `accept` or `give_up`.
-
-    Parameters
-    ----------
-    first, second : Document
 
     Attributes
     ----------

@@ -50,15 +50,9 @@ def start_child(
 ) -> subprocess.Popen[bytes]:
     """Start a process that calls ``main(source, sink, *arguments)``.
 
-    Parameters
-    ----------
-    main : callable
-        A function of a module; `source` and `sink` are the two pipes as binary files.
-    *arguments : str
-    stderr : file or int
-        Where the messages of libraries go.
-    **options
-        See `subprocess.Popen`; `env` holds additional environment variables.
+    `main` is a function of a module; `source` and `sink` are the two pipes as binary files. The
+    messages of libraries go to `stderr`. For `options` see `subprocess.Popen`; `env` holds
+    additional environment variables.
     """
     environment = {**os.environ, **options.pop("env", {})}
     limit_accelerate(environment)
@@ -95,22 +89,9 @@ def call_in_child(
 ) -> Result:
     """Call a function in a child process, and return its result.
 
-    Parameters
-    ----------
-    function : callable
-        A function of a module; arguments and result are pickled.
-    *arguments
-    look : callable, optional
-        Called every 20 ms; what it raises ends the child with all its descendants.
-    env : dict, optional
-        Additional environment variables.
-
-    Raises
-    ------
-    ChildEnded
-        If the child crashed.
-    Exception
-        If the function raised it.
+    Arguments and result are pickled; what the function raises is raised here, and `ChildEnded` if
+    the child crashed. `look` is called every 20 ms; what it raises ends the child with all its
+    descendants. `env` holds additional environment variables.
     """
     given = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
     pause = _START
@@ -171,10 +152,6 @@ class ProcessTree:
     The process that was started need not be the one that works: in a virtual environment of
     Windows ``python.exe`` starts the real interpreter and waits for it, and so do other launchers.
 
-    Parameters
-    ----------
-    root : int
-        Process id of the first.
     """
 
     def __init__(self, root: int) -> None:
