@@ -38,7 +38,7 @@ TESTS = {
     "app/dialogs": "app/test_dialogs app/test_gallery app/test_movie_dialog app/test_scene_dialog",
     "app/panels": "app/test_spectrum_panel app/test_profile_panel app/test_main_window",
     "app/tabs": "app/test_field_panel app/test_typing app/test_map_tab",
-    "app/view": "app/view/test_ticks app/view/test_mesh_view app/view/test_picture app/view/test_series",
+    "app/view": "app/view/test_ticks app/view/test_picture app/view/test_mesh_view",
     "cli": "test_cli test_cli_series test_cli_numbers test_streams",
     "features": "test_features test_filters test_truncation test_comparison test_decompose",
     "fields": "fields/test_families fields/test_maps model/test_live model/test_script",
@@ -46,7 +46,7 @@ TESTS = {
     "io/formats": "io/test_read io/test_ply io/test_off io/test_stl io/test_gltf io/test_vtk_maps",
     "model": "model/test_document model/test_document_history model/test_live model/test_pair"
     " app/test_tasks model/test_script",
-    "spectral": "model/test_previews test_preview test_eigensolver test_proof test_eigensolver_hard",
+    "spectral": "test_preview model/test_previews test_eigensolver test_proof",
     "split": "test_split test_cli",
     "surface": "test_curvature test_distances test_clustering test_rays test_laplacian",
 }
