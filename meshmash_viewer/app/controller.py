@@ -41,8 +41,9 @@ class Controller(QObject):
 
     A tick of a slider changes the document's display, which calls `refresh`. One thread computes
     fields (`_compute`), and `_take` receives its answers: only the newest request counts, and those
-    for another mesh or family are dropped. `show` adds the limits and draws. Another thread builds
-    the tables that make the next fields fast, after which a draft is computed again.
+    for another mesh or family are dropped. `show` calls `draw`, through `link` if two meshes are
+    compared; `draw` adds the limits and passes the field to the view. Another thread builds the
+    tables that make the next fields fast, after which a draft is computed again.
 
     Signals
     -------

@@ -66,7 +66,7 @@ class LastSession(QObject):
             self._timer.start()
 
     def watch(self, document: Document | None) -> None:
-        """Keep unit and repairs of the mesh file of a second document, too, until it is closed."""
+        """Save unit and repairs of a second document, too, until it is closed (None)."""
         self._second = document
         if document is not None:
             listen(document.mesh_changed, self._keep_second)
@@ -84,7 +84,7 @@ class LastSession(QObject):
         return self._folder / f"{key}{SESSION_ENDING}"
 
     def save(self) -> None:
-        """Write the session now; a folder that cannot be written to is said."""
+        """Write the session now; a failure is shown in the message bar."""
         self._timer.stop()
         document = self._document
         if document.path is None or document.mesh is None:

@@ -25,8 +25,8 @@ class LatestThread(QThread, Generic[Request]):
     Parameters
     ----------
     work : callable
-        Called in the thread with a request and a cancel callback, after which it may raise
-        `Cancelled`. Returns the answer.
+        Called in the thread with a request, and a function that returns True once the answer is no
+        longer wanted; `work` may then raise `Cancelled`. Returns the answer.
     take : bound method of a QObject, optional
         Called in the thread of that object, with a request and its answer, or the exception that
         was raised. `answered` can be emitted with intermediate answers.

@@ -76,8 +76,8 @@ class Restoration:
     session : Session, optional
         What is in the file, where that is known.
     saved_itself : bool
-        Whether the session was not saved by the user: it is opened only if the mesh file has the
-        content that it had.
+        Whether the window saved it (`LastSession`), not the user; it is then restored only if the
+        content of the mesh file is the same.
     maps : sequence of Path
         Files of more maps to add.
 

@@ -92,7 +92,7 @@ FEATURES: dict[str, type[BankFamily]] = {}
 
 @dataclass(frozen=True)
 class Columns(Family):
-    """One of the exported columns, which all are computed at once for the table.
+    """One column of an exported feature; the table holds all columns, computed together.
 
     Parameters
     ----------

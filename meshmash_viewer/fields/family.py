@@ -396,7 +396,7 @@ class Family(Parameters):
         return True
 
     def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
-        """Build the table, maybe from one `before` that serves.
+        """Build the table; `before` is an older one, which may be used again.
 
         `Cancelled` is raised after `cancel` returns True.
         """

@@ -173,7 +173,7 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class Listing(Kind):
-    """A list of `least` to `most` values, all different if `into` is a frozenset."""
+    """A list of `least` to `most` values, converted to `into`; `different` refuses equal ones."""
 
     kind: Callable[[object], Any]
     most: int

@@ -1,8 +1,8 @@
 """Table of families of fields.
 
 Window, export, command line, sessions and the copied script use this table; none of them refers to
-a family by name. To add a family, add its file here, its controls in ``app/tabs``, and a line
-below. Other packages add families by entry points.
+a family by name. To add a family, add its file to this folder and a line below; its
+controls are made from its parameters. Other packages add families by entry points.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class Published:
         )
 
     def write(self, path: Path, key: str) -> None:
-        """Write the file of the owner with a key."""
+        """Write the file; `key` names the store that it belongs to."""
         about = {name: value for name, value in vars(self).items() if name not in _ARRAYS}
         about |= {"certificate": asdict(self.certificate), "key": key}
         text = json.dumps(about, allow_nan=False).encode()

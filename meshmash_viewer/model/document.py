@@ -320,7 +320,7 @@ class Document:
     # -- history ----------------------------------------------------------------------------
 
     def undo(self) -> None:
-        """Revert the last change; one whose mesh was not kept once that has been made again."""
+        """Revert the last change; if the mesh before it was not kept, that is computed first."""
         step = self.history.past[-1] if self.history.past else None
         shown = None if step is None else step.state.get("mesh")
         if isinstance(shown, _Repaired) and self.mesh is not None:

@@ -21,14 +21,14 @@ _ONE_GESTURE = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A change: what the menu calls it, and the state that going over it restores.
+    """One change: its label, and the values that undoing it (or redoing it) restores.
 
     Parameters
     ----------
     label : str
         Completes "Undo …".
     state : mapping of str to object
-        Parts of the state that it changed, with their values on its other side.
+        Values of the parts that it changed: those before it, or once it is undone those after.
     when : float
         Time of the change, from `time.monotonic`.
     """
@@ -70,7 +70,7 @@ class History:
         return self.future[-1].label if self.future else ""
 
     def record(self, label: str, *parts: str, before: Mapping[str, Any] | None = None) -> None:
-        """Record a change of some parts, before they change or with their values `before` it."""
+        """Record a change. Call it before the parts change, or give their former values."""
         if self._paused:
             return
         state = dict(before or {}) | {part: self._read(part) for part in parts}
@@ -121,7 +121,7 @@ class History:
             self.changed.emit()
 
     def _cross(self, step: Step) -> Step:
-        """Restore the state on the other side of a step; returns the step back."""
+        """Restore the values of a step, and return the step that reverts this."""
         here = {part: self._read(part) for part in step.state}
         with self.paused():
             self._restore(step.state)
