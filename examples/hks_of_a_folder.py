@@ -16,6 +16,8 @@ bank = mv.heat_kernel_bank(np.geomspace(1e6, 1e8, 16))  # nm², so that columns 
 
 for path in sorted(folder.glob("*.npz")):
     mesh = mv.repair_mesh(mv.read_mesh(path), "drop_unreferenced_vertices")
+    if mesh.unit != "nm":
+        continue
     pairs = mv.solve(*mv.cotangent_laplacian(mesh, robust=True), n_components=60)
     features = mv.compute_features(pairs, bank, unit=mesh.unit, warn=False)
     mv.write_features(f"{mesh.name}_hks.npz", features, mesh)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+import shiboken6
 from PySide6.QtCore import QObject, Qt, QThreadPool, Signal
 
 from meshmash_viewer.app.faults import notice_of
@@ -48,9 +49,13 @@ class BackgroundIO(QObject):
                 result = work()
             except Exception as fault:  # noqa: BLE001  shown in the message bar
                 failure = failure_of(fault, doing)
-                self._done.emit(lambda _: self._document.notify(notice_of(failure)), None)
+                finish(lambda _: self._document.notify(notice_of(failure)), None)
             else:
-                self._done.emit(then, result)
+                finish(then, result)
+
+        def finish(call: Callable[[Any], object], result: object) -> None:
+            if shiboken6.isValid(self):  # the program may have ended meanwhile
+                self._done.emit(call, result)
 
         self._waiting += 1
         self._pool.start(task)

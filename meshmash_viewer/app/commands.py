@@ -66,7 +66,6 @@ class Commands:
             "nodal_lines": partial(setattr, display, "nodal_lines"),
             "play": partial(setattr, display, "playing"),
             "show_kind": partial(setattr, display, "kind"),
-            "step": partial(stepping.step, document),
             "first": partial(stepping.go_to_start, document),
             "last": partial(stepping.go_to_end, document),
         }
@@ -74,6 +73,10 @@ class Commands:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)
             )
+
+    def step(self, steps: int) -> None:
+        """Show the field that is so many columns or positions on."""
+        stepping.step(self._document, steps)
 
     def _do(self, command: Command, checked: bool) -> None:
         # checked again, as an action is disabled with a delay of some milliseconds

@@ -186,7 +186,11 @@ class Controller(QObject):
     def _announce(self) -> None:
         """Show that the requested field is being computed."""
         if self._wanted is not None:
-            self._view.set_awaited(self._wanted.description.title)
+            try:
+                title = self._wanted.description.title
+            except InputError:  # which the thread reports
+                title = self._wanted.family.label
+            self._view.set_awaited(title)
             self._give_up_waiting()
 
     def _fail(self, fault: Exception) -> None:
