@@ -9,7 +9,7 @@ at a time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, fields
 from typing import Any, overload
@@ -17,8 +17,9 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Rows
-from meshmash_viewer.spectral.engine.request import Request
+from meshmash_viewer.spectral.engine.request import Allocate, Request
 from meshmash_viewer.spectral.engine.run import Run
 
 __all__ = ["Batch", "Decomposition", "iterate", "solve"]
@@ -101,7 +102,23 @@ class Batch:
 
 
 def solve(
-    stiffness: Any, mass: Any, n_components: int | None = None, **options: Any
+    stiffness: Any,
+    mass: Any,
+    n_components: int | None = None,
+    *,
+    max_eigenvalue: float | None = None,
+    sigma: float | None = None,
+    tol: float = 1e-10,
+    dtype: npt.DTypeLike = np.float64,
+    n_jobs: int | None = None,
+    known: Eigenpairs | None = None,
+    allocate: Allocate | None = None,
+    on_pairs: Callable[[Eigenpairs], None] | None = None,
+    early: bool = False,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+    op_inv: Any = None,
+    ncv: int | None = None,
 ) -> Decomposition:
     """Compute the lowest eigenpairs, or those nearest a shift, and prove that none is missing.
 
@@ -113,8 +130,6 @@ def solve(
         Diagonal M; eigenvectors are NaN at vertices without mass.
     n_components : int, optional
         Number of pairs; all of them if it exceeds their number.
-    **options
-        The following ones, all optional.
     max_eigenvalue : float, optional
         Threshold: all pairs with λ ≤ max_eigenvalue. Exactly one of the two is given.
     sigma : float, optional
@@ -159,7 +174,11 @@ def solve(
     >>> pairs.eigenvalues.round(1)
     array([0., 2., 2., 2., 6., 6., 6., 6., 6.])
     """
-    pairs = Run(stiffness, mass, Request(n_components, **options)).pairs()
+    request = Request(
+        n_components, max_eigenvalue, sigma, tol, dtype, n_jobs, known, allocate, on_pairs, early,
+        progress, cancel, op_inv, ncv,
+    )  # fmt: skip
+    pairs = Run(stiffness, mass, request).pairs()
     return Decomposition(**{each.name: getattr(pairs, each.name) for each in fields(pairs)})
 
 
@@ -167,6 +186,8 @@ def iterate(
     stiffness: Any, mass: Any, n_components: int | None = None, **options: Any
 ) -> Iterator[Batch]:
     """Yield the pairs in batches as they converge, lowest first; arguments as for `solve`.
+
+    `options` are the arguments of `solve` after `n_components`.
 
     The computation continues while a batch is processed. Closing the iterator cancels it.
 
