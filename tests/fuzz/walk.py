@@ -348,6 +348,7 @@ class Walk:
         document.compute()
         self._wait(lambda: document.job is None and bool(document.spectrum))
         self._wait(lambda: window.controller.idle and window.scene.at_rest)
+        self._wait(lambda: window.background_io.idle)
         window.stage.message_bar.dismiss()
         QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QFont, QPen, QResizeEvent
+from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPen, QResizeEvent
 from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app import theme
@@ -53,6 +53,10 @@ def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) 
     line.sigDragged.connect(drag)
     line.sigPositionChangeFinished.connect(settle)
     return line
+
+
+#: A label as wide as those of the left axis get.
+_WIDEST = "-2.5×10⁻⁵"
 
 
 class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
@@ -165,8 +169,14 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             axis = self.getAxis(side)
             axis.setPen(solid(theme.palette().border_strong))
             axis.setTextPen(solid(colors.axis))
+            # a width of its own would depend on the labels that there were before
+            wide = round(QFontMetricsF(font).horizontalAdvance(_WIDEST))
             axis.setStyle(
-                tickFont=font, tickLength=-4, autoExpandTextSpace=True, hideOverlappingLabels=True
+                tickFont=font,
+                tickLength=-4,
+                autoExpandTextSpace=side == "bottom",
+                tickTextWidth=wide,
+                hideOverlappingLabels=True,
             )
             axis.label.setFont(font)
             axis.setLabel(text, **{"color": colors.axis, "font-size": f"{font.pointSizeF()}pt"})
