@@ -30,6 +30,8 @@ def test_five_hundred_actions(walk: Walk) -> None:
         before = walk.measure()
         walk.walk(400)
         after = walk.measure()
+        if after.meshes > before.meshes:  # threads may have held them for a moment
+            after = walk.measure()
     assert not walk.faults, "\n".join(walk.faults)
     assert after.meshes <= before.meshes
     assert after.widgets <= before.widgets + 20
