@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal
 
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import written_whole
 from meshmash_viewer.io.session import SESSION_ENDING, Session, read_session, write_session
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.vertex_map import VertexMap
@@ -31,6 +32,8 @@ _MAPS_ENDING = ".maps.npz"
 class LastSession(QObject):
     """Writes the session of a document's mesh file after every change, and finds it again.
 
+    Files are written in a thread, as flushing them to the disk takes up to a tenth of a second.
+
     Parameters
     ----------
     document : Document
@@ -40,6 +43,8 @@ class LastSession(QObject):
         Returns the camera (see `View.to_json`) and the pair with the second mesh, if there is one.
     parent : QObject
     """
+
+    _failed = Signal(str)
 
     def __init__(
         self,
@@ -54,6 +59,8 @@ class LastSession(QObject):
         #: Names of the maps in the mesh file itself, and the other ones that have been written.
         self._of_file: frozenset[str] = frozenset()
         self._written: tuple[VertexMap, ...] = ()
+        self._pool = QThreadPool(self, maxThreadCount=1)
+        self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
         self._timer = QTimer(self, singleShot=True, interval=_DELAY)
         self._timer.timeout.connect(self.save)
         listen(document.mesh_changed, self._note_mesh)
@@ -73,6 +80,7 @@ class LastSession(QObject):
 
     def stored(self, mesh_path: Path) -> Session | None:
         """Return the session of a mesh file; None if there is none that can be read."""
+        self._pool.waitForDone()
         try:
             return read_session(self.path(mesh_path))
         except InputError:
@@ -89,19 +97,20 @@ class LastSession(QObject):
         document = self._document
         if document.path is None or document.mesh is None:
             return
-        camera, pair = self._look()
-        path = self.path(document.path)
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            write_session(path, session_of(document, camera, pair))
-            self._write_maps(path)
-        except (InputError, OSError) as fault:
-            document.say(f"What you made could not be saved for the next time: {fault}")
-        self._delete_oldest()
+        mesh, path = document.mesh, self.path(document.path)
+        session = session_of(document, *self._look())
+        maps = self._new_maps(mesh)
+        self._pool.start(lambda: self._write(path, session, mesh.content_hash, maps))
+
+    def close(self) -> None:
+        """Write the session, and wait for the thread."""
+        self.save()
+        self._pool.waitForDone()
 
     def forget(self, mesh_path: Path) -> None:
         """Delete the session of a mesh file."""
         self._timer.stop()
+        self._pool.waitForDone()
         for file in (self.path(mesh_path), self._maps_file(self.path(mesh_path))):
             file.unlink(missing_ok=True)
 
@@ -111,6 +120,7 @@ class LastSession(QObject):
         mesh = document.mesh
         if mesh is None or document.path is None:
             return 0
+        self._pool.waitForDone()
         try:
             with np.load(self._maps_file(self.path(document.path))) as stored:
                 about = json.loads(str(stored["about"]))
@@ -144,30 +154,45 @@ class LastSession(QObject):
             known = self.stored(document.path)
             if known is not None:
                 now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
-            self._folder.mkdir(parents=True, exist_ok=True)
-            write_session(self.path(document.path), now)
+            path = self.path(document.path)
+            self._pool.start(lambda: self._write(path, now, "", None))
 
     @staticmethod
     def _maps_file(session: Path) -> Path:
         return session.with_name(session.name.removesuffix(SESSION_ENDING) + _MAPS_ENDING)
 
-    def _write_maps(self, session: Path) -> None:
-        """Write the maps that are in no file, unless that has been done."""
-        mesh = self._document.mesh
-        assert mesh is not None
+    def _new_maps(self, mesh: Mesh) -> tuple[VertexMap, ...] | None:
+        """Return the maps that are in no file; None if they have been written."""
         kept = tuple(each for each in mesh.maps if not each.path and each.name not in self._of_file)
         if len(kept) == len(self._written) and all(
             one.values is other.values for one, other in zip(kept, self._written, strict=True)
         ):
-            return
-        about = {
-            "mesh": mesh.content_hash,
-            "maps": [{"name": each.name, "unit": each.unit} for each in kept],
-        }
-        values: dict[str, Any] = {f"values_{at}": each.values for at, each in enumerate(kept)}
-        with written_whole(self._maps_file(session)) as part, part.open("wb") as file:
-            np.savez(file, about=np.array(json.dumps(about)), **values)
+            return None
         self._written = kept
+        return kept
+
+    def _write(
+        self, path: Path, session: Session, mesh_hash: str, maps: tuple[VertexMap, ...] | None
+    ) -> None:
+        """Write a session and new maps, in the thread."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            write_session(path, session)
+            if maps is not None:
+                named = [{"name": each.name, "unit": each.unit} for each in maps]
+                about = json.dumps({"mesh": mesh_hash, "maps": named})
+                values: dict[str, Any] = {
+                    f"values_{at}": each.values for at, each in enumerate(maps)
+                }
+                with written_whole(self._maps_file(path)) as part, part.open("wb") as file:
+                    np.savez(file, about=np.array(about), **values)
+            self._delete_oldest()
+        except (InputError, OSError) as fault:
+            self._failed.emit(str(fault))
+
+    def _say_failed(self, fault: str) -> None:
+        self._written = ()  # to be tried again
+        self._document.say(f"What you made could not be saved for the next time: {fault}")
 
     def _delete_oldest(self) -> None:
         sessions = sorted(

@@ -444,7 +444,7 @@ class MainWindow(QMainWindow):
         if not self._closed:
             self._closed = True
             self.settings.layout = self.arrangement.save()
-            self.opening.last_session.save()
+            self.opening.last_session.close()
             self.settings.close()
             self.document.display.playing = False
             self.document.display.vibrating = False
