@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from meshmash_viewer.model.display import display_from_json, display_to_json, re
 from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.pair import Pair
+from meshmash_viewer.model.pins import Pin, free_number
 from meshmash_viewer.spectral.weyl import Target
 
 __all__ = ["Restoration", "session_of"]
@@ -52,6 +54,8 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         display=display_to_json(document.display, mesh.file_index),
         pins=[mesh.file_index(pin.vertex) for pin in document.pins],
         pin_numbers=[pin.number for pin in document.pins],
+        pin_names=[pin.name for pin in document.pins],
+        pin_colors=[pin.own_color for pin in document.pins],
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
@@ -174,17 +178,13 @@ class Restoration:
                 f"{document.path} has changed since {self._path.name} was saved: "
                 "pins and field may not be where they were."
             )
-        numbers = dict(zip(session.pins, session.pin_numbers, strict=False))
-        pins = {self._place(index): numbers.get(index, 0) for index in reversed(session.pins)}
-        pins.pop(None, None)
+        pins = self._pins()
         if len(pins) < len(session.pins):
             self._warn(
                 f"{self._path.name} has pins at vertices that {document.path} does not have: "
                 f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
             )
-        for vertex, number in reversed(pins.items()):
-            if vertex is not None:
-                document.toggle_pin(vertex, number)
+        document.set_pins("pins", pins)
         for place, index in display_from_json(document.display, self._display, self._place):
             self._warn(
                 f"{self._path.name} has display.{place} = {index}, which {document.path}"
@@ -193,6 +193,18 @@ class Restoration:
         document.open_maps([Path(each) for each in session.maps], shown=False)
         self.done = True
         self.restored.emit()
+
+    def _pins(self) -> tuple[Pin, ...]:
+        """The pins of the session at vertices that the mesh has, each vertex once."""
+        session, pins = self._session, dict[int, Pin]()
+        given = zip_longest(session.pin_numbers, session.pin_names, session.pin_colors)
+        for index, about in zip_longest(session.pins, given):
+            vertex = None if index is None else self._place(index)
+            if vertex is not None and vertex not in pins:
+                number, name, color = about or (0, "", "")
+                number = free_number(tuple(pins.values()), number or 0)
+                pins[vertex] = Pin(vertex, number, name or "", color or "")
+        return tuple(pins.values())
 
     def _place(self, index: int) -> int | None:
         """The vertex of the mesh that the session means by an index; None if there is none."""

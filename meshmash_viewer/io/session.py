@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,16 @@ class _Unit(Text):
         except InputError as fault:
             raise Refused('a unit such as "nm" or "8 nm"', value) from fault
         return str(value)
+
+
+class _Color(Text):
+    """A colour "#RRGGBB", or none."""
+
+    def __call__(self, value: object) -> str:
+        text = super().__call__(value)
+        if text and not re.fullmatch("#[0-9A-Fa-f]{6}", text):
+            raise Refused('a colour such as "#E69F00"', value)
+        return text
 
 
 class _Target(Kind):
@@ -99,8 +110,9 @@ class Session(Parameters):
     display : dict
         The displayed field with its limits and colours, as the model writes it.
     pins, pin_numbers : list of int
-        Pinned vertices, by their index in the file, and the numbers of their pins, which determine
-        their colours.
+        Pinned vertices, by their index in the file, and the numbers of their pins.
+    pin_names, pin_colors : list of str
+        Names and colours that were given to them, "" for none.
     file_indices : bool
         False for older sessions, whose pins and other vertices are indices in the repaired mesh.
     camera : dict
@@ -127,6 +139,8 @@ class Session(Parameters):
     display: dict[str, Any] = parameter(dict, Record({}))
     pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
     pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
+    pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
+    pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
     file_indices: bool = True
     camera: dict[str, Any] = parameter(dict, _CAMERA)
     second_path: str = parameter("", Text())

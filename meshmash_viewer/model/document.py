@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
@@ -32,7 +32,14 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
-from meshmash_viewer.model.pins import Pin, followed_pins, free_number, same_vertex
+from meshmash_viewer.model.pins import (
+    Pin,
+    changed_pins,
+    followed_pins,
+    free_number,
+    pin_at,
+    same_vertex,
+)
 from meshmash_viewer.model.results import MapGrew, MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
@@ -591,19 +598,27 @@ class Document:
         """
         if self.mesh is None or not 0 <= vertex < self.mesh.n_vertices:
             raise IndexError(f"vertex {vertex} is not in the mesh")
-        pinned = any(pin.vertex == vertex for pin in self.pins)
-        self.history.record("removal of a pin" if pinned else "pin", "pins")
-        if pinned:
-            self.pins = tuple(pin for pin in self.pins if pin.vertex != vertex)
+        left = tuple(pin for pin in self.pins if pin.vertex != vertex)
+        if len(left) < len(self.pins):
+            self.set_pins("removal of a pin", left)
         else:
-            self.pins = (*self.pins, Pin(int(vertex), free_number(self.pins, number)))
-        self.pins_changed.emit()
+            new = Pin(int(vertex), free_number(self.pins, number))
+            self.set_pins("pin", (*self.pins, new))
 
     def clear_pins(self) -> None:
         """Remove all pins."""
-        self.history.record("removal of all pins", "pins")
-        self.pins = ()
+        self.set_pins("removal of all pins", ())
+
+    def set_pins(self, label: str, pins: Iterable[Pin]) -> None:
+        """Replace the pins as one change, whose label completes "Undo …"."""
+        self.history.record(label, "pins")
+        self.pins = tuple(pins)
         self.pins_changed.emit()
+
+    def change_pin(self, label: str, vertex: int, **attributes: Any) -> None:
+        """Change attributes of the pin of a vertex as one change, if there is one."""
+        if pin_at(self.pins, vertex) is not None:
+            self.set_pins(label, changed_pins(self.pins, vertex, **attributes))
 
     def flip(self) -> None:
         """Flip the sign of the displayed eigenfunction."""

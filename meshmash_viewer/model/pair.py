@@ -386,8 +386,8 @@ class Pair:
         """Pin the best match of each pin, under its number."""
         numbers = {pin.number for pin in self.first.pins}
         self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
-        found = ((pin.number, self._place_of(pin)) for pin in self.first.pins)
-        pins = tuple(Pin(vertex, number) for number, vertex in found if vertex is not None)
+        found = ((pin, self._place_of(pin)) for pin in self.first.pins)
+        pins = tuple(replace(pin, vertex=at) for pin, at in found if at is not None)
         if pins != self.second.pins:
             self.second.pins = pins
             self.second.pins_changed.emit()

@@ -1,13 +1,15 @@
-"""Pinned vertices, and their mapping to a repaired mesh."""
+"""Pinned vertices with their names and colours, and their mapping to a repaired mesh."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
+from typing import Any
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import Mesh
 
 #: Colours of the pins in the order of their numbers: Okabe & Ito 2008, distinct for every kind of
@@ -18,17 +20,71 @@ PIN_COLORS = (
 )  # fmt: skip
 
 
+#: Largest number of characters of a name.
+LONGEST_NAME = 60
+_COLOR = re.compile("#[0-9A-Fa-f]{6}")
+
+
 @dataclass(frozen=True)
 class Pin:
-    """A vertex whose profile is compared; its number, from 1, determines its colour."""
+    """A vertex whose profile is compared.
+
+    Parameters
+    ----------
+    vertex : int
+    number : int
+        From 1.
+    name : str
+        Given by the user; "" for none.
+    own_color : str
+        Chosen by the user, "#RRGGBB"; "" for the colour of the number.
+    """
 
     vertex: int
     number: int
+    name: str = ""
+    own_color: str = ""
 
     @property
     def color(self) -> str:
-        """Colour of the pin; the colours repeat after the last one."""
-        return PIN_COLORS[(self.number - 1) % len(PIN_COLORS)]
+        """Colour of the pin; those of the numbers repeat after the last one."""
+        return self.own_color or PIN_COLORS[(self.number - 1) % len(PIN_COLORS)]
+
+    @property
+    def label(self) -> str:
+        """Its name, or its number without one."""
+        return self.name or str(self.number)
+
+    @property
+    def title(self) -> str:
+        """How sentences call it: its name, or "pin 3" without one."""
+        return self.name or f"pin {self.number}"
+
+
+def pin_at(pins: Iterable[Pin], vertex: int) -> Pin | None:
+    """Return the pin of a vertex, or None."""
+    return next((pin for pin in pins if pin.vertex == vertex), None)
+
+
+def checked_color(text: str) -> str:
+    """Return a colour "#rrggbb" in capitals, or "" for none.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
+    if text and not _COLOR.fullmatch(text):
+        raise InputError(f"{printable(text, 30)!r} is not a colour: write it as #E69F00.")
+    return text.upper()
+
+
+def distinct_name(name: str, taken: Collection[str]) -> str:
+    """Return a name of at most `LONGEST_NAME` characters, with a number if it is taken."""
+    name = " ".join(name.split())[:LONGEST_NAME]
+    if not name or name not in taken:
+        return name
+    return next(each for at in count(2) if (each := f"{name} {at}") not in taken)
 
 
 def free_number(pins: Sequence[Pin], wanted: int = 0) -> int:
@@ -37,6 +93,11 @@ def free_number(pins: Sequence[Pin], wanted: int = 0) -> int:
     if wanted >= 1 and wanted not in taken:
         return wanted
     return next(number for number in count(1) if number not in taken)
+
+
+def changed_pins(pins: Iterable[Pin], vertex: int, **attributes: Any) -> tuple[Pin, ...]:
+    """Return pins with other attributes of the one of a vertex."""
+    return tuple(replace(pin, **attributes) if pin.vertex == vertex else pin for pin in pins)
 
 
 def same_vertex(before: Mesh, now: Mesh, vertex: int) -> int | None:

@@ -65,6 +65,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     for vertex in (3, 100):
         document.toggle_pin(vertex)
     document.toggle_pin(3)
+    document.change_pin("name of a pin", 100, name="soma", own_color="#123456")
     document.display.limits = LockedLimits(-1.0, 2.0)
     document.display.sequential_colormap = "magma"
     mesh = document.mesh
@@ -88,6 +89,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
         assert [(pin.number, document.mesh.file_index(pin.vertex)) for pin in document.pins] == [
             (2, 142)
         ]
+        assert [(pin.name, pin.color) for pin in document.pins] == [("soma", "#123456")]
         assert document.display.policies["eigenfunction"] == LockedLimits(-1.0, 2.0)
         assert document.display.sequential_colormap == "magma"
         kept = document.mesh.map_named("height")

@@ -20,6 +20,8 @@ SESSION = Session(
     display={"kind": "hks", "time": 1.5e5},
     pins=[3, 141],
     pin_numbers=[2, 1],
+    pin_names=["soma", ""],
+    pin_colors=["", "#123456"],
     n_vertices=642,
     camera={"focus": [1.0, 2.0, 3.0], "axes": np.eye(3).tolist(), "half_size": 0.5},
 )
@@ -87,6 +89,7 @@ def test_cannot_be_written(tmp_path: Path) -> None:
         ("pins", "x", r"pins = \"x\", which should be a list"),
         ("pins", [3, -1], r"pins\[1\] = -1, which should be a whole number"),
         ("pins", [3, True], r"pins\[1\] = true"),
+        ("pin_colors", ["red"], r"pin_colors\[0\] = \"red\", which should be a colour such as"),
         ("pins", [3, 3], "without repeated values"),
         ("pins", [3, 642], "vertex 642, and its mesh has 642 vertices"),
         ("pins", list(range(10_001)), "at most 10000 values"),

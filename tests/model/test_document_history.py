@@ -30,7 +30,7 @@ from meshmash_viewer.model.jobs import (
     ScaleJob,
 )
 from meshmash_viewer.model.limits import LockedLimits
-from meshmash_viewer.model.pins import PIN_COLORS
+from meshmash_viewer.model.pins import PIN_COLORS, distinct_name
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.certificate import Certificate
@@ -505,3 +505,31 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
     assert document.expected_seconds(target) == pytest.approx(30.0)
     document.job_started(PreviewJob(sphere))
     assert left(Progress("preview")) is None
+
+
+def test_names_and_colours_of_pins_are_undone_and_follow_a_repair(split: Document) -> None:
+    vertex = 50
+    split.toggle_pin(vertex)
+    before = split.pins
+    split.change_pin("name of a pin", vertex, name="soma")
+    split.change_pin("colour of a pin", vertex, own_color="#123456")
+    assert (split.pins[0].title, split.pins[0].color) == ("soma", "#123456")
+    assert split.history.undo_label == "colour of a pin"
+    split.undo()
+    assert split.pins[0].name == "soma"
+    split.undo()
+    assert split.pins == before
+    split.redo()
+    split.redo()
+    assert (split.pins[0].label, split.pins[0].color) == ("soma", "#123456")
+    split.change_pin("name of a pin", 10**6, name="none")
+    assert split.history.undo_label == "colour of a pin", "no such pin"
+    repair(split, LARGEST)
+    assert pinned(split) == {1: 50}
+    assert split.pins[0].name == "soma"
+
+
+def test_doubled_names_get_a_number() -> None:
+    assert distinct_name(" soma\n ", []) == "soma"
+    assert distinct_name("spine", ["spine", "spine 2"]) == "spine 3"
+    assert distinct_name("", [""]) == ""
