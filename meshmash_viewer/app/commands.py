@@ -18,6 +18,7 @@ from meshmash_viewer.app.controls.focus_keys import settle_typing
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
+from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import stepping
@@ -189,7 +190,9 @@ class Commands:
 
     def _write(self, path: Path, work: Callable[[], object], what: str) -> None:
         written = f"{what} written to {path}."
-        self._background_io.run(f"Writing {path.name}", work, lambda _: self._document.say(written))
+        self._background_io.run(
+            f"Writing {path.name}", work, lambda _: say_saved(self._document, written, path)
+        )
 
     def say_failed(self, failure: Failure) -> None:
         """Show why something is not available."""

@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.progress import CancelCallback
@@ -198,7 +198,8 @@ class Controller(QObject):
         self._view.set_awaited("")
         named = "" if isinstance(fault, InputError) else f" ({type(fault).__name__})"
         text = f"The field cannot be computed{named}: {fault}"
-        self._document.say(text, Severity.ERROR)
+        wanted = self._wanted
+        self._document.notify(Notice(text, Severity.ERROR, holds=lambda: self._wanted is wanted))
         self._give_up_waiting()
 
     def _give_up_waiting(self) -> None:

@@ -45,7 +45,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.model import stepping
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.plug_ins import known_plug_ins
@@ -93,7 +93,7 @@ class MainWindow(QMainWindow):
         theme.dress(self)
         self._focus_keys = FocusKeys(application, self)
         self._field_wheel = FieldWheel(self)
-        self._refusal: Notice | None = None
+        self._refusal = ""
 
         self.loaded = False
         self._closed = False
@@ -291,7 +291,6 @@ class MainWindow(QMainWindow):
 
     def _on_mesh_changed(self) -> None:
         ready = self.document.ready
-        self.stage.message_bar.forget_past()
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and ready.path is not None and not ready.derived:
@@ -372,12 +371,12 @@ class MainWindow(QMainWindow):
 
     def say_refusal(self, sentence: str) -> None:
         """Show or remove the reason why a field rejects its text; see `spin.show_refusal`."""
-        bar = self.stage.message_bar
+        notice = self.stage.message_bar.notice
         if sentence:
-            self._refusal = Notice(sentence, Severity.WARNING)
-            self.document.notify(self._refusal)
-        elif self._refusal is not None and bar.notice is self._refusal:
-            bar.dismiss()
+            self._refusal = sentence
+            self.document.say(sentence, Severity.WARNING)
+        elif notice is not None and notice.text == self._refusal:
+            self.stage.message_bar.dismiss()
 
     # -- events -------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog, QMainWindow
 
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.last_session import LastSession
+from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.sessions import Restoration, session_of
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -121,7 +122,7 @@ class Opening(QObject):
             made["repair"] = len(self._document.repairs)
             what = ", ".join(counted(count, noun) for noun, count in made.items() if count)
             text = f"Opened as you left it: {what}."
-            notice = Notice(text, button="Start afresh", undo=lambda: self.start_afresh(path))
+            notice = Notice(text, button="Start afresh", action=lambda: self.start_afresh(path))
             self._document.notify(notice)
 
     def start_afresh(self, path: Path) -> None:
@@ -299,4 +300,4 @@ class Opening(QObject):
         except (InputError, OSError) as fault:
             self._document.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
-        self._document.say(f"Session saved to {path}.")
+        say_saved(self._document, f"Session saved to {path}.", path)

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QDialog, QMainWindow
 
 from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
@@ -50,7 +51,9 @@ class Pictures:
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
         self.painter = SeriesPainter(window)
-        self.painter.drawn.connect(lambda _at, path: document.say(f"Picture saved to {path}."))
+        self.painter.drawn.connect(
+            lambda _at, path: say_saved(document, f"Picture saved to {path}.", path)
+        )
         self.painter.failed.connect(self._say_not_saved)
         self._background_io, self._closed = background_io, False
 
@@ -109,7 +112,7 @@ class Pictures:
         self._background_io.run(
             f"Writing {path.name}",
             lambda: save_figure(figure, path),
-            lambda _: self._document.say(f"Figure saved to {path}."),
+            lambda _: say_saved(self._document, f"Figure saved to {path}.", path),
         )
 
     def gallery(self) -> None:
@@ -158,12 +161,12 @@ class Pictures:
     def _open(self, name: str, dialog: GalleryDialog | MovieDialog, what: str) -> None:
         """Open a modeless dialog, and notify when it has saved its file."""
 
-        def say_saved(path: Path) -> None:
+        def take_saved(path: Path) -> None:
             self._settings.folder = path.parent
-            self._document.say(f"{what} saved to {path}.")
+            say_saved(self._document, f"{what} saved to {path}.", path)
 
         self._open_dialogs[name] = dialog
-        dialog.saved.connect(say_saved)
+        dialog.saved.connect(take_saved)
         dialog.finished.connect(lambda: self._open_dialogs.pop(name, None))
         dialog.finished.connect(dialog.deleteLater)
         dialog.show()
@@ -192,7 +195,9 @@ class Pictures:
                 remove_left_overs(path.parent)  # of a process that was ended
 
         self._background_io.run(
-            f"Writing {path.name}", write, lambda _: self._document.say(f"Scene saved to {path}.")
+            f"Writing {path.name}",
+            write,
+            lambda _: say_saved(self._document, f"Scene saved to {path}.", path),
         )
 
     def _stop_if_closed(self, _: object) -> None:

@@ -143,9 +143,13 @@ class SecondView(QWidget):
         if self.document.job is None and self.document.ready is None:
             self.close_requested.emit()
 
-    def _on_notice(self, notice: Notice) -> None:
-        """Show a notice in the message bar of the window."""
-        self.pair.first.notify(replace(notice, text=f"Second mesh: {notice.text}", undo=None))
+    def _on_notice(self, notice: Notice | None) -> None:
+        """Show a notice in the message bar of the window, or review it once it is withdrawn."""
+        if notice is None:
+            self.pair.first.review_notice()
+        else:
+            text = f"Second mesh: {notice.text}"
+            self.pair.first.notify(replace(notice, text=text, action=None))
 
     def _say_status(self) -> None:
         job, spectrum = self.document.job, self.document.spectrum

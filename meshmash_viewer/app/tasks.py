@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, Qt, Signal
 
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.listening import listen, stop_listening
+from meshmash_viewer.app.saved import saved_notice
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -67,8 +68,8 @@ class Tasks(QObject):
             self._queue.append(job)
             self._document.say(f"{job.label} waits for: {self.job.label}.")
         elif isinstance(job, DecomposeJob) and not isinstance(self.job, DecomposeJob):
-            text = f"{self.job.label} is not done yet: compute when it is."
-            self._document.say(text, Severity.WARNING)
+            text, running = f"{self.job.label} is not done yet: compute when it is.", self.job
+            self._document.notify(Notice(text, Severity.WARNING, holds=lambda: self.job is running))
         else:
             self._queue = [waiting for waiting in self._queue if isinstance(waiting, ExportJob)]
             self._queue.insert(0, job)
@@ -115,9 +116,7 @@ class Tasks(QObject):
 
     def _on_sent(self, message: object) -> None:
         job = self.job
-        if isinstance(message, Notice):
-            self._document.notify(message)
-        elif isinstance(message, MapGrew) and isinstance(job, PiecesJob):
+        if isinstance(message, MapGrew) and isinstance(job, PiecesJob):
             self._document.accept_growing(job.mesh, message)
         elif isinstance(job, DecomposeJob | PreviewJob) and self._is_shown(job.mesh):
             if isinstance(message, Eigenpairs):
@@ -134,10 +133,10 @@ class Tasks(QObject):
         elif isinstance(result, Written):
             written = f"{result.description} written to {result.path}."
             if result.remark:
-                severity = Severity.WARNING if result.warns else Severity.INFORMATION
-                self._end(Notice(f"{written} {result.remark}.", severity), whole=True)
-            else:
-                self._end(Notice(written), whole=True)
+                written += f" {result.remark}."
+            warns = bool(result.remark) and result.warns
+            severity = Severity.WARNING if warns else Severity.INFORMATION
+            self._end(saved_notice(self._document, written, result.path, severity), whole=True)
         else:
             self._on_sent(result)
             self._end()

@@ -69,13 +69,27 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """One sentence for the message bar; `details` is for the copy button, `undo` for `button`."""
+    """One sentence for the message bar.
+
+    Parameters
+    ----------
+    text, severity
+        The sentence, and its severity.
+    details : str
+        For the button that copies them.
+    action, button : callable and str, optional
+        What a button of this text does.
+    holds : callable, optional
+        Returns whether its cause still exists; the notice is withdrawn once it does not. See
+        `Document.notify` for the default.
+    """
 
     text: str
     severity: Severity = Severity.INFORMATION
     details: str = ""
-    undo: Callable[[], None] | None = None
+    action: Callable[[], None] | None = None
     button: str = "Undo"
+    holds: Callable[[], bool] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +143,15 @@ class Document:
         self.history = History(self._read_part, self._restore_parts)
         self.history.changed.connect(self.settings_changed.emit)
         self._record_display()
+        #: The last notice, until it is withdrawn.
+        self.notice: Notice | None = None
+        #: Number of meshes that were shown and jobs that were requested, for `notify`.
+        self._turn = 0
+        for signal in (
+            self.mesh_changed, self.spectrum_changed, self.pins_changed, self.settings_changed,
+            self.job_changed, self.display.events,
+        ):  # fmt: skip
+            signal.connect(self.review_notice)
         #: Whether a mesh is computed again that the last step needs to be undone.
         self._undoing = False
         self._file_mesh: Mesh | None = None
@@ -202,9 +225,10 @@ class Document:
         one; `maps` are files of maps to add (`open_maps`). `repairs` are applied in this order, and
         `source` is the hash of the content that they were made for, see `ReadJob`.
         """
-        self._maps_of = (Path(path), tuple(maps)) if maps else None
+        path = Path(path).absolute()  # in notices and scripts, too
+        self._maps_of = (path, tuple(maps)) if maps else None
         operator = operator or self.operator
-        self.request(ReadJob(Path(path), unit, operator, tuple(repairs), source))
+        self.request(ReadJob(path, unit, operator, tuple(repairs), source))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Request that a mesh in memory is shown."""
@@ -251,7 +275,7 @@ class Document:
         """Announce a change of the unit, and offer to undo it."""
         if self.unit_text != before:
             text = f"Unit changed from {before} to {self.unit_text}: {what}."
-            self.notify(Notice(text, undo=self._undo_of_last()))
+            self._offer_undo(text)
 
     def _rescale(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> None:
         self.request(ScaleJob(mesh, voxel, unit, self.path, self.operator, repairs))
@@ -264,7 +288,7 @@ class Document:
             text = "There is no mesh to put a map on: open the mesh first, then its maps."
             self.say(text, Severity.WARNING)
         elif paths:
-            self.maps_requested.emit(tuple(paths), shown)
+            self.maps_requested.emit(tuple(path.absolute() for path in paths), shown)
 
     def accept_maps(self, mesh: Mesh, maps: Sequence[VertexMap], *, shown: bool = True) -> None:
         """Take maps that were read for a mesh, if that is still open, and show the last."""
@@ -357,19 +381,11 @@ class Document:
         """The mesh as it was read, before all repairs; its unit may differ from the open mesh's."""
         return self._file_mesh if self.repairs else self.mesh
 
-    def _undo_of_last(self) -> Callable[[], None] | None:
-        """Return what undoes the last change, as long as none comes after it."""
-        if not self.history.past:
-            return None
-        step = self.history.past[-1]
-
-        def undo() -> None:
-            if self.history.past[-1:] == (step,):
-                self.undo()
-            else:
-                self.notify(Notice("Other changes came after it: undo them first (Ctrl+Z)."))
-
-        return undo
+    def _offer_undo(self, text: str) -> None:
+        """Announce the last change, and offer to undo it until another one comes after it."""
+        last = self.history.past[-1:]
+        action = self.undo if last else None
+        self.notify(Notice(text, action=action, holds=lambda: self.history.past[-1:] == last))
 
     def _read_part(self, part: str) -> Any:
         """Return the current value of a part of the state."""
@@ -433,7 +449,7 @@ class Document:
             self.history.start(*(Step("repair", {"mesh": each}) for each in steps))
             if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
-                self.notify(Notice(text, undo=self._undo_of_last()))
+                self._offer_undo(text)
         if self._maps_of is not None and self._maps_of[0] == ready.path:
             (_, files), self._maps_of = self._maps_of, None
             self.open_maps(files)
@@ -461,7 +477,7 @@ class Document:
                 f"{counted(lost, 'pin')} went with {where} that the repair left out or merged."
                 f" Undo brings {them} back."
             )
-            self.notify(Notice(text, undo=self._undo_of_last()))
+            self._offer_undo(text)
 
     def _measures_as(self, ready: MeshReady) -> bool:
         """Whether lengths mean the same on a mesh as on this: repaired, or read again."""
@@ -478,6 +494,7 @@ class Document:
         before: Mesh | None = None,
     ) -> None:
         """Show a mesh; `before` is the previous mesh of the same file, whose vertices are kept."""
+        self._turn += 1
         self._take(ready, spectrum)
         self._preview = None
         self.pins = pins
@@ -649,6 +666,7 @@ class Document:
 
     def request(self, job: Job) -> None:
         """Request that a job runs, such as an export."""
+        self._turn += 1
         self.job_requested.emit(job)
 
     def cancel(self) -> None:
@@ -697,8 +715,24 @@ class Document:
         return decomposition_seconds(self.ready.health.n_vertices, pairs, self.seconds_rate)
 
     def notify(self, notice: Notice) -> None:
-        """Show a notice in the message bar."""
+        """Show a notice in the message bar, until its cause has gone.
+
+        Without `Notice.holds`, a warning, an error and what has a button stay until another mesh is
+        shown or another job is requested; other notices go after some seconds.
+        """
+        lasting = notice.severity is not Severity.INFORMATION or notice.action is not None
+        if notice.holds is None and lasting:
+            turn = self._turn
+            notice = replace(notice, holds=lambda: self._turn == turn)
+        self.notice = notice
         self.noticed.emit(notice)
+
+    def review_notice(self) -> None:
+        """Withdraw the last notice if its cause has gone: `noticed` is emitted with None."""
+        notice = self.notice
+        if notice is not None and notice.holds is not None and not notice.holds():
+            self.notice = None
+            self.noticed.emit(None)
 
     def say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
         """Show a sentence in the message bar."""

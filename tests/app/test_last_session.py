@@ -101,7 +101,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     window.close()
     again = opened(open_window(), path, qtbot)
     check(again)
-    button = part(again, "undo_message")
+    button = part(again, "message_action")
     assert button.text() == "Start afresh"
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: again.document.repairs == (), timeout=PATIENCE)

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from PySide6.QtCore import QMimeData, QPoint, QPointF, QRect, Qt, QUrl
-from PySide6.QtGui import QDropEvent, QGuiApplication, QKeySequence
+from PySide6.QtCore import QMimeData, QObject, QPoint, QPointF, QRect, Qt, QUrl, Signal
+from PySide6.QtGui import QDesktopServices, QDropEvent, QGuiApplication, QKeySequence
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -427,15 +427,40 @@ def test_good_news_goes_and_what_can_be_undone_stays(
     bar = window.stage.message_bar
     monkeypatch.setattr("meshmash_viewer.app.controls.message_bar._STAY", 50)
     undone: list[bool] = []
-    window.document.notify(Notice("Unit changed.", undo=lambda: undone.append(True)))
+    window.document.notify(Notice("Unit changed.", action=lambda: undone.append(True)))
     QTest.qWait(300)
     assert bar.isVisible()
-    QTest.mouseClick(bar.findChild(QAbstractButton, "undo_message"), LEFT)
+    QTest.mouseClick(bar.findChild(QAbstractButton, "message_action"), LEFT)
     assert undone
     assert not bar.isVisible()
     window.document.notify(Notice("Saved."))
     assert bar.isVisible()
     qtbot.waitUntil(lambda: not bar.isVisible(), timeout=5000)
+
+
+def test_a_message_goes_with_its_cause(window: MainWindow, sphere_file: Path) -> None:
+    bar, document = window.stage.message_bar, window.document
+    document.notify(Notice("Too many.", Severity.WARNING))
+    document.notify(Notice("The last one counts.", Severity.WARNING))
+    open_file(window, sphere_file)
+    assert bar.notice is None, "another mesh"
+    document.notify(Notice("The disk is full.", Severity.ERROR))
+    document.toggle_pin(3)
+    assert bar.notice is not None, "a pin has nothing to do with it"
+    compute(window, 5)
+    assert bar.notice is None, "the next job"
+    document.set_unit("mm")
+    assert "Unit changed" in bar.notice.text
+    document.toggle_pin(4)
+    assert bar.notice is None, "Undo would undo the pin"
+    waits = [True]
+    document.notify(Notice("It runs.", Severity.WARNING, holds=lambda: waits[0]))
+    document.clear_pins()
+    assert bar.notice is not None
+    waits.clear()
+    waits.append(False)
+    document.toggle_pin(5)
+    assert bar.notice is None
 
 
 @pytest.mark.parametrize("width", [1440, 1000, 700])
@@ -731,8 +756,25 @@ def test_a_picture_is_saved_at_any_size(qtbot: QtBot, ball: MainWindow, tmp_path
         alpha = np.asarray(image)[..., 3]
     assert alpha.min() == 0
     assert alpha.max() == 255
-    assert "Picture saved" in ball.stage.message_bar.notice.text
+    bar = ball.stage.message_bar
+    assert "Picture saved" in bar.notice.text
     dialog.deleteLater()
+    button = bar.findChild(QAbstractButton, "message_action")
+    assert button.text() == "Show in folder"
+
+    class Folders(QObject):
+        """Takes the place of the program that shows folders."""
+
+        shown = Signal(QUrl)
+
+    folders = Folders()
+    QDesktopServices.setUrlHandler("file", folders, "shown")
+    try:
+        with qtbot.waitSignal(folders.shown) as heard:
+            QTest.mouseClick(button, LEFT)
+    finally:
+        QDesktopServices.unsetUrlHandler("file")
+    assert Path(heard.args[0].toLocalFile()) == tmp_path
 
 
 def test_a_session_comes_back(

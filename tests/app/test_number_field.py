@@ -39,6 +39,17 @@ def test_any_notation_with_or_without_unit(field: NumberField, qtbot, text: str)
     assert field.value == 3.1e5
 
 
+def test_a_refusal_is_withdrawn_when_other_numbers_are_shown(field: NumberField) -> None:
+    sentences: list[str] = []
+    field.refused.connect(sentences.append)
+    give(field, "1e16")
+    field.show_value(2.5e-8, "nm²")
+    assert sentences[-1], "the same is shown again"
+    field.bounds = 0.0, 1e20
+    field.show_value(3e4, "nm²")
+    assert not sentences[-1]
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -205,7 +205,7 @@ def test_repairs_are_made_again_and_undone_one_by_one(
         "Repaired as before: Drop unreferenced vertices, Keep the largest component."
     )
     assert path in window.settings.recent
-    QTest.mouseClick(part(window, "undo_message"), LEFT)
+    QTest.mouseClick(part(window, "message_action"), LEFT)
     qtbot.waitUntil(lambda: document.repairs == (DROP,), timeout=PATIENCE)
     rest(qtbot, window)
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)

@@ -193,7 +193,7 @@ def test_a_change_of_coordinates_is_announced_and_undone(
     assert window.document.ready.health.area == pytest.approx(4.0 * area)
     assert window.document.spectrum is None
     assert "Unit changed from none to 2 mm: lengths are scaled" in text_of(window, "message_text")
-    QTest.mouseClick(part(window, "undo_message"), LEFT)
+    QTest.mouseClick(part(window, "message_action"), LEFT)
     rested(qtbot, window, lambda: window.document.unit_text == "none")
     assert window.document.ready.health.area == pytest.approx(area)
     assert len(window.document.spectrum) == 12, "they are in the store"
@@ -208,7 +208,7 @@ def test_ctrl_z_takes_back_what_the_message_offers_to(
     assert not action.isEnabled()
     type_in(window, "unit_combo", "nm")
     rested(qtbot, window, lambda: window.document.unit_text == "nm")
-    undo = part(window, "undo_message")
+    undo = part(window, "message_action")
     assert undo.isVisible()
     assert action.isEnabled()
     assert action.text() == "Undo change of unit"
@@ -244,9 +244,9 @@ def test_a_unit_that_begins_like_another_is_taken_as_typed(
     open_file("ball")
     type_in(window, "unit_combo", "m")
     assert window.document.unit_text == "m"
-    assert part(window, "undo_message").isVisible()
+    assert part(window, "message_action").isVisible()
     open_file("bead")
-    assert not part(window, "undo_message").isVisible(), "another mesh: nothing to undo"
+    assert not part(window, "message_action").isVisible(), "another mesh: nothing to undo"
 
 
 @pytest.mark.parametrize("unit", [pytest.param("mm", marks=pytest.mark.slow), "8 nm"])

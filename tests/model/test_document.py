@@ -147,7 +147,7 @@ def test_a_change_of_unit_is_said_and_can_be_taken_back(document: Document) -> N
     before = document.unit_text
     document.set_unit("mm")
     assert document.unit_text == "mm"
-    undo = notices[-1].undo
+    undo = notices[-1].action
     assert undo is not None
     undo()
     assert document.unit_text == before

@@ -13,8 +13,7 @@ from meshmash_viewer.model.document import Notice, Severity
 
 __all__ = ["MessageBar"]
 
-#: How long good news stays, in milliseconds; warnings, errors and what can be undone stay until
-#: dismissed, or until another mesh makes them past.
+#: How long a notice without a cause that can go (`Notice.holds`) stays, in milliseconds.
 _STAY = 7000
 _WIDEST = 620
 _NARROWEST = 360
@@ -44,16 +43,21 @@ class MessageBar(QFrame):
             role="link",
             tip="Copy the message and its technical details to the clipboard",
         )
-        self._undo = make.button(
-            "Undo", "undo_message", "Undo what the message says", self._take_back, role="link"
+        self._action = make.button(
+            "Undo", "message_action", "What the message offers", self._act, role="link"
         )
         self._dismiss = make.icon_button(
             "dismiss_message", "Dismiss the message", self.dismiss, tip="Dismiss", size=14
         )
         line = row(
-            self._icon, (self._text,), self._undo, self._copy, self._dismiss, margins=(12, 8, 8, 8)
+            self._icon,
+            (self._text,),
+            self._action,
+            self._copy,
+            self._dismiss,
+            margins=(12, 8, 8, 8),
         )
-        for widget in (self._icon, self._undo, self._copy, self._dismiss):
+        for widget in (self._icon, self._action, self._copy, self._dismiss):
             line.setAlignment(widget, Qt.AlignmentFlag.AlignTop)
         self.setLayout(line)
 
@@ -63,21 +67,25 @@ class MessageBar(QFrame):
         theme.notifier().changed.connect(self._refresh)
         self.hide()
 
-    def show_notice(self, notice: Notice) -> None:
-        """Show a notice in place of the one before."""
+    def show_notice(self, notice: Notice | None) -> None:
+        """Show a notice in place of the one before; none withdraws that."""
+        if notice is None:
+            self.dismiss()
+            return
         self.notice = notice
         self._text.setText(notice.text)
         self._copy.setText("Copy details")
         self._copy.setVisible(bool(notice.details) or notice.severity is Severity.ERROR)
-        self._undo.setText(notice.button)
-        self._undo.setVisible(notice.undo is not None)
+        self._action.setText(notice.button)
+        self._action.setAccessibleName(notice.button)
+        self._action.setVisible(notice.action is not None)
         self.setProperty("severity", notice.severity.value)
         self._refresh()
         self.show()
         self._place()
         self.raise_()
         self._timer.stop()
-        if notice.severity is Severity.INFORMATION and notice.undo is None:
+        if notice.holds is None:
             self._timer.start(_STAY)
 
     def dismiss(self) -> None:
@@ -86,17 +94,11 @@ class MessageBar(QFrame):
         self.notice = None
         self.hide()
 
-    def forget_past(self) -> None:
-        """Take away what speaks of the mesh before: an error, or what could be undone."""
-        notice = self.notice
-        if notice is not None and (notice.severity is Severity.ERROR or notice.undo is not None):
-            self.dismiss()
-
-    def _take_back(self) -> None:
+    def _act(self) -> None:
         notice = self.notice
         self.dismiss()
-        if notice is not None and notice.undo is not None:
-            notice.undo()
+        if notice is not None and notice.action is not None:
+            notice.action()
 
     def keep_clear(self, title: QSize, bar: int) -> None:
         """Leave the title in the upper left corner and a bar of a width at the right readable."""

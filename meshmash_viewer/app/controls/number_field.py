@@ -81,6 +81,8 @@ class NumberField(QAbstractSpinBox):
         #: What to go back to: parts of the number that is typed may be numbers, too.
         self._before: float | None = None
         self._typing = False
+        #: Number, unit and bounds at the last refusal, until `refused` withdraws that.
+        self._refused_at: tuple[object, ...] = ()
         if step is None:
             theme.with_role(self, "bare")  # of no width: without any, Qt leaves no room for text
             self.lineEdit().setAlignment(Qt.AlignmentFlag.AlignRight)
@@ -107,6 +109,9 @@ class NumberField(QAbstractSpinBox):
         if not (self.hasFocus() and self.lineEdit().isModified()):
             self._value = self._before = value
             self._write()
+            if self._refused_at and self._refused_at != (value, unit, self.bounds):
+                self._refused_at = ()
+                self.refused.emit("")
 
     # -- what Qt asks of a spin box -----------------------------------------------------------
 
@@ -228,6 +233,7 @@ class NumberField(QAbstractSpinBox):
         self._write()
         if self.hasFocus():
             self.selectAll()  # to be typed over
+        self._refused_at = (self._value, self._unit, self.bounds) if problem else ()
         if problem:
             self.just_refused = True
             QTimer.singleShot(0, self, self._forget_refusal)

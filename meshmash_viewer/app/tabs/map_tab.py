@@ -14,6 +14,7 @@ from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quie
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.dialogs.files import ask_for_maps
 from meshmash_viewer.app.listening import later
+from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.tabs.filter_parameters import FilterParameters
 from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.errors import InputError
@@ -152,7 +153,7 @@ class MapTab(FamilyTab):
             document.say(f"The coefficients were not saved: {fault}", Severity.ERROR)
         else:
             text = f"Coefficients of {name} on {counted(len(found), 'pair')} written to {path}."
-            document.say(text)
+            say_saved(document, text, Path(path))
 
     def _keep(self) -> None:
         document, field = self._document, self._field
