@@ -325,11 +325,11 @@ class Session:
             "step": (Eigenfunctions, "index", lambda i: (3 + i) % pairs),
             "leap": (Eigenfunctions, "index", lambda i: (3 + 107 * i) % pairs),
             "hks": (HeatKernelSignature, "time", lambda i: time_at(self.document, (i % 37) / 37)),
-            "band": (GeometryVectors, "index", lambda i: i % 32),
+            "band": (GeometryVectors, "index", lambda i: (i + 1) % 32),
             "filter": (Filters, "values", self.heat_at),
             "filter_edges": (Filters, "values", self.edges_at),
             "similarity": (Similarity, "vertex", lambda i: 7919 * (i + 1) % vertices),
-            "wks": (WaveKernelSignature, "index", lambda i: i % 32),
+            "wks": (WaveKernelSignature, "index", lambda i: (i + 1) % 32),
             "diffusion": (
                 Distances, "time", lambda i: time_at(self.document, (i % 37) / 37)
             ),

@@ -1,8 +1,8 @@
 """Connections of widgets to signals of the model, called at once or deferred.
 
 An update of a widget takes milliseconds, and one change of the model concerns many widgets. Updates
-of what is only displayed are therefore queued, each once. They begin when the frame of a tick is
-usually drawn, and run in short turns of the event loop, between which input and frames are handled.
+of what is only displayed are therefore queued, each once. They begin when the frame of a tick has
+usually been drawn, and run in short turns of the event loop, between which input and frames are handled.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
 #: Milliseconds until deferred calls begin, and seconds after which a turn ends.
-_DELAY, _TURN = 16, 0.003
+_DELAY, _TURN = 32, 0.003
 #: Milliseconds between turns. A timer of 0 fires only when no other event is pending, which may be
 #: never while slow frames are drawn.
 _PAUSE = 1
