@@ -22,21 +22,14 @@ Request = TypeVar("Request")
 class LatestThread(QThread, Generic[Request]):
     """Works on one request at a time; a newer request replaces the waiting one.
 
-    Parameters
-    ----------
-    work : callable
-        Called in the thread with a request, and a function that returns True once the answer is no
-        longer wanted; `work` may then raise `Cancelled`. Returns the answer.
-    take : bound method of a QObject, optional
-        Called in the thread of that object, with a request and its answer, or the exception that
-        was raised. `answered` can be emitted with intermediate answers.
-    rest : float
-        Seconds that a request has to stay the latest before it is worked on.
-    parent : QObject, optional
-    one_core : bool
-        Whether linear algebra uses this thread only: more threads compete with the interface
-        thread, and make products several times slower while the solver runs. The limit applies to
-        the whole process, and is removed after each request.
+    `work` is called in the thread with a request, and a function that returns True once the answer
+    is no longer wanted; it may then raise `Cancelled`. `take`, a bound method of a QObject, is
+    called in the thread of that object with a request and its answer, or the exception that was
+    raised; `answered` can be emitted with intermediate answers. A request has to stay the latest
+    for `rest` seconds before it is worked on. With `one_core`, linear algebra uses this thread
+    only: more threads compete with the interface thread, and make products several times slower
+    while the solver runs. That limit applies to the whole process, and is removed after each
+    request.
     """
 
     answered = Signal(object, object)

@@ -2,7 +2,8 @@
 
 An update of a widget takes milliseconds, and one change of the model concerns many widgets. Updates
 of what is only displayed are therefore queued, each once. They begin when the frame of a tick has
-usually been drawn, and run in short turns of the event loop, between which input and frames are handled.
+usually been drawn, and run in short turns of the event loop, between which input and frames are
+handled.
 """
 
 from __future__ import annotations
@@ -26,12 +27,8 @@ _PAUSE = 1
 def listen(signals: Any, slot: Callable[[], None]) -> None:
     """Call a bound method of a Qt object at once, without arguments, when a signal is emitted.
 
-    Parameters
-    ----------
-    signals : psygnal signal or signal group, or a tuple of them
-        For instance ``document.spectrum_changed`` or ``display.events``.
-    slot : bound method
-        Held weakly; not called once Qt has deleted its object.
+    `signals` are one or a tuple, of psygnal: ``document.spectrum_changed`` or ``display.events``.
+    The slot is held weakly, and not called once Qt has deleted its object.
     """
     _connect(signals, slot, _call)
 

@@ -40,10 +40,7 @@ def open_display() -> Iterator[None]:
 
     Held, because a server of X11 that loses its only client may start anew, and refuse the next.
 
-    Raises
-    ------
-    InputError
-        If there is no display, or it does not answer.
+    `InputError` is raised if there is no display, or it does not answer.
     """
     with ExitStack() as held:
         if sys.platform.startswith("linux"):
@@ -73,10 +70,7 @@ def _choose_platform(held: ExitStack) -> None:
 def check_opengl() -> None:
     """Complain if windows of the application get no OpenGL that the render can use.
 
-    Raises
-    ------
-    InputError
-        If there is none, or an older one than 3.2.
+    `InputError` is raised if there is none, or an older one than 3.2.
     """
     if not has_opengl():
         found = ".".join(map(str, _version())) or "none"

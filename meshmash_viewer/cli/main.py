@@ -31,18 +31,11 @@ _INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Run the command line, and return its exit status.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments after the program's name; those of the process if not given.
-
-    Returns
-    -------
-    int
-        Exit status: 0 success, 1 a defect of the program, 2 a fault that the user can correct,
-        130 interrupted.
+    `argv` are the arguments after the program's name, by default those of the process. The status
+    is 0 for success, 1 for a defect of the program, 2 for a fault that the user can correct, and
+    130 if interrupted.
     """
     prepare_streams()
     limit_accelerate(os.environ)

@@ -106,18 +106,8 @@ class _NotAllowed(Exception):
 class Formula:
     """A filter h(λ) written as text.
 
-    Parameters
-    ----------
-    text : str
-        Arithmetic (``+ - * / ^``, and ``**`` for ``^``), comparisons (``a <= x <= b``), ``and``,
-        ``or``, ``not``, parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`, x or λ,
-        and names of parameters. A comparison is 1 where it holds and 0 elsewhere.
-
-    Raises
-    ------
-    InputError
-        If it is anything else; the message names the fault and its position, `FormulaError` has
-        the position as a number.
+    `InputError` is raised if it is anything else; the message names the fault and its position,
+    `FormulaError` has the position as a number.
 
     Examples
     --------
@@ -127,6 +117,9 @@ class Formula:
     array([1.   , 0.135])
     """
 
+    #: Arithmetic (``+ - * / ^``, and ``**`` for ``^``), comparisons (``a <= x <= b``), ``and``,
+    #: ``or``, ``not``, parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`, x or λ,
+    #: and names of parameters. A comparison is 1 where it holds and 0 elsewhere.
     text: str
 
     def __post_init__(self) -> None:
@@ -157,11 +150,8 @@ class Formula:
     def __call__(self, eigenvalues: npt.ArrayLike, **values: float) -> FloatArray:
         """Compute the filter at eigenvalues of shape (k,), with a value for each parameter: (k,).
 
-        Raises
-        ------
-        InputError
-            If a parameter has no value or a value no parameter, or if the filter is not finite or
-            negative at one of the eigenvalues.
+        `InputError` is raised if a parameter has no value or a value no parameter, or if the filter
+        is not finite or negative at one of the eigenvalues.
         """
         spectrum = as_spectrum(eigenvalues)
         # eigenvalues that are zero within rounding are set to 0, where 1 / x is infinite

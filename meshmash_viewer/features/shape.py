@@ -35,23 +35,15 @@ _STEP = 8
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """For each vertex of one shape, the vertex of another with the most similar features.
+    """For each vertex of one shape, the vertex of another with the most similar features."""
 
-    Parameters
-    ----------
-    indices : ndarray of int64, shape (n,)
-        Vertex of the other shape; -1 where a vertex has no features.
-    scores : ndarray of float64, shape (n,)
-        Distance to it in feature space; NaN where there is none.
-    confident : ndarray of bool, shape (n,)
-        Whether the score is among the best `quantile` of all.
-    quantile : float
-        The requested share.
-    """
-
+    #: Shape (n,): Vertex of the other shape; -1 where a vertex has no features.
     indices: npt.NDArray[np.int64]
+    #: Shape (n,): Distance to it in feature space; NaN where there is none.
     scores: FloatArray
+    #: Shape (n,): Whether the score is among the best `quantile` of all.
     confident: npt.NDArray[np.bool_]
+    #: The requested share.
     quantile: float
 
 

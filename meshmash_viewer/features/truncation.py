@@ -52,26 +52,18 @@ _VERTICES = 16384
 
 @dataclass(frozen=True, eq=False)
 class Remainder:
-    """Remainder of a truncated sum at every vertex.
+    """Remainder of a truncated sum at every vertex."""
 
-    Parameters
-    ----------
-    left : ndarray of float64, shape (n,)
-        ``1 / m_v - Σ_k φ_k(v)²``, at least 0; NaN at vertices without mass.
-    known_to : float
-        All pairs up to this eigenvalue were included; the `n_left` others were not.
-    area : float
-        Sum of all masses, in squared unit.
-    tail, totals : TailedResponse, and ndarray of float64, shape (f,)
-        The filters without normalisation, and the divisors of the normalisation, which depend on
-        the number of pairs if `normalised`.
-    """
-
+    #: Shape (n,): ``1 / m_v - Σ_k φ_k(v)²``, at least 0; NaN at vertices without mass.
     left: FloatArray
+    #: All pairs up to this eigenvalue were included; the `n_left` others were not.
     known_to: float
     n_left: int
+    #: Sum of all masses, in squared unit.
     area: float
+    #: The filters without normalisation.
     tail: TailedResponse
+    #: Shape (f,): Divisors, which depend on the number of pairs if `normalised`.
     totals: FloatArray
     normalised: bool
 
@@ -202,19 +194,12 @@ def measure_truncation(
     drop_first: bool = False,
     known_to: float | None = None,
 ) -> Truncation | None:
-    """Compute the truncation error; return None if the filters have no `tail`.
+    """Compute the truncation error of values, shape (n, f); None if the filters have no `tail`.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, f)
-        The features that were summed with the filters of `bank`.
-    eigenvalues, density : ndarray of float64, shapes (k,) and (n,)
-        The lowest k of the mesh, complete up to `known_to` (None: the largest of them), and
-        ``Σ_k φ_k(v)²`` over their eigenvectors, which have a `precision`.
-    mass : ndarray of float64, shape (n,)
-        Diagonal of M.
-    drop_first : bool
-        Whether the first pair was left out on purpose, which is not an error.
+    The k eigenvalues are the lowest of the mesh, complete up to `known_to` (None: the largest of
+    them); `density`, shape (n,), is ``Σ_k φ_k(v)²`` over their eigenvectors, which have a
+    `precision`; `mass` is the diagonal of M. With `drop_first` the first pair was left out on
+    purpose, which is not an error.
     """
     tail = bank.tail
     if tail is None:

@@ -92,21 +92,15 @@ FEATURES: dict[str, type[BankFamily]] = {}
 
 @dataclass(frozen=True)
 class Columns(Family):
-    """One column of an exported feature; the table holds all columns, computed together.
-
-    Parameters
-    ----------
-    index : int
-        Index of the column, from 0.
-    count : int
-        Number of columns.
-    """
+    """One column of an exported feature; the table holds all columns, computed together."""
 
     counted = "count"
     position = ("index",)
     interval = 250
 
+    #: Index of the column, from 0.
     index: int = parameter(0, Whole(0, MOST_COLUMNS - 1))
+    #: Number of columns.
     count: int = parameter(32, Whole(1, MOST_COLUMNS))
 
     @property

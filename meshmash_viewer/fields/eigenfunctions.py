@@ -27,15 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Eigenfunctions(Family):
-    """One eigenfunction of the spectrum.
-
-    Parameters
-    ----------
-    index : int
-        Index of the eigenfunction, from 0.
-    flipped : frozenset of int
-        Indices of those drawn with flipped sign.
-    """
+    """One eigenfunction of the spectrum."""
 
     name = "eigenfunction"
     label = "Eigenfunctions"
@@ -47,7 +39,9 @@ class Eigenfunctions(Family):
     position = ("index",)
     interval = 250
 
+    #: Index of the eigenfunction, from 0.
     index: int = parameter(1, Whole())
+    #: Indices of those drawn with flipped sign.
     flipped: frozenset[int] = parameter(frozenset(), Listing(Whole(), 1_000_000, into=frozenset))
 
     @property

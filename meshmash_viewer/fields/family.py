@@ -52,20 +52,13 @@ class Answer:
 
 @dataclass(eq=False)
 class Table:
-    """Precomputed data for fast computation of further fields of a family.
+    """Precomputed data for fast computation of further fields of a family."""
 
-    Parameters
-    ----------
-    spectrum : Eigenpairs
-        The spectrum it was made from, or one with the same pairs.
-    family : Family
-        The family it was made for, at rest (see `Family.at_rest`).
-    content : Any
-        Data of the family.
-    """
-
+    #: The spectrum it was made from, or one with the same pairs.
     spectrum: Eigenpairs
+    #: The family it was made for, at rest (see `Family.at_rest`).
     family: Family
+    #: Data of the family.
     content: Any
 
     def holds(self, family: Family, spectrum: Eigenpairs) -> bool:
@@ -75,29 +68,19 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """Texts of a field.
+    """Texts of a field."""
 
-    Parameters
-    ----------
-    quantity : str
-        Position within the family, with its unit: "λ₅ = 1.2e-08 nm⁻²".
-    title : str
-        Title on the render.
-    power : int
-        Unit of the values as a power of length; eigenvectors are M-orthonormal, so φ² is per area.
-    own_unit : str
-        Unit of the values if it is no power of length.
-    caption : str
-        Caption in a gallery; empty for the quantity.
-    labels : tuple of Label
-        Labels of values 0, 1, 2 … if they name parts of the surface.
-    """
-
+    #: Position within the family, with its unit: "λ₅ = 1.2e-08 nm⁻²".
     quantity: str
+    #: Title on the render.
     title: str
+    #: Unit of the values as a power of length; eigenvectors are M-orthonormal, so φ² is per area.
     power: int = -2
+    #: Unit of the values if it is no power of length.
     own_unit: str = ""
+    #: Caption in a gallery; empty for the quantity.
     caption: str = ""
+    #: Labels of values 0, 1, 2 … if they name parts of the surface.
     labels: tuple[Label, ...] = ()
 
     def unit(self, length: str) -> str:
@@ -107,69 +90,45 @@ class Description:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Texts and marks of the controls of a field.
-
-    Parameters
-    ----------
-    title : str
-    facts : tuple of str
-        Values of `Family.facts`.
-    warning : str
-        What the computed pairs do not suffice for.
-    decades : tuple of float, optional
-        Eigenvalues at both ends of the slider, of which decades are marked.
-    hatched : float
-        Share of the slider, from its low end, that the computed pairs do not resolve.
-    """
+    """Texts and marks of the controls of a field."""
 
     title: str
+    #: Values of `Family.facts`.
     facts: tuple[str, ...] = ()
+    #: What the computed pairs do not suffice for.
     warning: str = ""
+    #: Eigenvalues at both ends of the slider, of which decades are marked.
     decades: tuple[float, float] | None = None
+    #: Share of the slider, from its low end, that the computed pairs do not resolve.
     hatched: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Filters as functions of the eigenvalue, for the plot.
+    """Filters as functions of the eigenvalue, for the plot."""
 
-    Parameters
-    ----------
-    curve : tuple of two ndarrays of float64, shape (m,)
-        Eigenvalues, and response of the filter of the chosen field.
-    handle : float or None
-        Eigenvalue by which that filter is dragged; None if it cannot be moved along λ.
-    legend : str
-        Description as HTML.
-    others : tuple of such curves
-        Other filters of the feature.
-    ends : tuple of float, optional
-        Range of eigenvalues that can be dragged at both ends.
-    """
-
+    #: Shape (m,): Eigenvalues, and response of the filter of the chosen field.
     curve: tuple[FloatArray, FloatArray]
+    #: Eigenvalue by which that filter is dragged; None if it cannot be moved along λ.
     handle: float | None
+    #: Description as HTML.
     legend: str
+    #: Other filters of the feature.
     others: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    #: Range of eigenvalues that can be dragged at both ends.
     ends: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Positions of a profile, and coefficients of its values in the eigenfunctions at a vertex.
+    """Positions of a profile, and coefficients of its values in the eigenfunctions at a vertex."""
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (m,)
-        Positions as drawn: log t, band, or index.
-    coefficients : ndarray of float64, shape (m, k)
-        Coefficients of φ² for features; for eigenfunctions the sign of each, shape (k,).
-    logarithmic : bool
-        Whether the logarithm of values is drawn.
-    """
-
+    #: Shape (m,): Positions as drawn: log t, band, or index.
     places: FloatArray
+    #: Shape (m, k): Coefficients of φ² for features; for eigenfunctions the sign of each, shape
+    #: (k,).
     coefficients: FloatArray
+    #: Whether the logarithm of values is drawn.
     logarithmic: bool = False
 
     def values(self, at_vertex: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -185,87 +144,58 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Profile of a vertex.
-
-    Parameters
-    ----------
-    curve, dots : Samples
-        Dots are the exported columns.
-    axes : tuple of str
-        Labels of the axes, bottom and left.
-    unresolved : tuple of float, optional
-        Range of the bottom axis that the computed pairs do not resolve.
-    """
+    """Profile of a vertex."""
 
     curve: Samples
+    #: The exported columns.
     dots: Samples
+    #: Labels of the axes, bottom and left.
     axes: tuple[str, str]
+    #: Range of the bottom axis that the computed pairs do not resolve.
     unresolved: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Family(Parameters):
-    """A choice of parameters of one family.
+    """A choice of parameters of one family."""
 
-    Attributes
-    ----------
-    name : str
-        Name in sessions, file names and names of controls.
-    label, short, tip : str
-        Text in menus, text on its tab, and a description.
-    icon : str
-        Drawing like those of `meshmash_viewer.app.controls.icons`.
-    nouns : tuple of str
-        What a position is called: "Band", "Bands".
-    facts : dict
-        Object names of the facts about a position, and their texts.
-    export : str
-        Kind of the exported features; empty without export.
-    export_label : str
-        Label of the export if it differs from `label`.
-    counted : str
-        Name of the parameter that is the number of exported columns.
-    position : tuple of str
-        Parameters that select a field of the family; the last part of cache keys.
-    own : tuple of str
-        Parameters that name something of the mesh, which another mesh may not have.
-    ordered : tuple of str
-        Two parameters, the first less than the second.
-    required : str
-        Parameter without which there is no field.
-    response_label : str
-        Label of the left axis of the response plot.
-    response_decades : int
-        Powers of ten from 0 to 1 on that axis; 0 for a linear axis.
-    contoured : bool
-        Whether contour lines are drawn at round values.
-    tailed : bool
-        Whether a few vertices may have values far beyond all others.
-    interval : int
-        Milliseconds a step when played; 0 if it cannot be played.
-    logarithmic : tuple of bool
-        Whether the axes of the profile, bottom and left, and of the response are logarithmic.
-    """
-
+    #: Name in sessions, file names and names of controls.
     name: ClassVar[str]
+    #: Text in menus, text on its tab, and a description.
     label: ClassVar[str]
     short: ClassVar[str]
     tip: ClassVar[str]
+    #: Drawing like those of `meshmash_viewer.app.controls.icons`.
     icon: ClassVar[str] = '<path d="M6 2v4M10 2v4M4 6h8v3a4 4 0 0 1-8 0zM8 13v3"/>'
+    #: What a position is called: "Band", "Bands".
     nouns: ClassVar[tuple[str, str]] = ("Column", "Columns")
+    #: Object names of the facts about a position, and their texts.
     facts: ClassVar[dict[str, str]] = {}
+    #: Kind of the exported features; empty without export.
     export: ClassVar[str] = ""
+    #: Label of the export if it differs from `label`.
     export_label: ClassVar[str] = ""
+    #: Name of the parameter that is the number of exported columns.
     counted: ClassVar[str] = ""
+    #: Parameters that select a field of the family; the last part of cache keys.
     position: ClassVar[tuple[str, ...]] = ()
+    #: Parameters that name something of the mesh, which another mesh may not have.
     own: ClassVar[tuple[str, ...]] = ()
+    #: Two parameters, the first less than the second.
     ordered: ClassVar[tuple[str, str] | None] = None
+    #: Parameter without which there is no field.
     required: ClassVar[str] = ""
+    #: Label of the left axis of the response plot.
     response_label: ClassVar[str] = "Response"
+    #: Powers of ten from 0 to 1 on that axis; 0 for a linear axis.
     response_decades: ClassVar[int] = 0
+    #: Whether contour lines are drawn at round values.
     contoured: ClassVar[bool] = False
+    #: Whether a few vertices may have values far beyond all others.
     tailed: ClassVar[bool] = False
+    #: Milliseconds a step when played; 0 if it cannot be played.
     interval: ClassVar[int] = 0
+    #: Whether the axes of the profile, bottom and left, and of the response are logarithmic.
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
 
     # -- what follows from the declarations ---------------------------------------------------

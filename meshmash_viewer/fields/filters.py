@@ -77,22 +77,7 @@ class _End(Kind):
 
 @dataclass(frozen=True)
 class Filters(BankFamily):
-    """One filter h, as ``Σ h(λ_k) φ_k²``.
-
-    Parameters
-    ----------
-    text : str
-        Text of its `meshmash_viewer.features.formula.Formula`. Steps and exported columns vary the
-        first parameter.
-    values : tuple of (str, float)
-        Chosen parameters; the others are determined by the spectrum.
-    count : int
-        Number of exported columns: with one, the present filter; with more, the first parameter
-        varies over its range.
-    automatic : bool
-        Whether that range is determined by the spectrum or given by `low` and `high`.
-    low, high : float or None
-    """
+    """One filter h, as ``Σ h(λ_k) φ_k²``."""
 
     name = "filter"
     label = "Filter"
@@ -106,12 +91,15 @@ class Filters(BankFamily):
     interval = 100
     logarithmic = (True, False, False)
 
+    #: Text of its `meshmash_viewer.features.formula.Formula`. Steps and exported columns vary the
+    #: first parameter.
     text: str = parameter(
         READY["Low-pass"],
         Text(MOST_CHARACTERS, Formula),
         option="formula",
         help='"exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"',
     )
+    #: Chosen parameters; the others are determined by the spectrum.
     values: Values = parameter(
         (),
         Named(Number(), _MOST_VALUES),
@@ -119,7 +107,10 @@ class Filters(BankFamily):
         metavar="NAME=VALUE",
         help="a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
     )
+    #: Number of exported columns: with one, the present filter; with more, the first parameter
+    #: varies over its range.
     count: int = parameter(1, Whole(1, MOST_COLUMNS))
+    #: Whether that range is determined by the spectrum or given by `low` and `high`.
     automatic: bool = parameter(
         True, Flag(), text="Automatic, from the spectrum", tip="Of the first parameter"
     )

@@ -23,17 +23,7 @@ _SAMPLES = 33
 
 @dataclass(frozen=True)
 class GeometryVectors(BankColumns):
-    """Bands of the spectrum (Litman & Bronstein 2014).
-
-    Parameters
-    ----------
-    index, count : int
-        Band, from 0, and number of bands.
-    automatic : bool
-        Whether bands span the computed spectrum or the range `low` to `high`.
-    low, high : float or None
-        Range of eigenvalues in inverse squared length units when not automatic.
-    """
+    """Bands of the spectrum (Litman & Bronstein 2014)."""
 
     name = "band"
     label = "Geometry vectors"
@@ -50,12 +40,14 @@ class GeometryVectors(BankColumns):
     }
     ordered = ("low", "high")
 
+    #: Whether bands span the computed spectrum or the range `low` to `high`.
     automatic: bool = parameter(
         True,
         Flag(),
         text="Automatic, from 0 to λ_max",
         tip="The ends can be dragged on the spectrum, too",
     )
+    #: Range of eigenvalues in inverse squared length units when not automatic.
     low: float | None = parameter(
         None, Number(0.0), power=-2, text="Lowest eigenvalue", control="band_min_field"
     )

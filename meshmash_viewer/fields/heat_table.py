@@ -30,26 +30,18 @@ _ROUNDING = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class HeatTable:
-    """Stored columns of the signature, and weights to combine them.
+    """Stored columns of the signature, and weights to combine them."""
 
-    Parameters
-    ----------
-    times : tuple of float
-        Shortest and longest time, in squared length units.
-    rates : ndarray of float64, shape (k,)
-        Nonzero eigenvalues.
-    columns : ndarray of float32, shape (m, n)
-        The signature at the nodes without the null space, divided by the heat trace.
-    fits : list of ndarray of float64, shape (6, k)
-        For each first node: matrix from the normalised decay of the pairs to weights.
-    base : ndarray of float32, shape (n,)
-        Contribution of the null space, constant in time and possibly much larger than the rest.
-    """
-
+    #: Shortest and longest time, in squared length units.
     times: tuple[float, float]
+    #: Shape (k,): Nonzero eigenvalues.
     rates: FloatArray
+    #: Shape (m, n): The signature at the nodes without the null space, divided by the heat trace.
     columns: ColumnArray
+    #: Shape (6, k): For each first node: matrix from the normalised decay of the pairs to weights.
     fits: list[FloatArray]
+    #: Shape (n,): Contribution of the null space, constant in time and possibly much larger than
+    #: the rest.
     base: ColumnArray
 
     def covers(self, time: float, last: float | None = None) -> bool:

@@ -40,19 +40,7 @@ _FINE = 96
 
 @dataclass(frozen=True)
 class HeatKernelSignature(BankFamily):
-    """``Σ_k exp(-λ_k t) φ_k²`` at a time t (Sun et al. 2009).
-
-    Parameters
-    ----------
-    time : float or None
-        In squared length units; None is the middle of the range in log scale.
-    automatic : bool
-        Whether the range is chosen from the spectrum (Sun et al. 2009), or given by the next two.
-    t_min, t_max : float or None
-        Range of times in squared length units when not automatic.
-    scales : int
-        Number of times in the exported feature and on the profile plot.
-    """
+    """``Σ_k exp(-λ_k t) φ_k²`` at a time t (Sun et al. 2009)."""
 
     name = "hks"
     label = "Heat kernel signature"
@@ -68,13 +56,16 @@ class HeatKernelSignature(BankFamily):
     interval = 50
     logarithmic = (True, True, True)
 
+    #: In squared length units; None is the middle of the range in log scale.
     time: float | None = parameter(None, Number(ABOVE_ZERO), power=2)
+    #: Whether the range is chosen from the spectrum (Sun et al. 2009), or given by the next two.
     automatic: bool = parameter(
         True,
         Flag(),
         text="Automatic, from the spectrum",
         tip="4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)",
     )
+    #: Range of times in squared length units when not automatic.
     t_min: float | None = parameter(
         None,
         Number(ABOVE_ZERO),
@@ -94,6 +85,7 @@ class HeatKernelSignature(BankFamily):
         metavar="T",
         help="longest diffusion time (unit²)",
     )
+    #: Number of times in the exported feature and on the profile plot.
     scales: int = parameter(
         32, Whole(1, MOST_COUNT), tip="Columns of the exported feature, evenly spaced in log t"
     )

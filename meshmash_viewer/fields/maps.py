@@ -55,22 +55,7 @@ _PROJECTED = "spectra of maps"
 
 @dataclass(frozen=True)
 class OwnMaps(Family):
-    """One of the maps of the mesh, or its expansion in eigenpairs.
-
-    Parameters
-    ----------
-    chosen : str
-        Name of the map; if it does not exist, the first map is used.
-    view : str
-        A key of `VIEWS`: the map, its sum over the lowest pairs, the map filtered with that of
-        `Filters`, or the strongest band at each vertex.
-    pairs : int
-        Number of the lowest pairs.
-    shown : VertexMap or None
-        The map once resolved; None for a curvature, which is computed on demand.
-    filter : Filters or None
-        The filter, once resolved.
-    """
+    """One of the maps of the mesh, or its expansion in eigenpairs."""
 
     name = "map"
     label = "Own maps"
@@ -84,6 +69,7 @@ class OwnMaps(Family):
     tailed = True
     interval = 250
 
+    #: Name of the map; if it does not exist, the first map is used.
     chosen: str = parameter(
         "",
         Text(MOST_NAME),
@@ -91,6 +77,8 @@ class OwnMaps(Family):
         metavar="NAME",
         help="name of a map of the mesh or of a file, or of a curvature",
     )
+    #: A key of `VIEWS`: the map, its sum over the lowest pairs, the map filtered with that of
+    #: `Filters`, or the strongest band at each vertex.
     view: str = parameter(
         "map",
         Choice(VIEWS),
@@ -99,8 +87,11 @@ class OwnMaps(Family):
         help="the map itself, and each is a column; its sum over the lowest pairs, with a column"
         " for each number of them; or the band that is strongest at each vertex",
     )
+    #: Number of the lowest pairs.
     pairs: int = parameter(30, Whole(1, MOST_INDEX))
+    #: The map once resolved; None for a curvature, which is computed on demand.
     shown: VertexMap | None = None
+    #: The filter, once resolved.
     filter: Filters | None = None
 
     # -- choices ------------------------------------------------------------------------------

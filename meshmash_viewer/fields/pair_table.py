@@ -38,30 +38,21 @@ _SEEN, _LEFT, _NOTHING = 5e-4, 2e-3, 5e-5
 
 @dataclass(eq=False)
 class PairTable:
-    """Stored columns, and their filters.
+    """Stored columns, and their filters."""
 
-    Parameters
-    ----------
-    smooth : ndarray of float64, shape (s, k)
-        Smooth filters at the eigenvalues, orthonormal.
-    hats : ndarray of float64, shape (m, k)
-        For each node the function that is 1 there, 0 at the other nodes, and linear between.
-    bends : ndarray of int64, shape (m,)
-        Pairs at whose eigenvalues the nodes are.
-    columns : ndarray of float32, shape (s + m, n)
-        ``Σ_k b_k φ_k²``, or with coefficients ``Σ_k b_k c_k φ_k``, where b is a row of `basis`: one
-        of the smooth filters, or the sum of all hats from one on.
-    coefficients : ndarray of float64, shape (k,), optional
-        Coefficients of a filtered map.
-    resting : tuple of two ndarrays, shapes (k,) and (n,), optional
-        The weights of the last filter summed over all pairs, and that sum.
-    """
-
+    #: Shape (s, k): Smooth filters at the eigenvalues, orthonormal.
     smooth: FloatArray
+    #: Shape (m, k): For each node the function that is 1 there, 0 at the other nodes, and linear
+    #: between.
     hats: FloatArray
+    #: Shape (m,): Pairs at whose eigenvalues the nodes are.
     bends: npt.NDArray[np.int64]
+    #: Shape (s + m, n): ``Σ_k b_k φ_k²``, or with coefficients ``Σ_k b_k c_k φ_k``, where b is a
+    #: row of `basis`: one of the smooth filters, or the sum of all hats from one on.
     columns: ColumnArray
+    #: Shape (k,): Coefficients of a filtered map.
     coefficients: FloatArray | None = None
+    #: Shapes (k,) and (n,): The weights of the last filter summed over all pairs, and that sum.
     resting: tuple[FloatArray, ColumnArray] | None = None
 
     def rests(self, weights: FloatArray) -> bool:

@@ -34,15 +34,9 @@ _SHOWN = 40
 
 
 class Refused(ValueError):
-    """A value that is not valid.
+    """A value that is not valid, with a description of valid ones: "a whole number from 1 to 1024".
 
-    Parameters
-    ----------
-    expected : str
-        Description of valid values: "a whole number from 1 to 1024".
-    value : object
-    place : str
-        Path within the checked value: ".limits.low".
+    `place` is its path within the checked value: ".limits.low".
     """
 
     def __init__(self, expected: str, value: object, place: str = "") -> None:
@@ -55,10 +49,7 @@ class Refused(ValueError):
 def understood(check: Callable[[object], Any], value: object, path: Path, entry: str) -> Any:
     """Convert an entry of a file.
 
-    Raises
-    ------
-    InputError
-        If it is not valid; the message names the file, the entry and its value.
+    `InputError` is raised if it is not valid; the message names the file, the entry and its value.
     """
     try:
         return check(value)
@@ -240,46 +231,31 @@ def in_order(taken: Mapping[str, Any], low: str, high: str, value: object) -> No
 
 @dataclass(frozen=True)
 class Parameter:
-    """Declaration of a parameter.
+    """Declaration of a parameter."""
 
-    Parameters
-    ----------
-    kind : Kind
-        Type and range.
-    optional : bool
-        Whether it may be None, which is chosen from the spectrum.
-    power : int
-        Unit as a power of length.
-    vertex : bool
-        Whether it is a vertex, or several.
-    saved : bool
-        Whether it is an entry of a session.
-    option : str
-        Option of the command line, with underscores; "t_min" is given as ``--t-min``. Families may
-        share an option. Empty for none.
-    help : str
-        Description of the option.
-    metavar : str
-        Placeholder of its value there.
-    offered : tuple of str
-        Values allowed there, if not all.
-    text, tip : str
-        Text and description of its control; empty without one.
-    control : str
-        Object name of the control, if it is not made from the names of family and parameter.
-    """
-
+    #: Type and range.
     kind: Kind
+    #: Whether it may be None, which is chosen from the spectrum.
     optional: bool = False
+    #: Unit as a power of length.
     power: int = 0
+    #: Whether it is a vertex, or several.
     vertex: bool = False
+    #: Whether it is an entry of a session.
     saved: bool = True
+    #: Option of the command line, with underscores; "t_min" is given as ``--t-min``. Families may
+    #: share an option. Empty for none.
     option: str = ""
+    #: Description of the option.
     help: str = ""
+    #: Placeholder of its value there.
     metavar: str | None = None
+    #: Values allowed there, if not all.
     offered: tuple[str, ...] = ()
+    #: Text and description of its control; empty without one.
     text: str = ""
     tip: str = ""
+    #: Object name of the control, if it is not made from the names of family and parameter.
     control: str = ""
 
     @property

@@ -39,21 +39,8 @@ def invariant_columns(
 
     A mesh that is larger by a factor has its signature at later times, divided by a constant: the
     derivative of the logarithm removes the constant, the absolute value of the Fourier transform
-    the shift.
-
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (k,)
-    rows : ndarray, shape (>= k, n)
-    count : int
-        Number of frequencies, ``ω = 2π j / (24 ln 2)`` for j from 0.
-    cancel : callable, optional
-        `Cancelled` is raised after it returns True.
-
-    Raises
-    ------
-    InputError
-        If all eigenvalues are zero.
+    the shift. Frequencies are ``ω = 2π j / (24 ln 2)`` for j from 0. Rows have shape (>= k, n).
+    `InputError` is raised if all eigenvalues are zero.
     """
     # at least three samples in a period of the highest frequency, so that sums are integrals
     step = math.log(2.0) * min(0.5, 8.0 / count)
@@ -73,14 +60,7 @@ def invariant_columns(
 
 
 def scale_invariant_hks(pairs: Eigenpairs, count: int) -> Features:
-    """Compute the scale-invariant heat kernel signature, dimensionless (see `invariant_columns`).
-
-    Parameters
-    ----------
-    pairs : Eigenpairs
-    count : int
-        Number of frequencies.
-    """
+    """Compute the scale-invariant heat kernel signature, dimensionless: `invariant_columns`."""
     values = invariant_columns(pairs.eigenvalues, pairs.rows, count).T
     names = tuple(f"sihks_{at}" for at in range(count))
     return Features(values, names, kind="sihks", meta={"frequencies_per": "24 octaves of time"})
@@ -88,13 +68,7 @@ def scale_invariant_hks(pairs: Eigenpairs, count: int) -> Features:
 
 @dataclass(frozen=True)
 class ScaleInvariantHKS(Columns):
-    """Fourier transform of the derivative of ln HKS by ln t (Bronstein & Kokkinos 2010).
-
-    Parameters
-    ----------
-    index, count : int
-        Frequency, from 0, and number of frequencies.
-    """
+    """Fourier transform of the derivative of ln HKS by ln t (Bronstein & Kokkinos 2010)."""
 
     name = "sihks"
     label = "Scale-invariant heat kernel signature"

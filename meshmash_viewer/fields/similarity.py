@@ -25,17 +25,7 @@ _BLOCK = 1 << 15
 
 @dataclass(frozen=True)
 class Similarity(Family):
-    """Distance in feature space.
-
-    Parameters
-    ----------
-    vertex : int or None
-        Vertex from which distances are measured.
-    basis : str
-        Name of the family whose exported columns are the features.
-    features : Family or None
-        That family with its parameters, once resolved.
-    """
+    """Distance in feature space."""
 
     name = "similarity"
     label = "Similar to a vertex"
@@ -46,8 +36,11 @@ class Similarity(Family):
     )
     required = "vertex"
 
+    #: Vertex from which distances are measured.
     vertex: int | None = parameter(None, Whole(), vertex=True)
+    #: Name of the family whose exported columns are the features.
     basis: str = parameter("hks", Choice(FEATURES))
+    #: That family with its parameters, once resolved.
     features: BankFamily | None = None
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:

@@ -38,10 +38,8 @@ def n_columns(family: Family, spectrum: Eigenpairs) -> int:
 def chosen_columns(text: str, most: int) -> range:
     """Parse "START:STOP:STEP" as in Python, for `most` columns; each part may be left out.
 
-    Raises
-    ------
-    InputError
-        If the syntax is wrong, or no column or one that does not exist is selected.
+    `InputError` is raised if the syntax is wrong, or no column or one that does not exist is
+    selected.
     """
     parts = text.split(":")
     try:
@@ -75,21 +73,9 @@ def evenly(most: int, count: int) -> range:
 def sweep(
     family: Family, spectrum: Eigenpairs, columns: range, frames: int | None = None
 ) -> list[Family]:
-    """Return the family at some of its columns, or at `frames` positions between the ends.
+    """Return the family at some of its columns, or at `frames` positions between their ends.
 
-    Parameters
-    ----------
-    family : Family
-    spectrum : Eigenpairs
-    columns : range
-        Indices from 0, see `n_columns`; not empty.
-    frames : int, optional
-        None for one for each column.
-
-    Raises
-    ------
-    InputError
-        If there are more frames than different fields.
+    `InputError` is raised if there are more frames than different fields.
     """
     first = family.step(spectrum, -FAR)
     if frames is None or frames == len(columns):
@@ -116,22 +102,9 @@ def film(
 ) -> tuple[list[Family], float]:
     """Return the fields of the frames of a movie, and the number of frames a second.
 
-    Parameters
-    ----------
-    family : Family
-    spectrum : Eigenpairs
-    columns : range
-        See `sweep`.
-    rate : float, optional
-        Frames a second; None for the rate at which the family is played, or a lower one if its
-        columns are too few for `seconds`.
-    seconds : float, optional
-        None shows every column once.
-
-    Raises
-    ------
-    InputError
-        If there are more frames than different fields.
+    Without a rate, it is that at which the family is played, or a lower one if its columns are too
+    few for `seconds`; without `seconds` every column is shown once. `InputError` is raised if there
+    are more frames than different fields.
     """
     usual = 1000.0 / (family.interval or _PAUSE)
     if seconds is None:
@@ -147,10 +120,7 @@ def film(
 def n_frames(rate: float, seconds: float) -> int:
     """Return the number of frames of a movie.
 
-    Raises
-    ------
-    InputError
-        If there are none, or too many.
+    `InputError` is raised if there are none, or too many.
     """
     frames = rate * seconds
     if not (rate > 0.0 and seconds > 0.0 and frames <= _MOST_FRAMES):

@@ -18,13 +18,7 @@ from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
 @dataclass(frozen=True)
 class WaveKernelSignature(BankColumns):
-    """Gaussian bands of log λ, each with unit sum (Aubry et al. 2011).
-
-    Parameters
-    ----------
-    index, count : int
-        Energy, from 0, and number of energies.
-    """
+    """Gaussian bands of log λ, each with unit sum (Aubry et al. 2011)."""
 
     name = "wks"
     label = "Wave kernel signature"

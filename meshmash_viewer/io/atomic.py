@@ -46,10 +46,7 @@ _T = TypeVar("_T")
 def persistently(act: Callable[[], _T]) -> _T:
     """Call a file operation, retry it for a second on `PermissionError`, and return its result.
 
-    Raises
-    ------
-    PermissionError
-        If the last retry fails. Other errors are raised at once.
+    `PermissionError` is raised if the last retry fails. Other errors are raised at once.
     """
     deadline = time.monotonic() + _PATIENCE
     while True:
@@ -86,18 +83,9 @@ def discard(*paths: Path) -> None:
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`, and rename it to `path` at the end.
 
-    If the body raises, the temporary file is removed and an older file at `path` is unchanged.
-    Temporary files of killed processes in the same folder are removed.
-
-    Parameters
-    ----------
-    path : Path
-        The file to make or replace.
-
-    Yields
-    ------
-    Path
-        In the same folder and with the same ending, which determines the format of some writers.
+    It has the same ending, which determines the format of some writers. If the body raises, the
+    temporary file is removed and an older file at `path` is unchanged. Temporary files of killed
+    processes in the same folder are removed.
     """
     with written_together(path) as (part,):
         yield part
@@ -105,13 +93,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(*paths: Path) -> Iterator[list[Path]]:
-    """As `written_whole`, for files that belong together.
-
-    Parameters
-    ----------
-    *paths : Path
-        Files to make or replace, renamed in this order.
-    """
+    """As `written_whole`, for files that belong together, renamed in this order."""
     for folder in {path.parent for path in paths}:
         remove_left_overs(folder)
     parts = [
@@ -180,11 +162,8 @@ def _machine() -> str:
 def make_room(path: Path, size: int) -> None:
     """Make a file or extend it with zeros to `size` bytes, with disk blocks allocated.
 
-    Raises
-    ------
-    OSError
-        If the disk is full. Without allocated blocks, a write into a map of it would then crash the
-        process.
+    `OSError` is raised if the disk is full. Without allocated blocks, a write into a map of it
+    would then crash the process.
     """
     with path.open("ab", buffering=0) as file:
         before = file.tell()
@@ -214,10 +193,7 @@ def _fill(file: IO[bytes], start: int, size: int) -> None:
 def made_folder(folder: Path) -> Iterator[None]:
     """Make a folder with its parents, and remove those that are still empty at the end.
 
-    Raises
-    ------
-    InputError
-        If it cannot be made.
+    `InputError` is raised if it cannot be made.
     """
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
@@ -232,13 +208,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def writing_errors(path: Path, *, is_folder: bool = False) -> Iterator[None]:
-    """Convert an `OSError` while writing `path`, a file or a folder, to an `InputError`.
-
-    Raises
-    ------
-    InputError
-        Instead of `OSError`.
-    """
+    """Convert an `OSError` while writing `path`, a file or a folder, to an `InputError`."""
     if path.is_dir() and not is_folder:
         raise InputError(f"{path} is a folder; name a file in it.")
     if not path.parent.is_dir() and not is_folder:

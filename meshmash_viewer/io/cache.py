@@ -71,10 +71,7 @@ class FileLock:
     def acquire(self) -> bool:
         """Take the lock if it is free; return whether it is held now.
 
-        Raises
-        ------
-        OSError
-            If the file cannot be made.
+        `OSError` is raised if the file cannot be made.
         """
         if self._descriptor is not None:
             return True
@@ -109,15 +106,7 @@ class FileLock:
 
 
 class EigenpairCache:
-    """All stores in one folder.
-
-    Parameters
-    ----------
-    root : str or Path, optional
-        The folder; None for the user's.
-    cap : int
-        Largest size in bytes.
-    """
+    """All stores in one folder, by default the user's, of at most `cap` bytes."""
 
     def __init__(self, root: str | Path | None = None, cap: int = DEFAULT_CAP) -> None:
         self.root = default_cache_folder() if root is None else Path(root)
@@ -147,15 +136,7 @@ class EigenpairCache:
         return before - self.size()
 
     def evict(self, keep: str | None = None, room_for: int = 0) -> None:
-        """Remove the least recently used stores until the cap holds.
-
-        Parameters
-        ----------
-        keep : str, optional
-            Key of a store that is not removed.
-        room_for : int
-            Bytes about to be written.
-        """
+        """Remove the least recently used stores, except `keep`, until so many more bytes fit."""
         excess = self.size() + room_for - self.cap
         for folder in self.stores():
             if excess <= 0:

@@ -52,33 +52,18 @@ class ReadLimits:
     """Limits of the process that reads a file, about twenty times what regular files need.
 
     Both are multiplied by the number in the environment variable `RAISE_LIMITS`.
-
-    Parameters
-    ----------
-    seconds : float
-        Processor time.
-    memory : float
-        Bytes in use at once, the interpreter and its libraries included.
     """
 
+    #: Processor time.
     seconds: float
+    #: Bytes in use at once, the interpreter and its libraries included.
     memory: float
 
     @classmethod
     def of(cls, n_bytes: int, *, unpacked: int = 0) -> ReadLimits:
-        """Return the limits for a file.
+        """Return the limits for a file of some bytes, and more after decompression as a whole.
 
-        Parameters
-        ----------
-        n_bytes : int
-            Size of the file on the disk.
-        unpacked : int, optional
-            Size after decompression, where the file is compressed as a whole.
-
-        Raises
-        ------
-        InputError
-            If the environment variable holds no positive number.
+        `InputError` is raised if the environment variable holds no positive number.
         """
         honest = min(float(unpacked), _HONEST_RATIO * n_bytes)
         size = max(float(n_bytes), honest / 5.0)
@@ -111,22 +96,10 @@ def _factor() -> float:
 def read_guarded(
     reader: Callable[[Path], RawMesh], path: Path, limits: ReadLimits | None = None
 ) -> RawMesh:
-    """Read a file in a child process under limits.
+    """Read a file in a child process under limits, by default ``ReadLimits.of`` its size.
 
-    Parameters
-    ----------
-    reader : callable
-        A public function of a module that takes a path and returns a `RawMesh`.
-    path : Path
-    limits : ReadLimits, optional
-        By default ``ReadLimits.of`` the size of the file.
-
-    Raises
-    ------
-    LimitExceeded
-        If it takes more time or memory than `limits`.
-    InputError
-        If `reader` raises it, or the child crashes.
+    `reader` is a public function of a module. `LimitExceeded` is raised if it takes more time or
+    memory; `InputError` if `reader` raises it, or the child crashes.
     """
     if _watched:
         return raw_mesh(reader(path))
@@ -171,20 +144,9 @@ def _too_large(limits: ReadLimits) -> LimitExceeded:
 
 
 def convert(reader: str, path: Path, memory: float) -> RawMesh:
-    """Read a file in the child process.
+    """Read a file in the child process, by a reader given as "module:function".
 
-    Parameters
-    ----------
-    reader : str
-        Module and function, joined by a colon.
-    path : Path
-    memory : float
-        Limit of memory in bytes.
-
-    Raises
-    ------
-    InputError
-        If `reader` raises it or another exception, except `MemoryError`.
+    `memory` is the limit in bytes. All exceptions except `MemoryError` are raised as `InputError`.
     """
     global _watched
     module, _, function = reader.partition(":")

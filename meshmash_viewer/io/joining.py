@@ -22,29 +22,14 @@ _LARGEST = 1e150
 def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Join vertices at the same place, and drop the triangles that collapse by it.
 
-    Exporters leave residues such as 1e-17 for 0. The same place therefore means closer than 2⁻²⁶
-    of the longest side of the mesh, and than 2⁻⁷ of the smallest face at either vertex. Neither
+    Exporters leave residues such as 1e-17 for 0. The same place therefore means closer than 2⁻²⁶ of
+    the longest side of the mesh, and than 2⁻⁷ of the smallest face at either vertex. Neither
     depends on where the origin is, nor on vertices that no face uses, so small parts of a large
     mesh keep their vertices. Joined vertices keep the order of their first appearance.
 
-    Parameters
-    ----------
-    vertices : ndarray of float64, shape (n, 3)
-        In the coordinates they were written in, before any transform.
-    faces : ndarray of int64, shape (m, 3)
-        Indices within range.
-
-    Returns
-    -------
-    vertices : ndarray of float64, shape (n', 3)
-    faces : ndarray of int64, shape (m', 3)
-    kept : ndarray of int64, shape (n',)
-        Which vertices are left.
-
-    Raises
-    ------
-    InputError
-        If a coordinate is not finite, or is so large that most faces are residues next to it.
+    Vertices, shape (n, 3), are as they were written, before any transform. Vertices and faces are
+    returned with the indices of the vertices that are left. `InputError` is raised if a coordinate
+    is not finite, or is so large that most faces are residues next to it.
     """
     if not len(vertices):
         return vertices, faces, np.arange(0)

@@ -162,10 +162,7 @@ def _fitting(
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
     """Return maps with one value per vertex of the mesh or its file, and clauses on bad ones.
 
-    Raises
-    ------
-    InputError
-        If there is none.
+    `InputError` is raised if there is none.
     """
     lengths = {mesh.n_vertices, mesh.n_file_vertices}
     fitting = [each for each in maps if each.last >= 0 or len(each.values) in lengths]

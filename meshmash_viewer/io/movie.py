@@ -43,12 +43,7 @@ def movie_file(
 
     The path has one of `MOVIE_ENDINGS`, the size is width and height in pixels, and the rate in
     frames per second. What is yielded takes the next frame, uint8 of shape (height, width, 3),
-    first row on top.
-
-    Raises
-    ------
-    InputError
-        See `check_movie`; and if the file cannot be written.
+    first row on top. `InputError` is raised as by `check_movie`, and if the file cannot be written.
     """
     path = Path(path)
     check_movie(path, size, rate)
@@ -71,10 +66,8 @@ def movie_file(
 def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
     """Check, before anything is drawn, that the format supports this size and frame rate.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown, its encoder is missing, or size or rate are not supported.
+    `InputError` is raised if the ending is unknown, its encoder is missing, or size or rate are not
+    supported.
     """
     path, (width, height) = Path(path), size
     ending = path.suffix.lower()

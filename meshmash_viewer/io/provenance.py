@@ -24,20 +24,11 @@ _PACKAGES = ("numpy", "scipy", "robust_laplacian")
 
 
 def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Describe a mesh, what was done to it, by which versions, and when.
+    """Describe a mesh, the options that led to the result, versions and time, for JSON.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    options : dict, optional
-        JSON-able choices that led to the result, with their units.
-
-    Returns
-    -------
-    dict
-        JSON-able: ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its
-        content, unit, voxel, brain structure if known, counts; of a repaired one the number of
-        vertices of its file), ``options``, ``versions``.
+    Entries are ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its content,
+    unit, voxel, brain structure if known, counts; of a repaired one the number of vertices of its
+    file), ``options`` and ``versions``.
     """
     versions = {package: metadata.version(package) for package in _PACKAGES}
     return {

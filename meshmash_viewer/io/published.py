@@ -32,27 +32,20 @@ class Damaged(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """What is published about the leading pairs in a store.
+    """What is published about the leading pairs in a store."""
 
-    Parameters
-    ----------
-    eigenvalues, residuals : ndarray of float64, shape (k,)
-    checksums : ndarray of uint32, shape (k,)
-        CRC-32 of each row.
-    mass : ndarray of float64, shape (n,)
-    n_proven : int
-        Number of leading pairs of the last complete run; its certificate and timings follow.
-    known_to : float
-        The threshold of that run; 0 without one.
-    """
-
+    #: Shape (k,).
     eigenvalues: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     residuals: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: Shape (k,): CRC-32 of each row.
     checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
+    #: Shape (n,).
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: Number of leading pairs of the last complete run; its certificate and timings follow.
     n_proven: int = 0
     certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
     timings: dict[str, float] = field(default_factory=dict)
+    #: The threshold of that run; 0 without one.
     known_to: float = 0.0
 
     def __len__(self) -> int:
@@ -87,12 +80,8 @@ class Published:
     def read(cls, path: Path, key: str) -> Published:
         """Read the file.
 
-        Raises
-        ------
-        Damaged
-            If its bytes do not agree with the digest, or it has another owner.
-        OSError
-            If it cannot be read.
+        `Damaged` is raised if its bytes do not agree with the digest, or it has another owner;
+        `OSError` if it cannot be read.
         """
         with path.open("rb") as file:
             first = file.read(_FIRST_LINE)

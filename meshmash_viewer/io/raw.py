@@ -20,25 +20,17 @@ MOST_MAPS = 64
 
 @dataclass(frozen=True)
 class RawMap:
-    """Values per vertex as a file has them, before any check.
+    """Values per vertex as a file has them, before any check."""
 
-    Parameters
-    ----------
-    name : str
-        "" for that of the file.
-    values : ndarray, shape (n,)
-    labels : tuple of Label
-        One without a name has that of the map.
-    rows : ndarray of int64, shape (n,), optional
-        The vertices of the mesh's file that the values are of; None for all of them.
-    volume : tuple of int
-        The shape that the values have in the file, where it may be that of a volume.
-    """
-
+    #: "" for that of the file.
     name: str
+    #: Shape (n,).
     values: npt.NDArray[Any]
+    #: One without a name has that of the map.
     labels: tuple[Label, ...] = ()
+    #: Shape (n,): The vertices of the mesh's file that the values are of; None for all of them.
     rows: IntArray | None = None
+    #: The shape that the values have in the file, where it may be that of a volume.
     volume: tuple[int, ...] = ()
 
     @property
@@ -49,10 +41,7 @@ class RawMap:
     def checked(self, n_vertices: int, path: Path | None = None) -> VertexMap:
         """Convert to a map of a mesh with n vertices.
 
-        Raises
-        ------
-        InputError
-            See `VertexMap`, or if it names a vertex that does not exist.
+        `InputError` is raised as by `VertexMap`, and if it names a vertex that does not exist.
         """
         name, origin = self.name or (path.name if path else ""), str(path or "")
         if self.last >= n_vertices:
@@ -100,30 +89,20 @@ def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
 
 @dataclass(frozen=True)
 class RawMesh:
-    """What a file holds, before any check; a file of maps alone has no vertices and no faces.
+    """What a file holds, before any check; a file of maps alone has no vertices and no faces."""
 
-    Parameters
-    ----------
-    vertices : ndarray of float64, shape (n, 3)
-        Coordinates as written in the file.
-    faces : ndarray of int64, shape (m, 3)
-        Vertex indices, counted from zero; they may be out of range.
-    unit : str, optional
-        The unit the format or the file states; None where it states none.
-    maps : tuple of RawMap
-        What it has at each vertex besides.
-    remarks : tuple of str
-        What was left out of the file, as clauses that follow its name: "holds 12 lines, which are
-        left out".
-    structure : str
-        The part of a brain that the file says it is of, "" if it does not.
-    """
-
+    #: Shape (n, 3): Coordinates as written in the file.
     vertices: FloatArray
+    #: Shape (m, 3): Vertex indices, counted from zero; they may be out of range.
     faces: IntArray
+    #: The unit the format or the file states; None where it states none.
     unit: str | None = None
+    #: What it has at each vertex besides.
     maps: tuple[RawMap, ...] = ()
+    #: What was left out of the file, as clauses that follow its name: "holds 12 lines, which are
+    #: left out".
     remarks: tuple[str, ...] = ()
+    #: The part of a brain that the file says it is of, "" if it does not.
     structure: str = ""
 
 

@@ -204,13 +204,7 @@ def _is_freesurfer(path: Path) -> bool:
 
 
 def check_file(path: Path) -> None:
-    """Raise unless a path is a regular, readable file.
-
-    Raises
-    ------
-    InputError
-        One sentence that names the file.
-    """
+    """Raise an `InputError` that names the file unless a path is a regular, readable file."""
     try:
         if not path.exists():
             raise InputError(f"{path} does not exist; check the spelling of its name and folder.")

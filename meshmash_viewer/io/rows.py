@@ -65,12 +65,8 @@ def rows_of_text(
     `meshmash_viewer.io.text.parse_rows`. Where `ragged`, lines with lists may differ in what they
     have more.
 
-    Raises
-    ------
-    CutShort
-        If there are too few numbers.
-    InputError
-        If there are too many, or a list has no length.
+    `CutShort` is raised if there are too few numbers; `InputError` if there are too many, or a list
+    has no length.
     """
     data, counts = numbers.view(np.uint8), counts[counts > 0]
     if len(counts) == sum(element.count for element in elements if element.properties):
@@ -89,12 +85,7 @@ def rows_of_text(
 def take_rows(elements: list[Element], data: Bytes) -> tuple[list[Columns], int]:
     """Take the elements from the front of bytes; return their columns and the end of the last.
 
-    Raises
-    ------
-    CutShort
-        If there are too few bytes.
-    InputError
-        If a list has no length.
+    `CutShort` is raised if there are too few bytes, and `InputError` if a list has no length.
     """
     columns: list[Columns] = []
     place = 0
@@ -177,12 +168,7 @@ def _layout(
 ) -> tuple[list[tuple[Property, IntArray, IntArray | None]], IntArray]:
     """Return where the values of each property are in each row, the lengths of lists, and row ends.
 
-    Raises
-    ------
-    _ShortRow
-        If a row ends beyond its limit.
-    InputError
-        If a list has no length.
+    `_ShortRow` is raised if a row ends beyond its limit, and `InputError` if a list has no length.
     """
     place, layout = starts, []
     for prop in element.properties:

@@ -83,80 +83,56 @@ _CAMERA = Record(
 
 @dataclass(frozen=True)
 class Session(Parameters):
-    """State of a window as it is written to a session file.
+    """State of a window as it is written to a session file."""
 
-    Parameters
-    ----------
-    mesh_path : str
-        File of the mesh; written as a relative path if it is below the folder of the session file,
-        so that both can be moved together.
-    maps : list of str
-        Files of added maps, in their order; relative as `mesh_path` is.
-    unit : str
-        Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that
-        the format states.
-    repairs : list of str
-        Names of the repairs made after reading, oldest first.
-    source : str
-        Content hash of the mesh before its repairs; "" if not known.
-    mesh_hash : str
-        Content hash of the repaired mesh, to detect changes of the file; "" if not known.
-    n_vertices : int
-        Number of vertices of the mesh of `pins`; 0 if not known.
-    operator : dict
-        Fields of `OperatorOptions`.
-    target : dict
-        Fields of `Target`: ``kind`` and ``value``.
-    display : dict
-        The displayed field with its limits and colours, as the model writes it.
-    pins, pin_numbers : list of int
-        Pinned vertices, by their index in the file, and the numbers of their pins.
-    pin_names, pin_colors : list of str
-        Names and colours that were given to them, "" for none.
-    file_indices : bool
-        False for older sessions, whose pins and other vertices are indices in the repaired mesh.
-    camera : dict
-        Position, focal point and so on in the mesh's coordinates; empty for the default view.
-    second_path, second_unit : str
-        File of the second mesh, relative as `mesh_path` is, and its unit as `unit` is; "" for none.
-    second_maps, second_repairs : list of str
-        As `maps` and `repairs`, of the second mesh.
-    links : list of str
-        The active links between both meshes.
-    """
-
+    #: File of the mesh; written as a relative path if it is below the folder of the session file,
+    #: so that both can be moved together.
     mesh_path: str = parameter("", Text())
+    #: Files of added maps, in their order; relative as `mesh_path` is.
     maps: list[str] = parameter(list, _FILES)
+    #: Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that the
+    #: format states.
     unit: str = parameter("", _Unit(100))
+    #: Names of the repairs made after reading, oldest first.
     repairs: list[str] = parameter(list, _REPAIRS)
+    #: Content hash of the mesh before its repairs; "" if not known.
     source: str = parameter("", Text(200))
+    #: Content hash of the repaired mesh, to detect changes of the file; "" if not known.
     mesh_hash: str = parameter("", Text(200))
+    #: Number of vertices of the mesh of `pins`; 0 if not known.
     n_vertices: int = parameter(0, Whole())
+    #: Fields of `OperatorOptions`.
     operator: dict[str, Any] = parameter(
         dict, Record({"robust": Flag(), "mollify_factor": Number(0.0)})
     )
+    #: Fields of `Target`: ``kind`` and ``value``.
     target: dict[str, Any] = parameter(dict, _Target())
+    #: The displayed field with its limits and colours, as the model writes it.
     display: dict[str, Any] = parameter(dict, Record({}))
+    #: Pinned vertices, by their index in the file, and the numbers of their pins.
     pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
     pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
+    #: Names and colours that were given to them, "" for none.
     pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
     pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
+    #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
     file_indices: bool = True
+    #: Position, focal point and so on in the mesh's coordinates; empty for the default view.
     camera: dict[str, Any] = parameter(dict, _CAMERA)
+    #: File of the second mesh, relative as `mesh_path` is, and its unit as `unit` is; "" for none.
     second_path: str = parameter("", Text())
     second_unit: str = parameter("", _Unit(100))
+    #: As `maps` and `repairs`, of the second mesh.
     second_maps: list[str] = parameter(list, _FILES)
     second_repairs: list[str] = parameter(list, _REPAIRS)
+    #: The active links between both meshes.
     links: list[str] = parameter(list, Listing(Text(100), 100, different=True))
 
 
 def write_session(path: str | Path, session: Session) -> None:
     """Write a session; an older file is replaced only when the new one is whole.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    `InputError` is raised if the file cannot be written.
     """
     path = Path(path)
     content = session.plain()
@@ -177,11 +153,8 @@ def read_session(path: str | Path) -> Session:
 
     `display` is not checked here (see `model.display.read_display`).
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not a session, was written by a newer program, or has an
-        entry of the wrong type or out of bounds.
+    `InputError` is raised if the file cannot be read, is not a session, was written by a newer
+    program, or has an entry of the wrong type or out of bounds.
     """
     path = Path(path)
     try:

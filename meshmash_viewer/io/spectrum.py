@@ -36,25 +36,11 @@ def find_eigenpairs(
     count: int | None = None,
     cancel: CancelCallback | None = None,
 ) -> tuple[Eigenpairs | None, str]:
-    """Return the stored eigenpairs of a mesh, without computing any.
+    """Return the stored eigenpairs of a mesh, without computing any, and a remark on damage.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    operator : OperatorOptions
-    spare : Path, optional
-        A second cache folder, which is used if it holds more pairs than the user's.
-    count : int, optional
-        Number of leading pairs; None for all.
-    cancel : callable, optional
-        See `EigenpairStore.load`.
-
-    Returns
-    -------
-    pairs : Eigenpairs or None
-        The leading ones whose rows agree with their checksums; None if there are none.
-    remark : str
-        A sentence for the user about damage on the disk, or "".
+    These are the leading pairs, or `count` of them, whose rows agree with their checksums; None if
+    there are none. `spare` is a second cache folder, used if it holds more than the user's;
+    `cancel` is that of `EigenpairStore.load`. The remark is a sentence for the user, or "".
     """
     return _longest(_stores(mesh, operator, spare), count, cancel)[:2]
 
@@ -67,32 +53,15 @@ def obtain_eigenpairs(
     use_cache: bool = True,
     spare: Path | None = None,
 ) -> tuple[Eigenpairs, str]:
-    """Return the eigenpairs of a mesh: stored ones, and computed ones that are then stored.
+    """Return the eigenpairs of a mesh, stored ones and computed ones, and a remark on the store.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    operator : OperatorOptions
-    request : Request
-        When a computation begins, its `on_pairs` receives the stored pairs, be it none.
-    use_cache : bool
-        Whether to read from and write to the user's cache.
-    spare : Path, optional
-        Cache folder used when the user's cannot be written; without it memory is used.
+    Computed pairs are stored. When a computation begins, `on_pairs` of the request receives the
+    stored pairs, be it none. Rows are mapped read-only if they are in a file. `use_cache` is
+    whether the user's cache is used; `spare` is the folder for when it cannot be written, without
+    which memory is used. The remark is a sentence for the user, or "".
 
-    Returns
-    -------
-    pairs : Eigenpairs
-        The rows are mapped read-only if they are in a file.
-    remark : str
-        A sentence for the user about the store, or "".
-
-    Raises
-    ------
-    InputError
-        If the request is invalid, or the pairs do not fit into memory.
-    Cancelled
-        If `cancel` returned True; converged pairs stay in the store.
+    `InputError` is raised if the request is invalid or the pairs do not fit into memory,
+    `Cancelled` after `cancel` returned True; converged pairs stay in the store.
     """
     stores = _stores(mesh, operator, spare) if use_cache else []
     if found := _answer(stores, request):
@@ -154,12 +123,8 @@ def _longest(
 class _Keeper:
     """Output of a run: into the first usable store, or into memory.
 
-    Parameters
-    ----------
-    stores : list of EigenpairStore
-        Tried in this order, at first and whenever one fails.
-    in_file : bool
-        Whether pairs must be in a file, because another process reads them.
+    Stores are tried in their order, at first and whenever one fails. Pairs must be `in_file` if
+    another process reads them.
     """
 
     def __init__(self, stores: list[EigenpairStore], in_file: bool) -> None:

@@ -70,19 +70,8 @@ class StoreBusy(StoreUnusable):
 class EigenpairStore:
     """The folder of one mesh and operator; made at the first write.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    operator : OperatorOptions
-    root : str or Path, optional
-        Cache folder; None for the user's.
-    cap : int
-        Bytes that the whole cache may hold.
-
-    Attributes
-    ----------
-    damage : str
-        The damage that `covers` or `load` found, such as "eigenpairs 20 to 39", or "".
+    It is in the cache folder `root`, by default the user's, which may hold `cap` bytes. `damage` is
+    what `covers` or `load` found, such as "eigenpairs 20 to 39", or "".
     """
 
     def __init__(
@@ -152,14 +141,9 @@ class EigenpairStore:
     ) -> Eigenpairs | None:
         """Return the leading pairs whose rows agree with their checksums; None without any.
 
-        This takes two seconds for a million vertices and 300 pairs.
-
-        Parameters
-        ----------
-        count : int, optional
-            Number of pairs to return; None for all.
-        cancel : callable, optional
-            Called before each row; `Cancelled` is raised after it returned True.
+        This takes two seconds for a million vertices and 300 pairs. With `count` at most so many
+        are returned; `cancel` is called before each row, and `Cancelled` raised after it returned
+        True.
         """
         self._read()
         stored = len(self._published)
@@ -240,27 +224,12 @@ class EigenpairStore:
     # Writing, by the one process that holds the lock -----------------------------------------
 
     def allocate(self, k: int, n: int | None = None, n_kept: int = 0) -> FloatArray:
-        """Allocate k eigenvectors, the first of which are those that are stored.
+        """Allocate k eigenvectors, and return a memory map of shape (k, n) to write them to.
 
-        Parameters
-        ----------
-        k : int
-        n : int, optional
-            Number of vertices, which is known.
-        n_kept : int
-            Number of leading pairs, of those that `load` returned last, that are kept. Others
-            are removed, unless all k are kept.
-
-        Returns
-        -------
-        ndarray of float64, shape (k, n)
-            Memory map to write the other rows to; call `append` when some are final.
-
-        Raises
-        ------
-        StoreUnusable
-            If another process is writing to the same store, the disk is full, or the cache folder
-            cannot be written.
+        The first `n_kept`, of those that `load` returned last, are kept; other stored ones are
+        removed, unless all k are kept. Call `append` when some of the others are final.
+        `StoreUnusable` is raised if another process is writing to the same store, the disk is full,
+        or the cache folder cannot be written.
         """
         assert n in (None, self.n_vertices)
         self.lock()
@@ -311,10 +280,8 @@ class EigenpairStore:
         Rows in other memory than `allocate` returned are copied. With a certificate the run is
         complete, and the lock is released.
 
-        Raises
-        ------
-        StoreUnusable
-            If the disk is full, or the folder was removed; the rows stay mapped.
+        `StoreUnusable` is raised if the disk is full, or the folder was removed; the rows stay
+        mapped.
         """
         start, stop, k = len(self._published), len(pairs.eigenvalues), pairs.total
         if self._rows is None:
@@ -361,12 +328,8 @@ class EigenpairStore:
     def lock(self) -> None:
         """Prevent other processes from writing, until `close`.
 
-        Raises
-        ------
-        StoreBusy
-            If another process is writing.
-        StoreUnusable
-            If the cache folder cannot be written.
+        `StoreBusy` is raised if another process is writing, and `StoreUnusable` if the cache folder
+        cannot be written.
         """
         try:
             acquired = self._lock.acquire()

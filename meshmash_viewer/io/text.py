@@ -26,10 +26,7 @@ _MARKS = {
 def read_text(path: Path) -> bytes:
     r"""Read a text file as UTF-8 without byte order marks, its lines ended by ``\n``.
 
-    Raises
-    ------
-    InputError
-        If it begins as UTF-16 or UTF-32 and is not.
+    `InputError` is raised if it begins as UTF-16 or UTF-32 and is not.
     """
     data = with_newlines(unmarked(path.read_bytes()))
     # of files that were copied one after the other
@@ -39,10 +36,7 @@ def read_text(path: Path) -> bytes:
 def unmarked(data: bytes) -> bytes:
     """The same without a byte order mark at its beginning, as UTF-8.
 
-    Raises
-    ------
-    InputError
-        If it begins as UTF-16 or UTF-32 and is not.
+    `InputError` is raised if it begins as UTF-16 or UTF-32 and is not.
     """
     while data.startswith(codecs.BOM_UTF8):
         data = data[len(codecs.BOM_UTF8) :]
@@ -82,10 +76,7 @@ def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], 
     Returns the numbers of all lines, one after the other, in the given type, `numpy.float64` or
     `numpy.int64`; and how many numbers each line holds.
 
-    Raises
-    ------
-    NotANumber
-        If something is no number.
+    `NotANumber` is raised if something is no number.
     """
     characters = np.frombuffer(text, dtype=np.uint8)
     is_space = characters <= 32
@@ -120,10 +111,7 @@ def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
 class Lines:
     r"""Lines of text by the words that they begin with, as arrays: there may be millions.
 
-    Parameters
-    ----------
-    text : bytes
-        Lines end with ``\n``; ``\v`` is white space that counts as the end of a line in messages.
+    Lines end with ``\n``; ``\v`` is white space that counts as the end of a line in messages.
     """
 
     def __init__(self, text: bytes) -> None:
@@ -165,10 +153,7 @@ class Lines:
     ) -> tuple[npt.NDArray[Any], IntArray]:
         """Read the numbers after the word that some lines begin with, see `parse_rows`.
 
-        Raises
-        ------
-        InputError
-            If something is no number; the message names the line.
+        `InputError` is raised if something is no number; the message names the line.
         """
         edges = np.zeros(len(self._characters) + 1, dtype=np.int8)
         edges[self._starts[lines] + len(word)] = 1

@@ -220,22 +220,11 @@ def write_map_spectrum(
 
 
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
-    """Write a mesh without fields.
+    """Write a mesh without fields, in a format of `MESH_WRITERS`.
 
     STL, GLB and GIFTI hold float32, STL repeats the vertices of each face, and GIFTI is in mm.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file with one of the endings of `MESH_WRITERS`.
-    mesh : Mesh
-    meta : dict, optional
-        JSON-able options that led to it, or what `provenance` made of them.
-
-    Raises
-    ------
-    InputError
-        If the ending is unknown or the system refuses.
+    `meta` are JSON-able options that led to it, or a result of `provenance`. `InputError` is raised
+    if the ending is unknown or the file cannot be written.
     """
     nothing = np.empty((mesh.n_vertices, 0))
     table = FeatureTable(nothing, (), mesh, np.empty(0), archive=_geometry(mesh))
@@ -243,18 +232,9 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
 
 
 def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
-    """Write pixels as PNG.
+    """Write pixels, RGB or RGBA of shape (height, width, 3 or 4), first row on top, as PNG.
 
-    Parameters
-    ----------
-    path : str or Path
-    pixels : ndarray of uint8, shape (height, width, 3 or 4)
-        RGB or RGBA, first row on top.
-
-    Raises
-    ------
-    InputError
-        If the ending is another one or the system refuses.
+    `InputError` is raised if the ending is another one or the file cannot be written.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -343,17 +323,10 @@ def unused_path(path: str | Path) -> Path:
 
 
 def check_output(path: str | Path, kind: str = "features") -> None:
-    """Check, before a long computation, that its result can be written.
+    """Check, before a long computation, that a result of some kind can be written to a file.
 
-    Parameters
-    ----------
-    path : str or Path
-    kind : "features", "eigenpairs", "coefficients", "mesh", "picture", "movie" or "scene"
-
-    Raises
-    ------
-    InputError
-        If the ending is unknown, there is no such folder, or it may not be written to.
+    `InputError` is raised if the ending is unknown, there is no such folder, or it may not be
+    written to.
     """
     path = Path(path)
     writer_of(kind, path)

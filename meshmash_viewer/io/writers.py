@@ -24,32 +24,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FeatureTable:
-    """All that a writer can put into a file.
+    """All that a writer can put into a file."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, f)
-    columns : tuple of str
-    mesh : Mesh
-    eigenvalues : ndarray of float64, shape (k,)
-        Eigenvalues of the pairs that the features were computed from; empty if not given.
-    meta : str
-        Provenance, one line of JSON.
-    archive : dict of ndarray
-        Arrays of an NPZ file, without the provenance.
-    extra : dict of ndarray
-        Arrays that do not have one value per row, for formats that can hold them.
-    index : str
-        Name of the index of rows: "vertex" or "pair".
-    """
-
+    #: Shape (n, f).
     values: npt.NDArray[Any]
     columns: tuple[str, ...]
     mesh: Mesh
+    #: Shape (k,): Eigenvalues of the pairs that the features were computed from; empty if not
+    #: given.
     eigenvalues: npt.NDArray[np.float64]
+    #: Provenance, one line of JSON.
     meta: str = ""
+    #: Arrays of an NPZ file, without the provenance.
     archive: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    #: Arrays that do not have one value per row, for formats that can hold them.
     extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    #: Name of the index of rows: "vertex" or "pair".
     index: str = "vertex"
 
     @property
@@ -285,10 +275,7 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 def writer_of(kind: str, path: Path) -> Any:
     """Return the writer of a kind of file by its ending, None where this module has none.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown, or the package that writes it is not installed.
+    `InputError` is raised if the ending is unknown, or the package that writes it is not installed.
     """
     plural, table = _KINDS[kind]
     name = path.name.lower()

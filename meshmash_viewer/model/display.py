@@ -46,24 +46,16 @@ _PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
 
 @dataclass(frozen=True)
 class Shape(Parameters):
-    """Displacement of the displayed mesh: none, or rebuilt from its lowest eigenpairs.
+    """Displacement of the displayed mesh: none, or rebuilt from its lowest eigenpairs."""
 
-    Parameters
-    ----------
-    shown : bool
-        Whether the vertices are rebuilt from eigenfunctions.
-    pairs : int
-        Number of lowest pairs; at least `FEWEST_PAIRS`.
-    morph : float
-        Position between the mesh itself (0) and the rebuilt one (1).
-    amplitude : float
-        Amplitude of the vibration as a share of the diagonal of the mesh's bounding box, from 0
-        to `MOST_AMPLITUDE`.
-    """
-
+    #: Whether the vertices are rebuilt from eigenfunctions.
     shown: bool = parameter(False, Flag())
+    #: Number of lowest pairs; at least `FEWEST_PAIRS`.
     pairs: int = parameter(50, Whole(FEWEST_PAIRS))
+    #: Position between the mesh itself (0) and the rebuilt one (1).
     morph: float = parameter(1.0, Number(0.0, 1.0))
+    #: Amplitude of the vibration as a share of the diagonal of the mesh's bounding box, from 0 to
+    #: `MOST_AMPLITUDE`.
     amplitude: float = parameter(0.05, Number(0.0, MOST_AMPLITUDE))
 
     def within(self, n_pairs: int) -> int:
@@ -73,39 +65,27 @@ class Shape(Parameters):
 
 @dataclass
 class Display:
-    """Choices of what is drawn; every change of an attribute emits ``events.<name>``.
-
-    Parameters
-    ----------
-    kind : str
-        Name of the displayed family.
-    fields : mapping of str to Family
-        The parameters of every family, by name; replaced as a whole, see `put`.
-    playing : bool
-        Whether the field advances by itself.
-    nodal_lines : bool
-    diverging_colormap, sequential_colormap : str
-        Colour map names (matplotlib's) for signed and for non-negative fields.
-    policies : mapping of str to LimitPolicy
-        How colour limits are chosen, by family name; `automatic_limits` for families not in it.
-    shape : Shape
-        Displacement of the vertices.
-    vibrating : bool
-        Whether vertices oscillate along their normals by the displayed field.
-    """
+    """Choices of what is drawn; every change of an attribute emits ``events.<name>``."""
 
     events: ClassVar[SignalGroupDescriptor] = SignalGroupDescriptor()
 
+    #: Name of the displayed family.
     kind: str = next(iter(FAMILIES))
+    #: The parameters of every family, by name; replaced as a whole, see `put`.
     fields: Mapping[str, Family] = field(
         default_factory=lambda: {name: family() for name, family in FAMILIES.items()}
     )
+    #: Whether the field advances by itself.
     playing: bool = False
     nodal_lines: bool = False
+    #: Colour map names (matplotlib's) for signed and for non-negative fields.
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
+    #: How colour limits are chosen, by family name; `automatic_limits` for families not in it.
     policies: Mapping[str, LimitPolicy] = field(default_factory=dict)
+    #: Displacement of the vertices.
     shape: Shape = field(default_factory=Shape)
+    #: Whether vertices oscillate along their normals by the displayed field.
     vibrating: bool = False
 
     def __getitem__(self, family: type[Chosen]) -> Chosen:
@@ -180,10 +160,8 @@ def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict
 def read_display(content: object, path: Path) -> dict[str, Any]:
     """Check the display in a session file, and return its attributes.
 
-    Raises
-    ------
-    InputError
-        If one has another type, is out of bounds, or does not go together with another.
+    `InputError` is raised if one has another type, is out of bounds, or does not go together with
+    another.
     """
     taken: dict[str, Any] = understood(_DISPLAY, content, path, "display")
     return taken

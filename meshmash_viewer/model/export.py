@@ -49,38 +49,24 @@ def write_results(
 
 @dataclass(frozen=True, eq=False)
 class ExportJob:
-    """Compute features by the direct sum, or read eigenpairs, and write a file.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    operator : OperatorOptions
-        Operator of the eigenpairs in the store.
-    path : Path
-        Its ending determines the format.
-    family : Family
-        What is written, with its (resolved) parameters.
-    n_pairs : int
-        Number of leading eigenpairs to use.
-    target : Target, optional
-        The target that these were computed for.
-    repairs : tuple of str
-        Names of the repairs made on the mesh.
-    maps : bool
-        Whether the maps of the mesh are added as columns.
-    file_mesh : Mesh, optional
-        The mesh before its repairs, to write the results at all its vertices, NaN at removed
-        ones.
-    """
+    """Compute features by the direct sum, or read eigenpairs, and write a file."""
 
     mesh: Mesh
+    #: Operator of the eigenpairs in the store.
     operator: OperatorOptions
+    #: Its ending determines the format.
     path: Path
+    #: What is written, with its (resolved) parameters.
     family: Family
+    #: Number of leading eigenpairs to use.
     n_pairs: int
+    #: The target that these were computed for.
     target: Target | None = None
+    #: Names of the repairs made on the mesh.
     repairs: tuple[str, ...] = ()
+    #: Whether the maps of the mesh are added as columns.
     maps: bool = False
+    #: The mesh before its repairs, to write the results at all its vertices, NaN at removed ones.
     file_mesh: Mesh | None = None
 
     @property
@@ -90,13 +76,8 @@ class ExportJob:
     def run(self, channel: Channel) -> Written:
         """Write the file.
 
-        Raises
-        ------
-        InputError
-            If the eigenpairs are no longer in the store or damaged there, or the file cannot be
-            written.
-        Cancelled
-            If the user cancelled.
+        `InputError` is raised if the eigenpairs are no longer in the store or damaged there, or the
+        file cannot be written; `Cancelled` if the user cancelled.
         """
         from meshmash_viewer.io.provenance import export_options
 

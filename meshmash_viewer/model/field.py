@@ -30,26 +30,17 @@ _LINES = 8
 
 @dataclass(frozen=True)
 class FieldRequest:
-    """One field of one spectrum; equal requests give equal fields.
+    """One field of one spectrum; equal requests give equal fields."""
 
-    Parameters
-    ----------
-    spectrum : Eigenpairs
-        Compared by identity.
-    unit : str
-        Length unit of the mesh.
-    family : Family
-        Resolved (`Family.resolved`), so that parameters without effect are not compared.
-    sample : ndarray of int64, optional
-        Vertices that limits are computed from; not compared.
-    places : ndarray of float64, shape (n, 3), optional
-        Coordinates of the mesh, which identify it in `same_mesh`; not compared.
-    """
-
+    #: Compared by identity.
     spectrum: Eigenpairs
+    #: Length unit of the mesh.
     unit: str
+    #: Resolved (`Family.resolved`), so that parameters without effect are not compared.
     family: Family
+    #: Vertices that limits are computed from; not compared.
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
+    #: Shape (n, 3): Coordinates of the mesh, which identify it in `same_mesh`; not compared.
     places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -69,23 +60,15 @@ class FieldRequest:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Values at every vertex, with their description.
+    """Values at every vertex, with their description."""
 
-    Parameters
-    ----------
-    values : ndarray of float32, shape (n,)
-        In `unit`; NaN where a vertex is on no face.
-    request : FieldRequest
-        The request that the values answer.
-    draft : bool
-        Whether more accurate values for the same request will follow.
-    first_unit : str or None
-        Length unit of the first mesh, where values are scaled to its area (`at_size`).
-    """
-
+    #: Shape (n,): In `unit`; NaN where a vertex is on no face.
     values: npt.NDArray[np.float32] = field(repr=False)
+    #: The request that the values answer.
     request: FieldRequest = field(repr=False)
+    #: Whether more accurate values for the same request will follow.
     draft: bool = False
+    #: Length unit of the first mesh, where values are scaled to its area (`at_size`).
     first_unit: str | None = None
     _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
 
@@ -232,10 +215,8 @@ class LiveFeatures:
     def prepare(self, asked: FieldRequest, cancel: CancelCallback | None = None) -> None:
         """Build the table for fields like this one, unless it exists.
 
-        Raises
-        ------
-        Cancelled
-            If `cancel` returned True; the table is then unchanged or missing, never incomplete.
+        `Cancelled` is raised if `cancel` returned True; the table is then unchanged or missing,
+        never incomplete.
         """
         family, spectrum = asked.family, asked.spectrum
         tables = self._tables  # of this mesh; `forget` replaces the dictionary

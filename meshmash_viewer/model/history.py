@@ -21,32 +21,21 @@ _ONE_GESTURE = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One change: its label, and the values that undoing it (or redoing it) restores.
+    """One change: its label, and the values that undoing it (or redoing it) restores."""
 
-    Parameters
-    ----------
-    label : str
-        Completes "Undo …".
-    state : mapping of str to object
-        Values of the parts that it changed: those before it, or once it is undone those after.
-    when : float
-        Time of the change, from `time.monotonic`.
-    """
-
+    #: Completes "Undo …".
     label: str
+    #: Values of the parts that it changed: those before it, or once it is undone those after.
     state: Mapping[str, Any]
+    #: Time of the change, from `time.monotonic`.
     when: float = 0.0
 
 
 class History:
     """The changes that can be undone and redone, in one order.
 
-    Parameters
-    ----------
-    read : callable
-        Returns the current value of a part of the state, by its name. Values are immutable.
-    restore : callable
-        Sets parts of the state to the given values.
+    `read` returns the current value of a part of the state by its name, an immutable one; `restore`
+    sets parts of the state to given values.
     """
 
     changed = Signal()

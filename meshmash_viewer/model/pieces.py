@@ -93,33 +93,16 @@ def write_in_pieces(
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> dict[str, Any]:
-    """Compute features on overlapping pieces, and write them as of the whole.
+    """Compute features on overlapping pieces, write them as of the whole, and return a report.
 
-    Parameters
-    ----------
-    family : Family
-        With all that would otherwise be taken from the spectrum of the whole.
-    count : int
-        Approximate number of pieces.
-    target : Target
-        How far up its spectrum the whole is asked for; the pieces go as far.
-    file_mesh : Mesh, optional
-        The mesh before the repairs, to write the results at all its vertices.
-    drop_first : bool
-        Whether to leave out the first pair of the whole, which is constant on a component.
-    done : callable, optional
-        See `MeshStitcher.apply`.
+    The family has all that would otherwise be taken from the spectrum of the whole; there are about
+    `count` pieces, solved as far up as the `target` of the whole. With `file_mesh`, the mesh before
+    the repairs, results are written at all its vertices. `drop_first` leaves out the first pair of
+    the whole, which is constant on a component; `done` is that of `MeshStitcher.apply`.
 
-    Returns
-    -------
-    dict
-        JSON-able report, with the differences at the seams relative to the values there, and the
-        columns that differ by more than 1 % in the median.
-
-    Raises
-    ------
-    InputError
-        If the columns depend on the spectrum of the whole, or there are too many pieces.
+    The report, for JSON, has the differences at the seams relative to the values there, and the
+    columns that differ by more than 1 % in the median. `InputError` is raised if the columns depend
+    on the spectrum of the whole, or there are too many pieces.
     """
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.io.provenance import export_options

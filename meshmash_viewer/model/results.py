@@ -15,63 +15,42 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 @dataclass(frozen=True, eq=False)
 class MeshReady:
-    """A mesh with everything that the window needs to draw it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    health : Health
-    normals : ndarray of float32, shape (n, 3)
-    path : Path, optional
-        The file of the mesh.
-    repairs : tuple of str
-        Names of the repairs made since it was read, oldest first.
-    known : Eigenpairs, optional
-        Eigenpairs found in the store.
-    remark : str
-        A sentence for the message bar, or "".
-    derived : bool
-        Whether it was made from the mesh shown before, by a repair or another voxel size.
-    before : tuple of Mesh
-        The mesh before each repair that was made while the file was read.
-    source : str
-        Hash of the numbers in its file; repairs are repeated at opening only for the same hash.
-    unasked : bool
-        Whether its repairs were repeated because they had been made last time.
-    asked_unit : str
-        The unit that was given for the file; "" for the one that the file states.
-    sample : ndarray of int64, optional
-        `Mesh.area_sample`, for colour limits.
-    """
+    """A mesh with everything that the window needs to draw it."""
 
     mesh: Mesh
     health: Health
+    #: Shape (n, 3).
     normals: npt.NDArray[np.float32]
+    #: The file of the mesh.
     path: Path | None = None
+    #: Names of the repairs made since it was read, oldest first.
     repairs: tuple[str, ...] = ()
+    #: Eigenpairs found in the store.
     known: Eigenpairs | None = None
+    #: A sentence for the message bar, or "".
     remark: str = ""
+    #: Whether it was made from the mesh shown before, by a repair or another voxel size.
     derived: bool = False
+    #: `Mesh.area_sample`, for colour limits.
     sample: npt.NDArray[np.int64] | None = None
+    #: The mesh before each repair that was made while the file was read.
     before: tuple[Mesh, ...] = ()
+    #: Hash of the numbers in its file; repairs are repeated at opening only for the same hash.
     source: str = ""
+    #: Whether its repairs were repeated because they had been made last time.
     unasked: bool = False
+    #: The unit that was given for the file; "" for the one that the file states.
     asked_unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class MapGrew:
-    """Values at more vertices of a map that is being computed.
-
-    Parameters
-    ----------
-    name : str
-    vertices : ndarray of int64, shape (m,)
-    values : ndarray of float64, shape (m,)
-    """
+    """Values at more vertices of a map that is being computed."""
 
     name: str
+    #: Shape (m,).
     vertices: npt.NDArray[np.int64]
+    #: Shape (m,).
     values: npt.NDArray[np.float64]
 
 

@@ -66,11 +66,8 @@ class _Order:
 class Worker:
     """Runs one job at a time in a child process that is kept running.
 
-    Parameters
-    ----------
-    receive : callable
-        A `Receiver`, called in the worker's thread, which reads and writes arrays, so that no
-        method blocks.
+    `receive` is called in the worker's thread, which reads and writes arrays, so that no method
+    blocks.
     """
 
     #: Whether jobs run in the worker's thread instead of a process, as tests of windows need.
@@ -104,10 +101,7 @@ class Worker:
     def submit(self, job: Job) -> None:
         """Start a job.
 
-        Raises
-        ------
-        RuntimeError
-            If a job runs already, or the worker is closed.
+        `RuntimeError` is raised if a job runs already, or the worker is closed.
         """
         if self.busy or self._closing:
             raise RuntimeError("the worker is busy or closed")

@@ -23,15 +23,10 @@ _BLOCK = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """A block-diagonal orthogonal matrix.
+    """A block-diagonal orthogonal matrix."""
 
-    Parameters
-    ----------
-    blocks : tuple of (int, ndarray)
-        First row of each block and its orthogonal matrix, of shape (1, 1) for a sign; rows in no
-        block are unchanged.
-    """
-
+    #: First row of each block and its orthogonal matrix, of shape (1, 1) for a sign; rows in no
+    #: block are unchanged.
     blocks: tuple[tuple[int, npt.NDArray[np.float64]], ...] = ()
 
     def block_of(self, index: int) -> tuple[int, npt.NDArray[np.float64]] | None:
@@ -60,17 +55,9 @@ def align(
 
     The nearest orthogonal matrix (Procrustes) of each multiplet, among the first min(s, k) rows.
 
-    Parameters
-    ----------
-    shown : ndarray, shape (s, n)
-        Approximate rows, NaN where unreferenced.
-    rows, eigenvalues : ndarray, shapes (>= k, n) and (k,)
-        The exact pairs.
-    mass : ndarray of float64, shape (n,)
-        Vertex areas.
-    before : Alignment, optional
-        Result for fewer exact rows; its blocks are kept except the last one, whose multiplet may
-        have grown.
+    `shown` are approximate rows, shape (s, n), NaN where unreferenced; `rows`, shape (>= k, n), and
+    `eigenvalues` are the exact pairs; `mass` are the vertex areas. Of `before`, the result for
+    fewer exact rows, blocks are kept except the last one, whose multiplet may have grown.
     """
     blocks = list(before.blocks[:-1]) if before is not None else []
     known = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
@@ -88,16 +75,9 @@ def align_multiplets(
 ) -> Alignment:
     """Find rotations within multiplets that bring rows closest to those of a corresponding mesh.
 
-    Each multiplet is rotated towards the rows of the other mesh that lie in its span, at any
-    index; rows outside of multiplets are unchanged.
-
-    Parameters
-    ----------
-    shown : ndarray, shape (s, n)
-        Rows of the other mesh, which has the same vertices.
-    rows, eigenvalues : ndarray, shapes (>= k, n) and (k,)
-    mass : ndarray of float64, shape (n,)
-        Vertex areas.
+    Each multiplet of the `rows`, shape (>= k, n), is rotated towards those of `shown`, shape (s,
+    n), that lie in its span, at any index; rows outside of multiplets are unchanged. Both meshes
+    have the same vertices, `mass` are their areas.
     """
     blocks = []
     for start, stop in _multiplets(eigenvalues, 0, len(eigenvalues)):

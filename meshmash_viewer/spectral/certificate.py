@@ -17,42 +17,28 @@ _TOLERANCES = {"float64": (1e-6, 1e-8), "float32": (1e-3, 1e-4)}
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Counts and errors of eigenpairs, with the verdict that follows from them.
+    """Counts and errors of eigenpairs, with the verdict that follows from them."""
 
-    Parameters
-    ----------
-    method : {"inertia", "dense", "null space", "none"}
-        How the number of eigenvalues was found, independently of the iteration.
-    counted : int
-        Number of eigenvalues of the matrix up to `bound` (from `low`).
-    found : int
-        Number of these that were found; the pairs of a decomposition are the lowest of them, or
-        those nearest a shift.
-    bound : float, optional
-        Upper end of the counted interval; None if it is unbounded.
-    low : float, optional
-        Lower end of the counted interval, for pairs around a shift; None for the lowest pairs.
-    residual : float
-        The worst ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for zeros, relative to 4π / area.
-    residual_index : int
-        Index of the pair with that residual.
-    orthonormality : float
-        Largest entry of ``|ΦᵀMΦ - I|``.
-    precision : {"float64", "float32"}
-        Of the eigenvectors; it sets the tolerances of `residual` and `orthonormality`.
-    remark : str
-        Further information, such as that the threshold is an eigenvalue; without a full stop.
-    """
-
+    #: How the number of eigenvalues was found, independently of the iteration.
     method: Method
+    #: Number of eigenvalues of the matrix up to `bound` (from `low`).
     counted: int = 0
+    #: Number of these that were found; the pairs of a decomposition are the lowest of them, or
+    #: those nearest a shift.
     found: int = 0
+    #: Upper end of the counted interval; None if it is unbounded.
     bound: float | None = None
+    #: Lower end of the counted interval, for pairs around a shift; None for the lowest pairs.
     low: float | None = None
+    #: The worst ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for zeros, relative to 4π / area.
     residual: float = 0.0
+    #: Index of the pair with that residual.
     residual_index: int = 0
+    #: Largest entry of ``|ΦᵀMΦ - I|``.
     orthonormality: float = 0.0
+    #: Of the eigenvectors; it sets the tolerances of `residual` and `orthonormality`.
     precision: Literal["float64", "float32"] = "float64"
+    #: Further information, such as that the threshold is an eigenvalue; without a full stop.
     remark: str = ""
 
     @property
@@ -97,20 +83,10 @@ class Certificate:
         return f"{found} counted below {format_quantity(self.bound, unit, -2)}"
 
     def sentence(self, n_pairs: int, unit: str = "") -> str:
-        """Describe in one line the number of pairs, their count and their errors.
+        """Describe in one line the number of pairs, their count and errors; lengths are in `unit`.
 
-        Parameters
-        ----------
-        n_pairs : int
-            Number of pairs.
-        unit : str
-            Length unit of the mesh; "" where it has none.
-
-        Returns
-        -------
-        str
-            "200 pairs · complete (201 eigenvalues counted below 1.135e-05 nm⁻²) · worst residual
-            3e-10 · orthonormality 3e-13".
+        "200 pairs · complete (201 eigenvalues counted below 1.135e-05 nm⁻²) · worst residual 3e-10
+        · orthonormality 3e-13".
         """
         state = "complete" if self.complete else f"not proven complete: {', '.join(self.lacks)}"
         how = f" ({self.count_sentence(unit)})" if self.method != "none" else ""

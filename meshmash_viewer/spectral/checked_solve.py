@@ -50,10 +50,7 @@ def solve_and_warn(
     prints the certificate in the mesh's `unit` at the end; `name` is the mesh's in a
     warning, and `stacklevel` that of the warning; `progress` receives every report.
 
-    Warns
-    -----
-    UnprovenWarning
-        If the certificate is not complete.
+    `UnprovenWarning` is issued if the certificate is not complete.
     """
     from tqdm import tqdm
 

@@ -30,16 +30,8 @@ def estimate_memory(
 ) -> int:
     """Predict the bytes that a run allocates, its rows included, the given matrices not.
 
-    Parameters
-    ----------
-    n, nnz, k : int
-        Numbers of vertices, of stored entries of L, and of pairs.
-    n_jobs : int, optional
-        Number of slices computed in parallel; None for one on each core.
-    n_null : int
-        Number of connected components, whose constants are known.
-    dtype : dtype
-        float64 or float32, of the rows.
+    There are n vertices, nnz stored entries of L, k pairs and `n_null` components; `n_jobs` slices
+    are computed in parallel, by default one on each core. `dtype` is that of the rows.
     """
     from joblib import cpu_count
 

@@ -78,21 +78,15 @@ class Decomposition(Eigenpairs):
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Consecutive pairs, final when they are yielded.
+    """Consecutive pairs, final when they are yielded."""
 
-    Parameters
-    ----------
-    start : int
-        Index of the first pair; batches come in ascending order without gaps.
-    eigenvalues : ndarray of float64, shape (b,)
-    rows : ndarray, shape (b, n)
-        View into the array that all rows are written into.
-    residuals : ndarray of float64, shape (b,)
-    """
-
+    #: Index of the first pair; batches come in ascending order without gaps.
     start: int
+    #: Shape (b,).
     eigenvalues: npt.NDArray[np.float64]
+    #: Shape (b, n): View into the array that all rows are written into.
     rows: Rows
+    #: Shape (b,).
     residuals: npt.NDArray[np.float64]
 
     @property

@@ -98,22 +98,15 @@ def required_eigenvalue(time: float) -> float:
 class Target:
     """The requested part of the spectrum.
 
-    Parameters
-    ----------
-    kind : "count", "max_eigenvalue", "wavelength" or "time"
-        What `value` is: a number of eigenpairs, the largest eigenvalue to include (per squared
-        unit), the shortest wavelength to include (unit), or the shortest time at which the heat
-        kernel signature is to be resolved within `TOLERANCE` (squared unit).
-    value : float
-        Positive; a whole number for a count.
-
-    Raises
-    ------
-    InputError
-        If the value is not positive or its square overflows, or a count is not a whole number.
+    `InputError` is raised if the value is not positive or its square overflows, or a count is not a
+    whole number.
     """
 
+    #: What `value` is: a number of eigenpairs, the largest eigenvalue to include (per squared
+    #: unit), the shortest wavelength to include (unit), or the shortest time at which the heat
+    #: kernel signature is to be resolved within `TOLERANCE` (squared unit).
     kind: Literal["count", "max_eigenvalue", "wavelength", "time"] = "count"
+    #: Positive; a whole number for a count.
     value: float = 100
 
     def __post_init__(self) -> None:
@@ -159,22 +152,15 @@ class Translation:
     Within the known eigenvalues the result is exact. Beyond them Weyl's law is continued from the
     last known one, which removes its error so far (a factor of ten along thin branches), up to as
     many pairs as the mesh has vertices.
-
-    Parameters
-    ----------
-    area : float
-        Of the surface, positive, in squared length units.
-    eigenvalues : ndarray of float64, shape (k,)
-        Known eigenvalues, ascending and complete from the first; may be empty.
-    n_vertices : float
-        Number of vertices, which is the total number of pairs.
-    known_to : float
-        Eigenvalue up to which no further one exists; at least the last known one.
     """
 
+    #: Of the surface, positive, in squared length units.
     area: float
+    #: Shape (k,): Known eigenvalues, ascending and complete from the first; may be empty.
     eigenvalues: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    #: Number of vertices, which is the total number of pairs.
     n_vertices: float = math.inf
+    #: Eigenvalue up to which no further one exists; at least the last known one.
     known_to: float = 0.0
 
     def eigenvalue(self, target: Target) -> tuple[float, bool]:

@@ -38,11 +38,8 @@ _SMALLEST_CORE = 0.25
 class Piece(tuple[FloatArray, IntArray]):
     """``(vertices, faces)`` of a piece, with `faces` as indices into its vertices.
 
-    Attributes
-    ----------
-    first : ndarray of float64, shape (n_i,)
-        Square of the first eigenvector of the whole mesh at the vertices of the piece: one over
-        the area of the first component there, and 0 on all others.
+    `first`, shape (n_i,), is the square of the first eigenvector of the whole mesh at these
+    vertices: one over the area of the first component there, and 0 on all others.
     """
 
     first: FloatArray
@@ -90,23 +87,11 @@ def overlapping_pieces(
 ) -> list[IntArray]:
     """Cut a graph from `edge_graph` into overlapping pieces of at most `max_size` vertices.
 
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n,)
-        Connected component of each vertex, -1 for those in no piece.
-    width : float
-        Width of the overlap, in the unit of the graph. It is reduced where the piece would be too
-        large, but always contains all neighbours of the core.
-
-    Returns
-    -------
-    list of ndarray of int
-        Sorted vertices of each piece. Components that fit are not cut; small ones share a piece.
-
-    Raises
-    ------
-    InputError
-        If a vertex has too many neighbours for `max_size`.
+    `labels` are the connected components of vertices, -1 for those in no piece. `width` of the
+    overlap, in the unit of the graph, is reduced where the piece would be too large, but always
+    contains all neighbours of the core. The sorted vertices of each piece are returned. Components
+    that fit are not cut; small ones share a piece. `InputError` is raised if a vertex has too many
+    neighbours.
     """
     degrees = np.diff(graph.indptr)
     if degrees.max(initial=0) + 1 > max_size:
@@ -157,14 +142,9 @@ def owned_pieces(
 ) -> tuple[tuple[IntArray, ...], list[IntArray], IntArray]:
     """Assign each vertex to the piece in which it is farthest from the cut.
 
-    Returns
-    -------
-    pieces : tuple of ndarray of int
-        Vertices of each piece to which a vertex is assigned, without those of no face.
-    faces : list of ndarray of int, each of shape (m_i, 3)
-        Indices within the piece.
-    owners : ndarray of int, shape (n,)
-        Piece of each vertex, -1 for none.
+    Returned are the vertices of each piece to which a vertex is assigned, without those of no face;
+    its faces, shape (m_i, 3), as indices within the piece; and the piece of each vertex, -1 for
+    none.
     """
     piece_of = np.full(mesh.n_vertices, -1)
     deepest = np.full(mesh.n_vertices, -1.0)

@@ -13,39 +13,26 @@ from meshmash_viewer.mesh import Mesh
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """All edges of some faces.
+    """All edges of some faces."""
 
-    Parameters
-    ----------
-    keys : ndarray of int64, shape (e,)
-        ``low * n + high`` of the two vertices of each, ascending.
-    counts : ndarray of int64, shape (e,)
-        Number of faces of each.
-    one_way : ndarray of bool, shape (e,)
-        Whether an edge has two faces that traverse it in the same direction, so that one of them is
-        reversed.
-    """
-
+    #: Shape (e,): ``low * n + high`` of the two vertices of each, ascending.
     keys: IntArray
+    #: Shape (e,): Number of faces of each.
     counts: IntArray
+    #: Shape (e,): Whether an edge has two faces that traverse it in the same direction, so that one
+    #: of them is reversed.
     one_way: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Winding:
-    """Agreement of the faces of a mesh on which side is outside.
+    """Agreement of the faces of a mesh on which side is outside."""
 
-    Parameters
-    ----------
-    disagreeing_edges : int
-        Number of edges of two faces that traverse it in the same direction; duplicate faces are
-        ignored.
-    reversed_faces : ndarray of bool, shape (m,)
-        The faces to reverse so that neighbours agree and closed parts face outwards. In an open
-        part these are the ones with the smaller area, in a one-sided part none.
-    """
-
+    #: Number of edges of two faces that traverse it in the same direction; duplicate faces are
+    #: ignored.
     disagreeing_edges: int
+    #: Shape (m,): The faces to reverse so that neighbours agree and closed parts face outwards. In
+    #: an open part these are the ones with the smaller area, in a one-sided part none.
     reversed_faces: npt.NDArray[np.bool_]
 
 

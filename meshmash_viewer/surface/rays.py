@@ -71,12 +71,7 @@ class RayTarget:
     def seen_vertex(self, through: FloatArray, towards_eye: FloatArray) -> int:
         """Return the nearest corner of the first face on a line of sight, -1 if there is none.
 
-        Parameters
-        ----------
-        through : ndarray, shape (3,)
-            Any point of the line.
-        towards_eye : ndarray, shape (3,)
-            Unit vector opposite to the direction of sight.
+        The line goes through a point; `towards_eye` is the unit vector opposite to its direction.
         """
         reach = (float(np.linalg.norm(through)) + self._size) * towards_eye
         hit = self.first_hit(through + reach, through - reach)

@@ -29,10 +29,7 @@ class Wire:
     def send(self, message: object) -> None:
         """Send a picklable object, from any thread.
 
-        Raises
-        ------
-        BrokenPipeError
-            If the other end is gone.
+        `BrokenPipeError` is raised if the other end is gone.
         """
         arrays: list[memoryview] = []
         pickled = pickle.dumps(
@@ -48,10 +45,7 @@ class Wire:
     def receive(self) -> Any:
         """Wait for the next object, in one thread only.
 
-        Raises
-        ------
-        EOFError, BrokenPipeError
-            If the other end is gone.
+        `EOFError` or `BrokenPipeError` is raised if the other end is gone.
         """
         sizes = json.loads(bytes(self._read(int.from_bytes(self._read(8), "little"))))
         pickled, *arrays = [self._read(size) for size in sizes]

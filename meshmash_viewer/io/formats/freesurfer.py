@@ -84,10 +84,7 @@ def mgh_maps(path: Path) -> RawMesh:
 def read_freesurfer(path: Path) -> RawMesh:
     """Read a FreeSurfer surface (triangle or quadrangle file).
 
-    Raises
-    ------
-    InputError
-        If the file does not begin like one, or ends before what it promises.
+    `InputError` is raised if the file does not begin like one, or ends before what it promises.
     """
     from nibabel.freesurfer.io import read_geometry
 
@@ -144,10 +141,8 @@ def freesurfer_annotation(path: Path) -> RawMesh:
     vertex, gives annotations without a label that of another one, and cannot place the names of a
     table with gaps, such as FreeSurfer's own of 1,266 labels with numbers up to 14,175.
 
-    Raises
-    ------
-    InputError
-        If the file has no table of names and colours, is cut short, or has a vertex twice.
+    `InputError` is raised if the file has no table of names and colours, is cut short, or has a
+    vertex twice.
     """
     content, place = path.read_bytes(), 0
 

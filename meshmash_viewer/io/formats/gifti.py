@@ -18,10 +18,7 @@ from meshmash_viewer.vertex_map import Label
 def read_gifti(path: Path) -> RawMesh:
     """Read the point set and triangles of a GIFTI surface.
 
-    Raises
-    ------
-    InputError
-        If one of the two is absent, or an array is not what its attributes say.
+    `InputError` is raised if one of the two is absent, or an array is not what its attributes say.
     """
     image = _gifti(path)
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")

@@ -33,10 +33,8 @@ def read_gltf(path: Path) -> RawMesh:
     The format repeats a vertex wherever its normal, texture coordinate or material changes;
     vertices of one mesh at the same place are therefore joined, before it is placed.
 
-    Raises
-    ------
-    InputError
-        If the file is no glTF, requires what is not understood, or shows no triangle.
+    `InputError` is raised if the file is no glTF, requires what is not understood, or shows no
+    triangle.
     """
     return _Scene(GltfFile(path)).mesh()
 

@@ -44,15 +44,8 @@ _JSON, _BIN = b"JSON", b"BIN\0"
 class GltfFile:
     """What a ``.gltf`` or ``.glb`` file holds.
 
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    InputError
-        If it is no glTF 2.0, requires an extension that is not understood, or names a file that
-        does not exist.
+    `InputError` is raised if it is no glTF 2.0, requires an extension that is not understood, or
+    names a file that does not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -86,10 +79,7 @@ class GltfFile:
     def entry(self, kind: str, index: object) -> Entry:
         """An object of one of the lists of the description.
 
-        Raises
-        ------
-        InputError
-            If there is none of this index.
+        `InputError` is raised if there is none of this index.
         """
         entries = self.description.get(kind) or []
         if not isinstance(index, int) or not 0 <= index < len(entries):
@@ -103,10 +93,7 @@ class GltfFile:
     def array(self, accessor: object) -> npt.NDArray[Any]:
         """Values of an array, shape (count, width); integers in units of their range are float64.
 
-        Raises
-        ------
-        InputError
-            If it is not an array, or is not within its buffer.
+        `InputError` is raised if it is not an array, or is not within its buffer.
         """
         entry = self.entry("accessors", accessor)
         dtype, count = _dtype(entry), _whole(entry, "count")
@@ -126,10 +113,8 @@ class GltfFile:
     def view(self, index: object) -> memoryview:
         """The bytes of a part of a buffer.
 
-        Raises
-        ------
-        InputError
-            If the buffer is shorter, or the part is packed in a way that is not understood.
+        `InputError` is raised if the buffer is shorter, or the part is packed in a way that is not
+        understood.
         """
         entry = self.entry("bufferViews", index)
         start, length = _whole(entry, "byteOffset", 0), _whole(entry, "byteLength")

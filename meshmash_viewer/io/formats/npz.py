@@ -36,10 +36,7 @@ def read_npz(path: Path) -> RawMesh:
     names in ``columns``, which our own exports have. The unit is taken from the JSON text ``meta``,
     where our own exports state it.
 
-    Raises
-    ------
-    InputError
-        If the file is no NPZ archive, or the arrays are absent or misshapen.
+    `InputError` is raised if the file is no NPZ archive, or the arrays are absent or misshapen.
     """
     with _mesh_archive(path) as archive:
         vertices, faces = (_array(archive, name) for name in ("vertices", "faces"))

@@ -28,11 +28,8 @@ def read_obj(path: Path) -> RawMesh:
     and groups become one mesh. Coordinates after the third of a vertex (weight or colour) are
     ignored.
 
-    Raises
-    ------
-    InputError
-        If a vertex or face is not as it should be, or names a vertex that does not exist; the
-        message names the line.
+    `InputError` is raised if a vertex or face is not as it should be, or names a vertex that does
+    not exist; the message names the line.
     """
     # a line that ends with a backslash continues in the next
     lines = Lines(_NOT_READ.sub(b"", read_text(path).replace(b"\\\n", b" \v")))

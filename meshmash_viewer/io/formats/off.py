@@ -21,11 +21,8 @@ _AXES = tuple("xyz")
 def read_off(path: Path) -> RawMesh:
     """Read the vertices and polygons of a text OFF file.
 
-    Raises
-    ------
-    InputError
-        If the header is missing or that of another kind, or the file has less or more than its
-        counts promise.
+    `InputError` is raised if the header is missing or that of another kind, or the file has less or
+    more than its counts promise.
     """
     data = read_text(path)
     if b"#" in data:

@@ -43,10 +43,8 @@ def read_ply(path: Path) -> RawMesh:
 
     The unit is taken from the comment in which our own exports state it.
 
-    Raises
-    ------
-    InputError
-        If the header is not one of PLY, or the file ends before what the header promises.
+    `InputError` is raised if the header is not one of PLY, or the file ends before what the header
+    promises.
     """
     data = unmarked(path.read_bytes())
     is_text, elements, start = _parse_header(data)

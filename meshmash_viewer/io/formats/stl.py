@@ -33,10 +33,8 @@ def read_stl(path: Path) -> RawMesh:
 
     Triangles that collapse to a line or a point by joining are dropped.
 
-    Raises
-    ------
-    InputError
-        If the file is neither kind of STL, was cut short, or has no triangle left.
+    `InputError` is raised if the file is neither kind of STL, was cut short, or has no triangle
+    left.
     """
     data = path.read_bytes()
     text = None if _is_whole(data, _HEADER_BYTES) else _as_text(data)

@@ -46,10 +46,7 @@ _TABLE = re.compile(rb"\nLOOKUP_TABLE[ \t]+(\S+)[ \t]+(\d+)[ \t]*\r?\n")
 def read_vtp(path: Path) -> RawMesh:
     """Read the polygons and triangle strips of a VTK XML PolyData file.
 
-    Raises
-    ------
-    InputError
-        If VTK cannot read the file.
+    `InputError` is raised if VTK cannot read the file.
     """
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
@@ -65,10 +62,7 @@ def read_vtp(path: Path) -> RawMesh:
 def read_legacy_vtk(path: Path) -> RawMesh:
     """Read a legacy VTK file: PolyData, or the surface of an unstructured grid.
 
-    Raises
-    ------
-    InputError
-        If VTK cannot read the file, or it holds another kind of data.
+    `InputError` is raised if VTK cannot read the file, or it holds another kind of data.
     """
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader

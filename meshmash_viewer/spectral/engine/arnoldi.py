@@ -22,27 +22,18 @@ _EXTRA = 6
 
 @dataclass(frozen=True, eq=False)
 class PairsAround:
-    """The pairs nearest a shift found by a Krylov basis, which may have missed some.
+    """The pairs nearest a shift found by a Krylov basis, which may have missed some."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (p,)
-        Ascending.
-    rows : ndarray, shape (p, n)
-        Orthonormal.
-    low, high : float
-        Interval around the shift, with wide gaps at its ends.
-    count : int
-        Number of pairs found inside it, a few more than those above.
-    first : int
-        Number of these below the first of those above.
-    """
-
+    #: Shape (p,): Ascending.
     values: FloatArray
+    #: Shape (p, n): Orthonormal.
     rows: FloatArray
+    #: Interval around the shift, with wide gaps at its ends.
     low: float
     high: float
+    #: Number of pairs found inside it, a few more than those above.
     count: int
+    #: Number of these below the first of those above.
     first: int
 
 

@@ -38,14 +38,8 @@ _MIXTURES = 4
 class RitzPairs:
     """Ritz pairs of the inverse from a basis of some size.
 
-    Attributes
-    ----------
-    mu : ndarray, shape (m,)
-        Ritz values of the inverse, ascending.
-    weights : ndarray, shape (m, m)
-        Their coordinates in columns.
-    errors : ndarray, shape (m,)
-        Norms of their residuals.
+    `mu`, shape (m,), are the Ritz values of the inverse, ascending, `weights` their coordinates in
+    columns, and `errors` the norms of their residuals.
     """
 
     def __init__(self, projection: FloatArray, coupling: FloatArray) -> None:
@@ -71,21 +65,9 @@ def _relative(shared: FloatArray, gram: FloatArray) -> float:
 class KrylovBasis:
     """A block Krylov basis, extended block by block from a random start.
 
-    Parameters
-    ----------
-    ordered : OrderedPencil
-    factor : Factor
-        Of the shifted matrix.
-    found : ndarray, shape (f, n)
-        Orthonormal rows to stay orthogonal to.
-    capacity : int
-        Maximum number of rows.
-    seed : sequence of int
-    stop : ndarray of uint8, shape (1,)
-    careful : bool
-        Orthogonalise every block against the whole basis.
-    left_out : ndarray of bool, shape (n,), optional
-        Vertices of whole components on which all rows are zero.
+    `found`, shape (f, n), are orthonormal rows to stay orthogonal to, and `capacity` is the maximum
+    number of rows. If `careful`, every block is orthogonalised against the whole basis. All rows
+    are zero on `left_out`, a mask of vertices of whole components.
     """
 
     def __init__(
@@ -238,11 +220,8 @@ class KrylovBasis:
     def vectors(self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]) -> FloatArray:
         """Compute vectors of the chosen pairs, after one more implicit application of the inverse.
 
-        Returns
-        -------
-        ndarray, shape (p, n)
-            Nearly orthonormal. They reuse the memory of the basis, which is invalid afterwards; the
-            rest of its memory is freed.
+        They are nearly orthonormal, shape (p, n), and reuse the memory of the basis, which is
+        invalid afterwards; the rest of its memory is freed.
         """
         size = self.size
         weights = np.empty((len(chosen), size + BLOCK))

@@ -23,10 +23,7 @@ _REMEDY = "install it into this environment with: python -m pip install numba"
 def check_compiler() -> None:
     """Check that numba is installed without importing it, which takes a third of a second.
 
-    Raises
-    ------
-    InputError
-        If it is not installed.
+    `InputError` is raised if it is not installed.
     """
     if find_spec("numba") is None:
         raise InputError(f"numba, which compiles the eigensolver, is missing; {_REMEDY}")
@@ -35,10 +32,7 @@ def check_compiler() -> None:
 def import_compiler() -> Any:
     """Import numba.
 
-    Raises
-    ------
-    InputError
-        If it is not installed, or incompatible with other installed packages.
+    `InputError` is raised if it is not installed, or incompatible with other installed packages.
     """
     check_compiler()
     try:

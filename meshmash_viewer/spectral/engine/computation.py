@@ -55,23 +55,8 @@ _BEYOND = 1.25
 class Computation:
     """The computation of a request, in one thread and those that it starts.
 
-    Parameters
-    ----------
-    pencil : Pencil
-    request : Request
-    pace : Pace
-    sizes : callable
-        Returns, for a number of pairs, the numbers in each slice.
-    report : callable
-        Takes functions that make a report; the thread that started the run calls them.
-
-    Attributes
-    ----------
-    output : Output
-        Results so far.
-    timings : dict of float
-    is_left : bool
-        Whether `leave` was called.
+    `output` holds the results so far. `sizes` returns, for a number of pairs, the numbers in each
+    slice. `report` takes functions that make a report; the thread that started the run calls them.
     """
 
     output: Output

@@ -16,25 +16,11 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class DenseSpectrum:
-    """All pairs of a small pencil.
+    """All pairs of a small pencil; `values`, shape (n,), begin with the zeros of the null space.
 
-    Components are solved one by one, since one may be a million times as stiff as another.
-
-    Parameters
-    ----------
-    pencil : Pencil
-    check : callable
-        Called before each component.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Ascending; first the zeros of the known null space.
-
-    Raises
-    ------
-    InputError
-        If an eigenvalue is negative by more than rounding.
+    Components are solved one by one, since one may be a million times as stiff as another. `check`
+    is called before each; `InputError` is raised if an eigenvalue is negative by more than
+    rounding.
     """
 
     def __init__(self, pencil: Pencil, check: Callable[[], None]) -> None:

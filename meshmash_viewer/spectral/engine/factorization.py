@@ -28,26 +28,17 @@ class FactorizationError(RuntimeError):
 
 @dataclass(eq=False)
 class OrderedPencil:
-    """A pencil in elimination order, with the symbolic structure of its factors.
+    """A pencil in elimination order, with the symbolic structure of its factors."""
 
-    Parameters
-    ----------
-    pencil : Pencil
-        Its vertices are in elimination order.
-    structure : Structure
-        Blocks of the factor.
-    kept : dict
-        Factors made for counting that will be reused, by shift.
-    steps : int
-        Number of blocks solved so far, a measure of progress.
-    repeated : RepeatedComponents, optional
-        Components solved separately.
-    """
-
+    #: Its vertices are in elimination order.
     pencil: Pencil
+    #: Blocks of the factor.
     structure: Any
+    #: Factors made for counting that will be reused, by shift.
     kept: dict[float, Factor] = field(default_factory=dict, repr=False)
+    #: Number of blocks solved so far, a measure of progress.
     steps: int = 0
+    #: Components solved separately.
     repeated: RepeatedComponents | None = None
 
     def solve_repeated(self, highest: float) -> None:
@@ -60,12 +51,8 @@ class OrderedPencil:
         At any shift a pivot may be nearly zero, though no eigenvalue is near. The shift is then
         moved to both sides by 1e-6 `nudge`, 1e-4 `nudge` and so on, up to `nudge`.
 
-        Raises
-        ------
-        FactorizationError
-            If no shift gave a stable factor.
-        Cancelled
-            If `stop` was set.
+        `FactorizationError` is raised if no shift gave a stable factor, and `Cancelled` if `stop`
+        was set.
         """
         kept = self.kept.pop(shift, None)
         if kept is not None:

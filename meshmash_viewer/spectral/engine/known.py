@@ -26,18 +26,7 @@ _INSIDE = 1.0 - 1e-6
 
 
 class KnownPairs:
-    """The lowest pairs from an earlier run.
-
-    Parameters
-    ----------
-    given : Eigenpairs
-    pencil : Pencil
-
-    Attributes
-    ----------
-    values : ndarray of float64, shape (m,)
-        Eigenvalues in the reduced problem.
-    """
+    """The lowest pairs from an earlier run; `values` are eigenvalues in the reduced problem."""
 
     def __init__(self, given: Eigenpairs, pencil: Pencil) -> None:
         self.given = given
@@ -109,24 +98,10 @@ class KnownPairs:
     def complement(
         self, start: int, stop: int, values: FloatArray, rows: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the pairs of a slice other than the known ones in it.
+        """Return the pairs of a slice other than the known ones in it, which have some indices.
 
-        Parameters
-        ----------
-        start, stop : int
-            Indices of the known pairs.
-        values, rows : ndarray, shape (m,) and (m, n)
-            All pairs of the slice, in the reduced problem.
-
-        Returns
-        -------
-        values, rows : ndarray, shape (m - p,) and (m - p, n)
-            Pairs of the orthogonal complement, ascending.
-
-        Raises
-        ------
-        ArithmeticError
-            If a known pair does not lie in the slice.
+        Of all m pairs of the slice, `rows` of shape (m, n), these are the orthogonal complement,
+        ascending. `ArithmeticError` is raised if a known pair does not lie in the slice.
         """
         inner = rows @ self.rows(start, stop).T
         left, sizes, _ = np.linalg.svd(inner, full_matrices=True)

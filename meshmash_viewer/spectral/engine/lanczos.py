@@ -41,33 +41,22 @@ _MOVE, _MOVES = 0.3, 5
 
 @dataclass(frozen=True)
 class Interval:
-    """An interval of the spectrum with the number of its eigenvalues.
+    """An interval of the spectrum with the number of its eigenvalues."""
 
-    Parameters
-    ----------
-    index : int
-        Number of the slice, lowest first.
-    low, high : float
-        Ends, in the unit of the reduced problem.
-    first : int
-        Number of eigenvalues below `low`, null space included.
-    n_expected : int
-        Number of eigenvalues inside, the null space not counted.
-    shift : float
-        Shift of the factorization, near the middle.
-    clearance : float
-        Smallest distance of an eigenvalue from `high` at which the count is reliable.
-    most : int, optional
-        Number of its lowest pairs to return; None: all.
-    """
-
+    #: Number of the slice, lowest first.
     index: int
+    #: Ends, in the unit of the reduced problem.
     low: float
     high: float
+    #: Number of eigenvalues below `low`, null space included.
     first: int
+    #: Number of eigenvalues inside, the null space not counted.
     n_expected: int
+    #: Shift of the factorization, near the middle.
     shift: float
+    #: Smallest distance of an eigenvalue from `high` at which the count is reliable.
     clearance: float = 0.0
+    #: Number of its lowest pairs to return; None: all.
     most: int | None = None
 
 
@@ -77,25 +66,16 @@ class UnclearBorder(ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class IntervalPairs:
-    """The pairs of an interval.
-
-    Parameters
-    ----------
-    interval : Interval
-    values : ndarray, shape (p,)
-        Rayleigh quotients, ascending up to rounding.
-    residuals : ndarray, shape (p,)
-        ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit.
-    rows : ndarray, shape (p, n)
-        Orthonormal, in elimination order.
-    orthonormality : float
-        Largest defect of the rows' inner products.
-    """
+    """The pairs of an interval."""
 
     interval: Interval
+    #: Shape (p,): Rayleigh quotients, ascending up to rounding.
     values: FloatArray
+    #: Shape (p,): ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit.
     residuals: FloatArray
+    #: Shape (p, n): Orthonormal, in elimination order.
     rows: FloatArray
+    #: Largest defect of the rows' inner products.
     orthonormality: float
 
 
@@ -113,20 +93,9 @@ def run_slices(
 ) -> Iterator[IntervalPairs]:
     """Find the pairs of intervals in parallel, and yield those of each in order.
 
-    Threads are used, since the kernels release the interpreter lock. Results do not depend on the
-    number of threads.
-
-    Parameters
-    ----------
-    ordered : OrderedPencil
-    intervals : iterable of Interval
-        May be computed lazily.
-    tolerance : float
-        Requested residual relative to the eigenvalue.
-    n_jobs : int
-        Number of slices computed in parallel.
-    stop : ndarray of uint8, shape (1,)
-        Set here when the iteration is left early; running kernels check it.
+    Threads are used, since the kernels release the interpreter lock. Results do not depend on their
+    number, `n_jobs`. `intervals` may be computed lazily; `tolerance` is the residual relative to
+    the eigenvalue; `stop` is set when the iteration is left early, and ends running kernels.
     """
     if n_jobs == 1:
         for interval in intervals:
@@ -154,21 +123,9 @@ def find_pairs(
 ) -> IntervalPairs:
     """Find the pairs of an interval, or the lowest `most` of them.
 
-    Parameters
-    ----------
-    ordered : OrderedPencil
-    interval : Interval
-    tolerance : float
-        Requested residual relative to the eigenvalue.
-    stop : ndarray of uint8, shape (1,)
-        Set by another thread to make this raise `Cancelled`.
-
-    Raises
-    ------
-    UnclearBorder
-        If the upper end lies on an eigenvalue.
-    ArithmeticError
-        If the iteration fails.
+    `tolerance` is the residual relative to the eigenvalue. `UnclearBorder` is raised if the upper
+    end lies on an eigenvalue, `ArithmeticError` if the iteration fails, `Cancelled` after another
+    thread has set `stop`.
     """
     low, high, clearance = interval.low, interval.high, interval.clearance
     repeated = ordered.repeated
@@ -203,14 +160,8 @@ def _search(
 ) -> tuple[FloatArray, FloatArray, float, Factor]:
     """Find the pairs of an interval with Krylov bases, restarted until all are found.
 
-    `left_out` are the vertices of whole components, whose pairs the interval does not count.
-
-    Returns
-    -------
-    values, rows : ndarray, shape (p,) and (p, n)
-    orthonormality : float
-    factor : Factor
-        The last one used.
+    `left_out` are the vertices of whole components, whose pairs the interval does not count. The
+    result are values, rows of shape (p, n), their orthonormality, and the last factor.
     """
     width = interval.high - interval.low
     factor = _factor(ordered, interval, stop)

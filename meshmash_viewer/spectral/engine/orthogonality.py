@@ -49,10 +49,7 @@ def subtract(
 def project_out(target: FloatArray, against: FloatArray) -> FloatArray:
     """Project orthonormal rows (m, n) out of the rows of `target` (b, n), in place.
 
-    Returns
-    -------
-    ndarray, shape (b, m)
-        Inner products before the projection.
+    The inner products before the projection are returned, shape (b, m).
     """
     overlap = np.asarray(target @ against.T)
     subtract(target, [(overlap, against)], [])
@@ -62,15 +59,8 @@ def project_out(target: FloatArray, against: FloatArray) -> FloatArray:
 def orthonormalise(rows: FloatArray) -> float:
     """Make nearly orthonormal rows (p, n) orthonormal, in place, by Cholesky's QR.
 
-    Returns
-    -------
-    float
-        Largest defect of the inner products of the result from the identity.
-
-    Raises
-    ------
-    ArithmeticError
-        If the rows are far from independent.
+    The largest remaining defect of the inner products is returned. `ArithmeticError` is raised if
+    the rows are far from independent.
     """
     for _ in range(3):
         gram = rows @ rows.T
@@ -85,10 +75,7 @@ def orthonormalise(rows: FloatArray) -> float:
 def independent_gram(rows: FloatArray) -> FloatArray:
     """Compute the Gram matrix of rows (p, n).
 
-    Raises
-    ------
-    ArithmeticError
-        If the rows are far from independent.
+    `ArithmeticError` is raised if the rows are far from independent.
     """
     gram: FloatArray = np.asarray(rows @ rows.T)
     _independent_factor(gram)

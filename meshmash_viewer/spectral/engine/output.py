@@ -38,14 +38,8 @@ _KEPT = 128
 class Output:
     """The arrays of a decomposition while they fill, lowest pair first.
 
-    Parameters
-    ----------
-    pencil : Pencil
-        In the vertex order of the rows to be written.
-    rows : ndarray, shape (k, n_all)
-        Array to write into; the first ones may be final already (see `keep`).
-    ceiling : float, optional
-        Threshold to which eigenvalues are limited, against rounding.
+    The pencil is in the vertex order of `rows`, shape (k, n_all), of which the first may be final
+    already (see `keep`). Eigenvalues are limited to `ceiling`, a threshold, against rounding.
     """
 
     def __init__(
@@ -105,15 +99,8 @@ class Output:
     ) -> slice:
         """Finish pairs of the reduced problem and write them after those already written.
 
-        Parameters
-        ----------
-        values : ndarray, shape (p,)
-        residuals : ndarray, shape (p,)
-            In the reduced unit, not relative.
-        rows : ndarray, shape (p, n)
-            Orthonormal; overwritten.
-        orthonormality : float, optional
-            Largest defect of their inner products, if it has been measured.
+        `residuals` are in the reduced unit, not relative; `rows`, shape (p, n), are orthonormal and
+        are overwritten; `orthonormality` is their largest defect, if it has been measured.
         """
         pencil = self.pencil
         count = min(len(values), self.total - self.written)
@@ -252,13 +239,8 @@ def _level(row: FloatArray) -> None:
 def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:
     """Flip the sign of a row in place so that its entry of largest magnitude is positive.
 
-    Among entries whose magnitudes agree to 1e-6 the first vertex decides, not rounding.
-
-    Parameters
-    ----------
-    row : ndarray, shape (n,)
-    places : ndarray of int, shape (n,)
-        Index in the mesh of each vertex.
+    Among entries whose magnitudes agree to 1e-6 the first vertex decides, not rounding; `places`
+    are the indices of the vertices in the mesh.
     """
     highest, lowest = float(row.max(initial=0.0)), float(row.min(initial=0.0))
     near = (1.0 - 1e-6) * max(highest, -lowest)

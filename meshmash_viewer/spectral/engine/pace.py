@@ -27,14 +27,8 @@ _MESSAGES = {
 class Pace:
     """Progress reports of a run, from its steps until the first pairs are final.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Receives the reports.
-    pairs : int
-        Estimated number of pairs.
-    sizes : callable
-        Returns, for a number of pairs, the numbers in each slice.
+    `pairs` is the estimated number of pairs; `sizes` returns, for a number of pairs, the numbers in
+    each slice.
     """
 
     def __init__(

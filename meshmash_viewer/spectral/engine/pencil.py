@@ -27,32 +27,21 @@ _ASYMMETRY = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Pencil:
-    """The reduced eigenproblem ``A y = θ y`` with ``λ = unit θ`` and ``φ = root_mass^-1 y``.
+    """The reduced eigenproblem ``A y = θ y`` with ``λ = unit θ`` and ``φ = root_mass^-1 y``."""
 
-    Parameters
-    ----------
-    matrix : scipy.sparse.csc_array, shape (n, n)
-        Symmetric positive semidefinite ``A``, sorted indices.
-    root_mass : ndarray, shape (n,)
-        Square roots of the masses of the active vertices.
-    unit : float
-        Eigenvalue that is 1 in the reduced problem; a power of two.
-    active : ndarray of int, shape (n,)
-        Indices of the active vertices among all.
-    n_all : int
-        Number of rows of L, vertices without mass included.
-    labels : ndarray of int, shape (n,)
-        Component of each active vertex if its constant is a null vector, else -1.
-    null_residuals : ndarray, shape (n_null,)
-        ``‖Lφ‖ / ‖Mφ‖`` of these constants, in the reduced unit.
-    """
-
+    #: Shape (n, n): Symmetric positive semidefinite ``A``, sorted indices.
     matrix: Any
+    #: Shape (n,): Square roots of the masses of the active vertices.
     root_mass: FloatArray
+    #: Eigenvalue that is 1 in the reduced problem; a power of two.
     unit: float
+    #: Shape (n,): Indices of the active vertices among all.
     active: npt.NDArray[np.int64]
+    #: Number of rows of L, vertices without mass included.
     n_all: int
+    #: Shape (n,): Component of each active vertex if its constant is a null vector, else -1.
     labels: npt.NDArray[np.int64]
+    #: Shape (n_null,): ``‖Lφ‖ / ‖Mφ‖`` of these constants, in the reduced unit.
     null_residuals: FloatArray
 
     @property
@@ -120,18 +109,8 @@ class Pencil:
 def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     """Reduce (L, M) to the symmetric problem on the vertices with mass.
 
-    Parameters
-    ----------
-    stiffness : sparse matrix or array, shape (n, n)
-        Symmetric positive semidefinite L.
-    mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
-        Diagonal M, or its diagonal.
-
-    Raises
-    ------
-    InputError
-        If the shapes differ, an entry is not finite, M is not diagonal or negative, L is not
-        symmetric, or a vertex without mass has entries in L.
+    M may be its diagonal. `InputError` is raised if the shapes differ, an entry is not finite, M is
+    not diagonal or negative, L is not symmetric, or a vertex without mass has entries in L.
     """
     laplacian: Any = _real_matrix(stiffness)
     n_all = laplacian.shape[0]

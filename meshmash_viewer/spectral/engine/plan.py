@@ -45,22 +45,9 @@ _MOVE = 1e-2
 class SpectrumPlan:
     """Counts of eigenvalues below chosen values, and slices between them.
 
-    Values are in the reduced problem, and counts include the null space.
-
-    Parameters
-    ----------
-    ordered : OrderedPencil
-    stop : ndarray of uint8, shape (1,)
-        Set by another thread to end a running factorization.
-    sizes : callable
-        Returns, for a number of pairs, the numbers in each slice.
-    n_jobs : int
-        Number of counts made in parallel, if several are needed.
-
-    Attributes
-    ----------
-    top : float
-        A value above the whole spectrum.
+    Values are in the reduced problem, and counts include the null space; `top` is above the whole
+    spectrum. `sizes` returns, for a number of pairs, the numbers in each slice; `n_jobs` is the
+    number of counts made in parallel, if several are needed.
     """
 
     def __init__(
@@ -97,25 +84,10 @@ class SpectrumPlan:
 
         Equal counts on both sides prove that no eigenvalue lies between them, even if a pivot
         vanishes there. If they differ, the value is close to an eigenvalue, and counts at
-        increasing distances find the next gap; the border is its middle.
-
-        Parameters
-        ----------
-        value : float
-        outward : {1.0, -1.0}
-            Side of the value on which the border may lie.
-        wide : bool
-            Whether to return the middle of the gap in any case, as an eigenvalue is near.
-
-        Returns
-        -------
-        float
-            The value itself if no eigenvalue is near.
-
-        Raises
-        ------
-        FactorizationError
-            If there is no gap within an eighth of the value.
+        increasing distances find the next gap; the border is its middle. It may lie on the side
+        `outward`, above for 1 and below for -1. If an eigenvalue is known to be near, `wide`
+        returns the middle of the gap in any case. `FactorizationError` is raised if there is no gap
+        within an eighth of the value.
         """
         if value in self._settled:
             return value
@@ -288,15 +260,10 @@ class SpectrumPlan:
         return self._count_near(value)[1] if known is None else known
 
     def slices(self, low: float, high: float, settled: bool = False) -> Iterator[Interval]:
-        """Yield slices from low to high, lowest first; borders are counted when reached.
+        """Yield slices from knot to knot, lowest first; borders are counted when reached.
 
-        Parameters
-        ----------
-        low, high : float
-            Knots.
-        settled : bool
-            Whether every border is counted on both sides. This takes twice the counts, and is
-            needed only after a border was found to lie on an eigenvalue.
+        If `settled`, every border is counted on both sides. This takes twice the counts, and is
+        needed only after a border was found to lie on an eigenvalue.
         """
         first, last = self.count(low), self.count(high)
         cuts = self._cuts(first, last)

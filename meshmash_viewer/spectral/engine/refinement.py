@@ -30,18 +30,8 @@ def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArra
     """Rotate nearly orthonormal rows (p, n) to Ritz vectors of A, in place (Rayleigh–Ritz).
 
     Rounding in the inverse mixes pairs that are close to each other; this separates them again.
-
-    Returns
-    -------
-    values : ndarray, shape (p,)
-        Ascending.
-    orthonormality : float
-        Largest defect of the rows' inner products.
-
-    Raises
-    ------
-    ArithmeticError
-        If the rows are far from independent.
+    Values, ascending, are returned with the largest defect of the rows' inner products.
+    `ArithmeticError` is raised if the rows are far from independent.
     """
     from scipy.linalg import eigh
 
@@ -99,28 +89,10 @@ def refine_pairs(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Measure the pairs of orthonormal rows (p, n), and refine the inaccurate ones in place.
 
-    Parameters
-    ----------
-    ordered : OrderedPencil
-    factor : Factor
-        With a shift near the eigenvalues.
-    rows : ndarray, shape (p, n)
-    tolerance : float
-        Requested residual relative to the eigenvalue.
-    lowest : bool
-        Whether these are the lowest pairs.
-    stop : ndarray of uint8, shape (1,)
-
-    Returns
-    -------
-    values, residuals : ndarray, shape (p,)
-    defect : float
-        Largest defect of the inner products after a refinement, 0 without one.
-
-    Raises
-    ------
-    ArithmeticError
-        If an eigenvalue is negative.
+    The factor has a shift near the eigenvalues; `tolerance` is the residual relative to these;
+    `lowest` is whether they are the lowest. Values and residuals are returned with the largest
+    defect of the inner products after a refinement, 0 without one. `ArithmeticError` is raised if
+    an eigenvalue is negative.
     """
     orthonormality = 0.0
     values, residuals = measure_pairs(ordered, rows)

@@ -35,23 +35,15 @@ _COMPARED = 4
 
 @dataclass(frozen=True, eq=False)
 class AlonePairs:
-    """Pairs of an interval that lie on single components.
+    """Pairs of an interval that lie on single components."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (p,)
-        Ascending.
-    rows : ndarray, shape (q, n)
-        Eigenvectors of the lowest q of them, as many as requested.
-    vertices : ndarray of bool, shape (n,)
-        Mask of these components.
-    orthonormality : float
-        Largest defect of the rows' inner products.
-    """
-
+    #: Shape (p,): Ascending.
     values: FloatArray
+    #: Shape (q, n): Eigenvectors of the lowest q of them, as many as requested.
     rows: FloatArray
+    #: Shape (n,): Mask of these components.
     vertices: npt.NDArray[np.bool_]
+    #: Largest defect of the rows' inner products.
     orthonormality: float
 
 
@@ -70,14 +62,7 @@ class _Kind:
 
 
 class RepeatedComponents:
-    """The components of a pencil that are solved one by one; most pencils have none.
-
-    Parameters
-    ----------
-    pencil : Pencil
-    highest : float
-        Largest eigenvalue to compute.
-    """
+    """Components of a pencil that are solved one by one, up to an eigenvalue; most have none."""
 
     def __init__(self, pencil: Pencil, highest: float) -> None:
         self._n = pencil.n

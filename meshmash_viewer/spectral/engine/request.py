@@ -22,10 +22,7 @@ Allocate: TypeAlias = Callable[[int, int, int], npt.NDArray[np.floating[Any]]]
 class Request:
     """Options of `meshmash_viewer.solve`, which documents them.
 
-    Raises
-    ------
-    InputError
-        If they are invalid, or numba is not installed.
+    `InputError` is raised if they are invalid, or numba is not installed.
     """
 
     n_components: int | None = None

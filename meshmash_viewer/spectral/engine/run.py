@@ -31,10 +31,7 @@ _INTERVAL = 0.05
 class Run:
     """The run of a request: one thread computes, and the calling one reports.
 
-    Raises
-    ------
-    InputError
-        If the matrices are invalid.
+    `InputError` is raised if the matrices are invalid.
     """
 
     def __init__(self, stiffness: Any, mass: Any, request: Request) -> None:

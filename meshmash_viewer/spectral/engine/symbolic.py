@@ -24,35 +24,23 @@ IndexArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Order and block structure of the factor of a symmetric matrix.
+    """Order and block structure of the factor of a symmetric matrix."""
 
-    Parameters
-    ----------
-    first : ndarray of int64, shape (s + 1,)
-        First column of each supernode.
-    row_start : ndarray of int64, shape (s + 1,)
-        Start of the rows of each supernode in `rows`; its own columns come first.
-    rows : ndarray of int64
-        Ascending row indices of all supernodes.
-    block_start : ndarray of int64, shape (s + 1,)
-        Start of the dense block (rows x columns, C order) of each supernode.
-    children : ndarray of int64, shape (s,)
-        Number of children of each supernode in the supernodal elimination tree.
-    stack_size : int
-        Entries of the largest stack of update matrices.
-    front_size : int
-        Rows of the largest front.
-    start, index : ndarray of int64
-        Compressed structure of the matrix itself.
-    """
-
+    #: Shape (s + 1,): First column of each supernode.
     first: IndexArray
+    #: Shape (s + 1,): Start of the rows of each supernode in `rows`; its own columns come first.
     row_start: IndexArray
+    #: Ascending row indices of all supernodes.
     rows: IndexArray
+    #: Shape (s + 1,): Start of the dense block (rows x columns, C order) of each supernode.
     block_start: IndexArray
+    #: Shape (s,): Number of children of each supernode in the supernodal elimination tree.
     children: IndexArray
+    #: Entries of the largest stack of update matrices.
     stack_size: int
+    #: Rows of the largest front.
     front_size: int
+    #: Compressed structure of the matrix itself.
     start: IndexArray
     index: IndexArray
 

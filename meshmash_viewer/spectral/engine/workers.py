@@ -98,21 +98,12 @@ def memory_of_run(
     entries: float | None = None,
     lean: bool = False,
 ) -> float:
-    """Estimate the peak memory of a run in bytes, its rows included.
+    """Estimate the peak memory of a run in bytes, its rows included, for n vertices and k pairs.
 
     The peak is when the pairs of the last slices have converged, or when these are written. The
-    estimate is within 25 % from 6 thousand to 400 thousand vertices.
-
-    Parameters
-    ----------
-    n, nnz, k, workers : int
-        Numbers of vertices, of entries of L, of pairs, and of parallel slices.
-    n_null : int
-        Number of components, whose constants are known and need no basis.
-    entries : float, optional
-        Entries of the factor, if known.
-    lean : bool
-        Whether rows are float32.
+    estimate is within 25 % from 6 thousand to 400 thousand vertices. L has nnz entries; `workers`
+    slices are computed in parallel; the constants of `n_null` components are known and need no
+    basis; `entries` are those of the factor, if known; rows are float32 if `lean`.
     """
     if entries is None:
         entries = _FACTOR_DENSITY * n * float(np.log2(max(n, 4)))
