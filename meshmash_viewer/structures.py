@@ -49,3 +49,38 @@ def structure_of_file(name: str) -> str:
     """Return the hemisphere of a FreeSurfer file from its name, ``lh.pial``; "" for others."""
     found = re.match(r"[lr]h(?=\.)", name)
     return _SHORT[found[0]] if found else ""
+
+
+#: Parts of file names that say that a surface is one of a brain.
+_BRAIN_WORDS = frozenset(
+    ["pial", "white", "inflated", "midthickness", "cortex", "hemi", "hemisphere", "brain"]
+)
+
+
+def brain_side(structure: str, name: str) -> str | None:
+    """Return the side of a brain surface: "left", "right", or "" for both.
+
+    Parameters
+    ----------
+    structure : str
+        One of `STRUCTURES`; "" where it is not known.
+    name : str
+        Of the file, in which "lh" and "rh" mean a hemisphere, and so do "left", "right", "L" and
+        "R" next to a word such as "pial".
+
+    Returns
+    -------
+    str or None
+        None if it is no surface of a brain, as far as is known.
+
+    Examples
+    --------
+    >>> brain_side("CortexLeft", ""), brain_side("", "fsaverage5_pial_right"), brain_side("", "cow")
+    ('left', 'right', None)
+    """
+    if structure:
+        return next((side for side in ("left", "right") if structure.lower().endswith(side)), "")
+    words = re.split(r"[^a-z]+", name.lower())
+    known = ("lh", "rh") if _BRAIN_WORDS.isdisjoint(words) else _SHORT
+    side = next((word for word in words if word in known), "")
+    return _SHORT[side].removeprefix("Cortex").lower() if side else None

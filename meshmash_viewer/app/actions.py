@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.theme import Mode
+from meshmash_viewer.app.view.standard_views import view_label
 from meshmash_viewer.fields import FAMILIES
 
 #: Menus in their order.
@@ -138,6 +139,16 @@ COMMANDS: tuple[Command, ...] = (
     # -- View
     Command("reset_camera", "Reset camera", "View", "Show the whole mesh", ("R",),
             toolbar="Reset camera", icon="reset", needs="render", separated=True),
+    *(Command(f"view_{name}", view_label(name, None), "View", f"Show the mesh {text}", (key,),
+              needs="render", submenu="Standard views", does=("look_from", name))
+      for name, key, text in (
+          ("lateral", "X", "from +x; a hemisphere from outside (lateral)"),
+          ("medial", "Shift+X", "from -x; a hemisphere from inside (medial)"),
+          ("anterior", "Y", "from +y, the front of a brain (anterior)"),
+          ("posterior", "Shift+Y", "from -y, the back of a brain (posterior)"),
+          ("dorsal", "Z", "from +z, the top of a brain (dorsal)"),
+          ("ventral", "Shift+Z", "from -z, the bottom of a brain (ventral)"),
+      )),
     Command("nodal_lines", "Nodal lines", "View",
             "Draw the lines where the field is zero, or at round distances", ("N",),
             checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),

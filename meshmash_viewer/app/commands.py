@@ -20,6 +20,7 @@ from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.view.standard_views import DIRECTIONS, view_label
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document, Severity
@@ -128,6 +129,8 @@ class Commands:
         for name, label in (("undo", history.undo_label), ("redo", history.redo_label)):
             actions[name].setEnabled(bool(label))
             actions[name].setText(f"{name.capitalize()} {label}".rstrip())
+        for name in DIRECTIONS:
+            actions[f"view_{name}"].setText(view_label(name, document.mesh))
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
         if not document.can_flip:
@@ -229,6 +232,11 @@ class Commands:
         """Show the whole mesh."""
         assert self.scene is not None
         self.scene.reset_camera()
+
+    def look_from(self, name: str) -> None:
+        """Show the whole mesh from a side, one of `standard_views.DIRECTIONS`."""
+        assert self.scene is not None
+        self.scene.look_from(name)
 
     def choose_theme(self, mode: theme.Mode) -> None:
         """Set and store the theme: light, dark, or that of the system."""

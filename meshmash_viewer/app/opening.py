@@ -21,7 +21,7 @@ from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING, Session, write_session
 from meshmash_viewer.model.document import Document, Notice, Severity
-from meshmash_viewer.model.pair import LINKS, Pair
+from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ class Opening(QObject):
     def open_second(self, path: Path, maps: Sequence[Path] = (), unit: str = "") -> None:
         """Read a second mesh as `read` does; an open one stays if that fails."""
         session = self.last_session.stored(path)
-        document = self._make_view(LINKS).document
+        document = self._make_view(None).document
         if session is None:
             document.open_mesh(path, unit, maps=maps)
         else:
@@ -206,8 +206,8 @@ class Opening(QObject):
             known = session.repairs, session.source
             document.open_mesh(path, unit, None, maps, *(known if session.source else ()))
 
-    def _make_view(self, links: Collection[str]) -> SecondView:
-        """Return the view of the second mesh, made if needed, with only these links active."""
+    def _make_view(self, links: Collection[str] | None) -> SecondView:
+        """Return the view of the second mesh, made if needed, see `Pair.set_links`."""
         from meshmash_viewer.app.second_view import SecondView
 
         view = self.second_view
@@ -218,8 +218,7 @@ class Opening(QObject):
             self.last_session.watch(view.document)
             self._stage.add_second(view)
             self.pair_changed.emit(view.pair)
-        for name in LINKS:
-            view.pair.link(name, name in links)
+        view.pair.set_links(links)
         return view
 
     def end_comparison(self) -> None:

@@ -63,6 +63,8 @@ class SecondView(QWidget):
         self.pair = Pair(document, self.document)
         self._first_scene, self._first = scene, controller
         self._turning = False
+        #: How the cameras were linked when the camera was copied last.
+        self._cameras = self.pair.cameras
         #: A field that is not drawn yet, since that of the other mesh is about to come.
         self._waiting: Controller | None = None
         #: What `_linked` was computed from, and its result.
@@ -97,6 +99,7 @@ class SecondView(QWidget):
         listen(document.mesh_changed, self._turn_second)
         follow((document.job_changed, document.spectrum_changed, pair.changed), self._say_status)
         listen(pair.changed, self._draw)
+        listen(pair.changed, self._follow_cameras)
         document.noticed.connect(self._on_notice)
         follow(document.job_changed, self._on_job_changed)  # its notice goes first
         self.scene.vertex_clicked.connect(pair.pin_second)
@@ -223,11 +226,17 @@ class SecondView(QWidget):
     def _turn_second(self) -> None:
         self._turn(self.scene, self._first_scene)
 
+    def _follow_cameras(self) -> None:
+        """Copy the camera of the first mesh once cameras are linked in another way."""
+        if self.pair.cameras != self._cameras:
+            self._turn_second()
+
     def _turn(self, mine: MeshView, other: MeshView) -> None:
         """Copy the camera of one mesh to the other, if cameras are linked."""
-        if not self._turning and "camera" in self.pair.links:
+        self._cameras = self.pair.cameras
+        if not self._turning and self._cameras != "free":
             self._turning = True
-            mine.look_like(other)
+            mine.look_like(other, mirrored=self._cameras == "mirror")
             self._turning = False
 
     def _step(self, steps: int) -> None:

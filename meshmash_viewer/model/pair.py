@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -38,10 +39,12 @@ from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.structures import brain_side
 
-#: What can be linked, with its label.
+#: How the cameras are linked, with its label; "free" is the absence of the other two.
+CAMERAS = {"camera": "Linked", "mirror": "Mirrored", "free": "Free"}
+#: What else can be linked, with its label.
 LINKS = {
-    "camera": "Camera",
     "kind": "Family",
     "position": "Index, time, band",
     "colors": "Colours and limits",
@@ -92,7 +95,8 @@ class Pair:
     Attributes
     ----------
     links : frozenset of str
-        The active ones of `LINKS`; changed by `link`.
+        The active ones of `LINKS`, and "camera" or "mirror" of `CAMERAS`; changed by `link`,
+        `link_cameras` and `set_links`.
     comparison : Comparison or None
         None until both are decomposed and compared.
     carries : bool
@@ -104,7 +108,7 @@ class Pair:
 
     def __init__(self, first: Document, second: Document) -> None:
         self.first, self.second = first, second
-        self.links = frozenset(LINKS)
+        self.links: frozenset[str] = frozenset()
         self.comparison: Comparison | None = None
         self.carries = False
         self._matched_in = next(iter(MATCHED_IN))
@@ -123,13 +127,13 @@ class Pair:
             (first.pins_changed, self._follow_pins),
             (first.spectrum_changed, self._follow_spectra),
             (second.spectrum_changed, self._follow_spectra),
-            (second.mesh_changed, self._follow_spectra),
+            (second.mesh_changed, self._follow_mesh),
             (second.job_changed, self._follow_job),
             (second.display.events.kind, self._follow_second),
         ]  # fmt: skip
         for signal, slot in self._connections:
             signal.connect(slot)
-        self._follow_spectra()
+        self.set_links(None)
 
     def close(self) -> None:
         """Disconnect from both documents."""
@@ -143,6 +147,33 @@ class Pair:
         self.links = self.links | {name} if on else self.links - {name}
         self._apply_display(everything=True)
         self.changed.emit()
+
+    @property
+    def cameras(self) -> str:
+        """How the cameras are linked: a key of `CAMERAS`."""
+        return next((name for name in CAMERAS if name in self.links), "free")
+
+    def link_cameras(self, how: str) -> None:
+        """Link the cameras, one of `CAMERAS`."""
+        self.links = self.links - set(CAMERAS) | {how} - {"free"}
+        self._by_side = False
+        self.changed.emit()
+
+    def set_links(self, links: Collection[str] | None) -> None:
+        """Activate only these links; None for all, with mirrored cameras for two hemispheres."""
+        self.links = frozenset({"camera", *LINKS} if links is None else links)
+        self._by_side = links is None
+        self._apply_display(everything=True)
+        self._follow_mesh()
+
+    def _follow_mesh(self) -> None:
+        """Mirror the cameras of a left and a right hemisphere, unless something else was chosen."""
+        meshes = self.first.mesh, self.second.mesh
+        sides = {brain_side(mesh.structure, mesh.name) for mesh in meshes if mesh is not None}
+        if self._by_side:
+            how = "mirror" if sides == {"left", "right"} else "camera"
+            self.links = self.links - set(CAMERAS) | {how}
+        self._follow_spectra()
 
     def carry(self, on: bool) -> None:
         """Show the field of the first on the second, or its own field."""

@@ -16,7 +16,15 @@ import shapes
 from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QCheckBox,
+    QComboBox,
+    QFileDialog,
+    QLabel,
+    QPushButton,
+    QWidget,
+)
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.listening import catch_up
@@ -28,6 +36,7 @@ from meshmash_viewer.app.view.scene import displayed_surface
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.pair import MATCHED_IN
 from meshmash_viewer.model.script import reproduction_script
@@ -309,10 +318,73 @@ def test_a_copy_shows_the_same_and_is_looked_at_alike(
     after = np.array(opened.scene.camera()["axes"])
     assert not np.allclose(before, after)
     np.testing.assert_allclose(after, window.scene.camera()["axes"])
-    QTest.mouseClick(part(window, QCheckBox, "pair_link_camera"), LEFT, pos=QPoint(8, 8))
+    QTest.mouseClick(part(window, QPushButton, "pair_link_free"), LEFT)
     QTest.keyClick(window, Qt.Key.Key_R)
     catch_up()
     np.testing.assert_allclose(opened.scene.camera()["axes"], after)
+
+
+def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
+    qapp: QApplication, tmp_path: Path
+) -> None:
+    points, faces = shapes.icosphere(2)
+    paths = [tmp_path / f"{side}.surf.gii" for side in ("one", "other")]
+    for path, side in zip(paths, (-1.0, 1.0), strict=True):
+        vertices = [30.0, 70.0, 50.0] * points + [side * 40.0, 0.0, 0.0]
+        structure = "CortexLeft" if side < 0.0 else "CortexRight"
+        write_mesh(path, mv.Mesh(vertices, faces, unit="mm", structure=structure))
+    window = MainWindow(fresh=True)
+    window.show()
+    window.activateWindow()
+    wait_for(window.isActiveWindow)
+    window.open_mesh(paths[0])
+    wait_for(lambda: window.scene is not None and window.scene.mesh is not None)
+    window.opening.open_second(paths[1])
+    second = window.opening.second_view
+    wait_for(lambda: second.scene.mesh is not None)
+    rest(window)
+    assert second.pair.cameras == "mirror"
+    assert window.actions_["view_lateral"].text() == "Lateral"
+
+    def looks() -> list[list[list[float]]]:
+        catch_up()
+        return [scene.camera()["axes"] for scene in window.opening.scenes]
+
+    # the left one is looked at along +x, the right one along -x, both with z up
+    QTest.keyClick(window, Qt.Key.Key_X)
+    expected = [[0, -1, 0], [0, 0, 1], [-1, 0, 0]], [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
+    np.testing.assert_array_equal(looks(), expected)
+    QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ShiftModifier)
+    np.testing.assert_array_equal(looks()[0], [[-1, 0, 0], [0, 1, 0], [0, 0, -1]])
+    # a drag in the second turns the first the other way, and moves it to the other side
+    canvas = second.scene.plotter
+    for button in (LEFT, Qt.MouseButton.RightButton):
+        QTest.mousePress(canvas, button, pos=QPoint(60, 60))
+        QTest.mouseMove(canvas, QPoint(90, 75))
+        QTest.mouseRelease(canvas, button, pos=QPoint(90, 75))
+    one, other = looks()
+    flip = np.array([-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(one, other * flip * flip[:, np.newaxis], atol=1e-12)
+    focus = [np.array(scene.camera()["focus"]) for scene in window.opening.scenes]
+    np.testing.assert_allclose(focus[0], focus[1] * flip, atol=1e-9)
+    # linked, and free
+    QTest.mouseClick(part(window, QPushButton, "pair_link_camera"), LEFT)
+    one, other = looks()
+    np.testing.assert_allclose(one, other)
+    QTest.mouseClick(part(window, QPushButton, "pair_link_free"), LEFT)
+    QTest.keyClick(window, Qt.Key.Key_Y)
+    assert looks()[0] != one
+    assert looks()[1] == other
+    # kept in the session, also when nothing was chosen before
+    path = tmp_path / "both.meshmash.json"
+    window.opening.store_session(path)
+    window.opening.end_comparison()
+    window.opening.restore_session(path)
+    wait_for(lambda: window.opening.second_view is not None)
+    rest(window)
+    assert window.opening.second_view.pair.cameras == "free"
+    window.close()
+    window.deleteLater()
 
 
 def test_a_pin_has_its_match_and_colours_are_carried(

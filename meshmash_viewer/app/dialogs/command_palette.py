@@ -51,6 +51,17 @@ SYNONYMS = {
     "cancel": "stop abort interrupt",
     "clear_cache": "delete free disk storage",
     "reset_camera": "home fit center centre view all",
+    **{
+        f"view_{name}": f"camera side {words}"
+        for name, words in {
+            "lateral": "outside right hemisphere",
+            "medial": "inside left hemisphere",
+            "anterior": "front frontal",
+            "posterior": "back behind occipital",
+            "dorsal": "top above superior",
+            "ventral": "bottom below inferior",
+        }.items()
+    },
     "nodal_lines": "contours isolines zero level",
     "theme_system": "theme dark light mode appearance colour color",
     "theme_light": "theme white mode appearance colour color",

@@ -21,7 +21,7 @@ from meshmash_viewer.features.comparison import comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.pair import LINKS, MATCHED_IN, Pair
+from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
 from meshmash_viewer.units import format_number
 
 _FIGURES = {
@@ -109,7 +109,8 @@ class PairPanel(QWidget):
         )  # fmt: skip
         self._health: HealthTable | None = None
         self._second = QVBoxLayout()
-        first, second, third, fourth = self.links.values()
+        self.cameras = make.Segments("pair_link", "Cameras of both meshes", CAMERAS)
+        self.cameras.chosen.connect(self._link_cameras)
         self.content = QWidget()
         self.content.setLayout(
             column(
@@ -122,9 +123,8 @@ class PairPanel(QWidget):
                 self.carry_check,
                 row(self.save_button, None),
                 make.heading("Linked"),
-                row((first,), (second,)),
-                third,
-                fourth,
+                row(make.muted("Cameras"), (self.cameras,)),
+                *self.links.values(),
                 row((make.heading("Second mesh"),), self.undo_button),
                 self._second,
                 row(self.map_button, None),
@@ -155,6 +155,10 @@ class PairPanel(QWidget):
     def _link(self, name: str, on: bool) -> None:
         if self._pair is not None:
             self._pair.link(name, on)
+
+    def _link_cameras(self, how: str) -> None:
+        if self._pair is not None:
+            self._pair.link_cameras(how)
 
     def _undo(self) -> None:
         if self._pair is not None:
@@ -203,6 +207,7 @@ class PairPanel(QWidget):
         found = pair.comparison
         for name, check in self.links.items():
             show_quietly(check, name in pair.links)
+        self.cameras.show_key(pair.cameras)
         show_quietly(self.carry_check, pair.carries)
         self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
         for control in (self.carry_check, self.save_button):

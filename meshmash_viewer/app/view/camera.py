@@ -85,6 +85,12 @@ class View:
         focus = fixed + (self.focus - fixed) / factor
         return replace(self, focus=focus, half_size=self.half_size / factor)
 
+    def mirrored(self, centre: FloatArray) -> View:
+        """The view that shows the mirror image, in x about a point, of what this one shows."""
+        flip = np.array([-1.0, 1.0, 1.0])
+        axes = self.axes * flip * flip[:, np.newaxis]  # the first one again, to stay right-handed
+        return replace(self, focus=centre + flip * (self.focus - centre), axes=axes)
+
     def to_json(self) -> dict[str, Any]:
         """The view as plain lists and numbers."""
         return {
@@ -163,8 +169,7 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
         return np.array([right, up, np.cross(right, up)])
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low
-    tall = extent[2] > 1.15 * max(extent[0], extent[1]) and _stands_on(mesh, 2)
-    up_axis = 2 if mesh.unit == "mm" or tall else 1
+    up_axis = upright_axis(mesh, extent)
     flat = [axis for axis in range(3) if axis != up_axis]
     eye_axis = min(flat, key=lambda axis: extent[axis])
     if extent[eye_axis] > 0.6 * max(extent[axis] for axis in flat):
@@ -176,6 +181,12 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
     up, eye = np.eye(3)[up_axis], side * np.eye(3)[eye_axis]
     view = View(np.zeros(3), np.array([np.cross(up, eye), up, eye]), 1.0)
     return view.turned(np.radians(30.0), 0.0).turned(0.0, np.radians(12.0)).axes
+
+
+def upright_axis(mesh: Mesh, extent: FloatArray) -> int:
+    """The axis that points up: 2 for medical images and what stands tall on a flat base, or 1."""
+    tall = extent[2] > 1.15 * max(extent[0], extent[1]) and _stands_on(mesh, 2)
+    return 2 if mesh.unit == "mm" or tall else 1
 
 
 def _signed(axis: FloatArray) -> FloatArray:

@@ -12,13 +12,14 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, title_size
+from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins, title_size
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.frames import Frames
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
+from meshmash_viewer.app.view.standard_views import view_axes
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.rays import RayTarget
@@ -199,15 +200,32 @@ class MeshView(QWidget):
         self.plotter.render()
         self.camera_changed.emit()
 
-    def look_like(self, other: MeshView) -> None:
-        """Take the camera of another view, scaled so that both meshes appear equally large."""
+    def look_from(self, name: str) -> None:
+        """Show the whole mesh from one of the sides of `standard_views.DIRECTIONS`."""
+        if self.mesh is not None:
+            self.renderer.fit_view(*self.plotter.pixels(), view_axes(name, self.mesh))
+            assert self.renderer.view is not None
+            self._set_view(self.renderer.view)
+
+    def look_like(self, other: MeshView, *, mirrored: bool = False) -> None:
+        """Take the camera of another view, scaled so that both meshes appear equally large.
+
+        If `mirrored`, show the side of this mesh that is the mirror image, in x, of the other's.
+        """
         view, mine, theirs = other.renderer.view, self.mesh, other.mesh
         if view is None or mine is None or theirs is None:
             return
         ratio = np.linalg.norm(np.ptp(mine.bounds, axis=0)) / np.linalg.norm(
             np.ptp(theirs.bounds, axis=0)
         )
-        offset = view.focus - theirs.bounds.mean(axis=0)
+        centre = theirs.bounds.mean(axis=0)
+        if mirrored:
+            view = view.mirrored(centre)
+            width, height, scale = other.plotter.pixels()
+            beside_bar = margins(other.renderer.caption is not None, width, height, scale)
+            # the mesh stays to the left of the colour bar, which is not mirrored
+            view = view.moved(beside_bar.left - beside_bar.right, 0.0, width, height)
+        offset = view.focus - centre
         focus = mine.bounds.mean(axis=0) + ratio * offset
         self._set_view(View(focus, view.axes, float(ratio * view.half_size)))
         self.turned_by_hand = other.turned_by_hand
