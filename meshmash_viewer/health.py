@@ -16,18 +16,6 @@ from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.surface.edges import duplicates, edges_of, join_seams, side_codes, winding_of
 from meshmash_viewer.vertex_map import VertexMap
 
-__all__ = [
-    "REPAIRS",
-    "Health",
-    "Repair",
-    "duplicate_faces",
-    "largest_component",
-    "listed_repairs",
-    "median_edge_length",
-    "mesh_health",
-    "repair_mesh",
-]
-
 #: Angle below which two faces leave an edge in one direction, above the rounding of coordinates.
 _SAME_DIRECTION = 1e-9
 

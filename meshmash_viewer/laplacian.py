@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh
-
-__all__ = ["OperatorOptions", "area_matrix", "compute_vertex_areas", "cotangent_laplacian"]
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 
 SparseMatrix: TypeAlias = Any
 #: Two ends and the weight of each edge, shape (m,) each.

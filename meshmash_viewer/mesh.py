@@ -27,8 +27,6 @@ from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel, named_vertex
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
-__all__ = ["FloatArray", "IntArray", "Mesh", "MeshLike", "as_mesh", "mesh_to_poly"]
-
 #: ``(vertices, faces)``, an object with these two attributes or with LaPy's ``v`` and ``t``, or a
 #: pyvista ``PolyData``.
 MeshLike: TypeAlias = Any

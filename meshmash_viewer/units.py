@@ -8,28 +8,6 @@ from typing import TypeAlias
 
 from meshmash_viewer.errors import InputError
 
-__all__ = [
-    "LENGTH_UNITS",
-    "METRES",
-    "NO_VOXEL",
-    "UNIT_FORMS",
-    "Voxel",
-    "counted",
-    "format_number",
-    "format_quantity",
-    "format_range",
-    "is_voxel",
-    "named_quantity",
-    "named_vertex",
-    "parse_unit",
-    "power_unit",
-    "round_length",
-    "subscript",
-    "superscript",
-    "whole_number",
-    "written_unit",
-]
-
 #: Size of a voxel along x, y and z, by which coordinates that count voxels are multiplied.
 Voxel: TypeAlias = tuple[float, float, float]
 

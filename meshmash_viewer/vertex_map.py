@@ -13,8 +13,6 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import counted
 
-__all__ = ["MOST_LABELS", "Label", "VertexMap", "named_apart"]
-
 #: Most labels in use of a map, as the colour table of the surface has that many entries.
 MOST_LABELS = 512
 #: Characters of a name.

@@ -12,7 +12,8 @@ import shapes
 
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.io.write import MESH_WRITERS, write_mesh
+from meshmash_viewer.io.write import write_mesh
+from meshmash_viewer.io.writers import MESH_WRITERS
 from meshmash_viewer.mesh import Mesh
 
 

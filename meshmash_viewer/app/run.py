@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
     from meshmash_viewer.mesh import MeshLike
 
-__all__ = ["application", "run_app", "view"]
-
 #: What the window waits for.
 _LIBRARIES = (
     "meshmash_viewer.app.view.mesh_view",

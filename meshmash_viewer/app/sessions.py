@@ -23,8 +23,6 @@ from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.pins import Pin, free_number
 from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["Restoration", "session_of"]
-
 
 def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = None) -> Session:
     """Return what a window shows.

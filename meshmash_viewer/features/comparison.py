@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.shape import Matches, column_spread, distinct_matches, match_features
@@ -22,9 +22,6 @@ from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 
 #: Squared correlation above which eigenfunctions correspond: only one pair can exceed it.
 _SAME = 0.5

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_parameters import ZERO_SHARE, as_spectrum
 from meshmash_viewer.features.sums import Features, sum_squares
@@ -24,8 +25,6 @@ from meshmash_viewer.units import power_unit
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Label, and unit as a power of length, of each kind of distance by name.
 MEASURES: dict[str, tuple[str, int]] = {

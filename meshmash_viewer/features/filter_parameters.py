@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import whole_number
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest are zero within rounding.
 ZERO_SHARE = 1e-10
@@ -142,9 +139,7 @@ def short_text(parameters: FloatArray, index: int) -> str:
     return written[index]
 
 
-def checked_coefficients(
-    returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def checked_coefficients(returned: npt.ArrayLike, eigenvalues: FloatArray) -> FloatArray:
     """Check the result of a filter for k eigenvalues, shape (f, k) or (k,); return shape (f, k)."""
     given = np.asarray(returned)
     if given.dtype.kind not in "biuf":

@@ -8,19 +8,18 @@ Filters are plain data, so banks can be pickled and compared.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_parameters import as_spectrum, first_nonzero_eigenvalue
 from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 @runtime_checkable

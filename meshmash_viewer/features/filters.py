@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_parameters import (
     as_parameters,
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: (k,) eigenvalues -> (f, k) coefficients.
 SpectralFilter: TypeAlias = Callable[[FloatArray], FloatArray]
 

@@ -14,11 +14,12 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.features.filter_parameters import (
     ZERO_SHARE,
@@ -27,8 +28,6 @@ from meshmash_viewer.features.filter_parameters import (
     short_text,
 )
 from meshmash_viewer.features.filters import FilterBank
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Maximum length of a formula, nesting depth, and number of parameters.
 MOST_CHARACTERS, _DEEPEST, MOST_NAMES = 200, 30, 4

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.filter_parameters import count_zeros
 from meshmash_viewer.features.maps import (
     as_map_values,
@@ -22,8 +23,6 @@ from meshmash_viewer.progress import CancelCallback, Cancelled
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Pairs and vertices processed at a time, so that few rows of a memory map are in memory.
 _ROWS, _VERTICES = 64, 1 << 15

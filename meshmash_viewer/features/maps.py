@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, MissingValuesWarning
 from meshmash_viewer.features.filter_parameters import checked_coefficients
 from meshmash_viewer.vertex_map import VertexMap
@@ -16,8 +17,6 @@ from meshmash_viewer.vertex_map import VertexMap
 if TYPE_CHECKING:
     from meshmash_viewer.laplacian import SparseMatrix
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) -> FloatArray:

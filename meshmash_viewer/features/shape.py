@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.features.sums import Features
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: `Features`, or their values alone, shape (n, f).
 FeaturesLike: TypeAlias = Any
 #: Vertices matched between two calls of `cancel`.

@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.features.truncation import (
     Truncation,
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Multiple of the typical value above which values of small components are reported.
 _STRANGE = 1000.0
@@ -371,13 +370,13 @@ def accumulate_features(
 
 def sum_squares(
     rows: npt.NDArray[np.floating[Any]] | ShownRows,
-    coefficients: npt.NDArray[np.float64],
+    coefficients: FloatArray,
     dtype: npt.DTypeLike = np.float32,
     cancel: CancelCallback | None = None,
     *,
     order: Literal["C", "F"] = "C",
     negligible: float = _NEGLIGIBLE,
-    density: npt.NDArray[np.float64] | None = None,
+    density: FloatArray | None = None,
 ) -> npt.NDArray[np.floating[Any]]:
     """Compute ``Σ_k coefficients[f, k] rows[k]²`` in double precision: shape (f, n).
 

@@ -17,11 +17,12 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh
 from meshmash_viewer.spectral.weyl import (
     TOLERANCE,
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.filter_responses import TailedResponse
     from meshmash_viewer.features.filters import FilterBank
 
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Relative rounding of the last eigenvalue, of which copies may not have been computed.
 _COPIES = 1e-9
@@ -186,7 +185,7 @@ class Truncation:
 def measure_truncation(
     values: npt.NDArray[np.floating[Any]],
     bank: FilterBank,
-    eigenvalues: npt.NDArray[np.float64],
+    eigenvalues: FloatArray,
     density: FloatArray,
     mass: FloatArray,
     *,
@@ -253,7 +252,7 @@ def measure_truncation(
 
 def mean_shares(
     bank: FilterBank,
-    eigenvalues: npt.NDArray[np.float64],
+    eigenvalues: FloatArray,
     area: float,
     n_vertices: int,
     known_to: float | None = None,

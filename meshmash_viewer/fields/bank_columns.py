@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features, sum_squares, truncated_features
 from meshmash_viewer.fields.family import (
@@ -16,7 +17,6 @@ from meshmash_viewer.fields.family import (
     ColumnArray,
     Description,
     Family,
-    FloatArray,
     Profile,
     Reading,
     Samples,
@@ -29,7 +29,6 @@ from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Maximum number of columns.
 MOST_COLUMNS = 512

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.distances import (
     MEASURES,
@@ -27,7 +28,6 @@ from meshmash_viewer.fields.family import (
     ColumnArray,
     Description,
     Family,
-    FloatArray,
     Table,
     evenly_in_log,
 )
@@ -46,7 +46,6 @@ from meshmash_viewer.units import counted, format_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Number of steps of the arrow keys from the shortest to the longest time.
 _STEPS = 32

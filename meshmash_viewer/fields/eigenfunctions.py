@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from meshmash_viewer.fields.family import (
-    Answer,
-    Description,
-    Family,
-    FloatArray,
-    Profile,
-    Samples,
-    Table,
-)
+from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.fields.family import Answer, Description, Family, Profile, Samples, Table
 from meshmash_viewer.fields.parameter import Listing, Whole, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.fields.parameter import Parameters
 from meshmash_viewer.progress import CancelCallback
@@ -26,9 +27,7 @@ from meshmash_viewer.vertex_map import Label
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 Cancel: TypeAlias = CancelCallback | None
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import (
     FilterBank,
@@ -25,7 +26,6 @@ from meshmash_viewer.fields.family import (
     Cancel,
     Description,
     Family,
-    FloatArray,
     Profile,
     Response,
     Samples,

@@ -8,10 +8,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.filter_responses import SplineResponse
 from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns, estimated_pairs
-from meshmash_viewer.fields.family import Family, FloatArray, Reading, Response
+from meshmash_viewer.fields.family import Family, Reading, Response
 from meshmash_viewer.fields.parameter import Flag, Number, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import format_wavelength, weyl_eigenvalue

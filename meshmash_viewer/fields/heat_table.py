@@ -15,11 +15,11 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
 #: Number of nodes combined for one time, and their distance in log t.

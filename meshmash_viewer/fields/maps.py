@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import (
     MapSpectrum,
@@ -24,7 +25,6 @@ from meshmash_viewer.fields.family import (
     ColumnArray,
     Description,
     Family,
-    FloatArray,
     Profile,
     Response,
     Samples,

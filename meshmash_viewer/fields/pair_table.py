@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.map_spectrum import partial_sum
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
-from meshmash_viewer.fields.family import Answer, ColumnArray, FloatArray
+from meshmash_viewer.fields.family import Answer, ColumnArray
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_parameters import first_nonzero_eigenvalue
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, Columns
-from meshmash_viewer.fields.family import ColumnArray, Description, FloatArray, Profile, Samples
+from meshmash_viewer.fields.family import ColumnArray, Description, Profile, Samples
 from meshmash_viewer.fields.parameter import Whole, parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
@@ -125,7 +125,7 @@ class _AtVertex(Samples):
     """The signature from the eigenfunctions at a vertex; `coefficients` are the eigenvalues."""
 
     def values(self, at_vertex: FloatArray) -> tuple[FloatArray, FloatArray]:
-        rows: npt.NDArray[np.float64] = np.asarray(at_vertex, dtype=np.float64)[:, np.newaxis]
+        rows: FloatArray = np.asarray(at_vertex, dtype=np.float64)[:, np.newaxis]
         known = self.coefficients[: len(rows)]
         if not known[-1] > 0.0:
             return np.empty(0), np.empty(0)

@@ -7,10 +7,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.filter_responses import LogGaussianResponse, wave_response
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
-from meshmash_viewer.fields.family import FloatArray, Reading, Response
+from meshmash_viewer.fields.family import Reading, Response
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import format_quantity, format_range, named_quantity

@@ -22,9 +22,6 @@ from meshmash_viewer.io.read import READERS, Reader, check_file
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
-__all__ = ["MAP_ENDINGS", "is_map_file", "maps_and_remarks", "read_maps"]
-
-
 #: Readers of maps alone, by lower-case ending.
 _READERS: dict[str, Reader] = {
     ".npy": npy_maps,

@@ -11,8 +11,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.vertex_map import VertexMap
 
-__all__ = ["to_napari"]
-
 #: Of vertices without a label, RGBA.
 _NO_LABEL = (0.7, 0.7, 0.7, 1.0)
 

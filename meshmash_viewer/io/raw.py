@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh
+from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Maps that are taken of one file.

@@ -36,15 +36,6 @@ from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.structures import structure_of_file
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
 
-__all__ = [
-    "READABLE_ENDINGS",
-    "READERS",
-    "Reader",
-    "check_file",
-    "mesh_name",
-    "read_mesh",
-]
-
 Reader: TypeAlias = Callable[[Path], RawMesh]
 
 #: The one table of formats: lower-case ending to reader.

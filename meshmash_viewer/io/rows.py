@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.mesh import FloatArray, IntArray
 
 #: A list property: its values one after the other, and how many each row has.
 Lists: TypeAlias = tuple[npt.NDArray[Any], IntArray]

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.io.cache import EigenpairCache
 from meshmash_viewer.io.store import EigenpairStore, StoreUnusable
 from meshmash_viewer.progress import Progress
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.progress import CancelCallback
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def find_eigenpairs(

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import make_room, persistently, written_whole
 from meshmash_viewer.io.cache import (
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.engine.request import Request
 
-FloatArray = npt.NDArray[np.float64]
 
 #: Threads that compare checksums, and bytes that each has in memory at a time.
 _THREADS, _BLOCK = 2, 1 << 18

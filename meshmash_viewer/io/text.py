@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.mesh import IntArray
 
 #: What text may begin with, longer ones first: those of UTF-32 begin with those of UTF-16.
 _MARKS = {

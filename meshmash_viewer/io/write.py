@@ -22,13 +22,8 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import (
-    EIGENPAIR_WRITERS,
-    MESH_WRITERS,
-    SCENE_ENDINGS,
-    SPECTRUM_WRITERS,
     WITHOUT_INDEX,
     WITHOUT_PROVENANCE,
-    WRITERS,
     FeatureTable,
     writer_of,
 )
@@ -38,23 +33,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
-__all__ = [
-    "EIGENPAIR_WRITERS",
-    "MESH_WRITERS",
-    "SCENE_ENDINGS",
-    "SPECTRUM_WRITERS",
-    "WRITERS",
-    "FeatureTable",
-    "check_output",
-    "provenance",
-    "unused_path",
-    "write_eigenpairs",
-    "write_features",
-    "write_map_spectrum",
-    "write_mesh",
-    "write_picture",
-]
 
 
 def write_features(

@@ -33,8 +33,6 @@ from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.units import counted
 from meshmash_viewer.work.job import Channel
 
-__all__ = ["LEAST", "PiecesJob", "described_seams", "in_pieces", "usual_pieces", "write_in_pieces"]
-
 #: Fewest vertices that a piece is worth having, and how many are solved in seconds.
 LEAST, _USUAL = 500, 20_000
 #: Times its core that the overlap of a piece has vertices at most, so that work has an end.

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["SAMPLES", "sample_path"]
-
 #: Name and what it is.
 SAMPLES: dict[str, str] = {
     "dendrite": "a forking piece of spiny dendrite, one closed surface, in nm",

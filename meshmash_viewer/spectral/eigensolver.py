@@ -22,8 +22,6 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Rows
 from meshmash_viewer.spectral.engine.request import Allocate, Request
 from meshmash_viewer.spectral.engine.run import Run
 
-__all__ = ["Batch", "Decomposition", "iterate", "solve"]
-
 
 class Decomposition(Eigenpairs):
     """Eigenpairs that unpack and index like the pair ``(eigenvalues, eigenvectors)``.

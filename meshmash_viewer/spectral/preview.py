@@ -21,6 +21,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import dijkstra
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -28,8 +29,6 @@ from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.split.partition import edge_graph
 from meshmash_viewer.surface.rays import curve_order
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 SparseMatrix: TypeAlias = Any
 
 #: Cells for each requested pair, and the smallest and largest number of cells.

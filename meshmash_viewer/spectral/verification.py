@@ -15,10 +15,10 @@ import scipy.sparse as sp
 from scipy.linalg import eigvalsh
 from scipy.sparse.linalg import splu
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.certificate import Certificate
 
-FloatArray = npt.NDArray[np.float64]
 #: Eigenvectors in rows, shape (k, n), NaN at vertices without mass.
 Rows = npt.NDArray[np.floating[Any]]
 

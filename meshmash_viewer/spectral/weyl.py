@@ -18,19 +18,6 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import format_quantity
 
-__all__ = [
-    "TARGET_KINDS",
-    "TOLERANCE",
-    "Target",
-    "Translation",
-    "required_eigenvalue",
-    "resolved_time",
-    "wavelength",
-    "wavelength_eigenvalue",
-    "weyl_count",
-    "weyl_eigenvalue",
-]
-
 #: Share of a feature that may be missing, due to too few eigenpairs, before it is flagged.
 TOLERANCE = 0.01
 #: Margin of the eigenvalue predicted to be sufficient: columns differ from their mean.

@@ -15,16 +15,14 @@ from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 
 Graph: TypeAlias = "sparse.csr_array[Any]"
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 
 #: Number of cells in a piece. More follow geodesics more closely, fewer are bisected faster.
 _CELLS_PER_PIECE = 64

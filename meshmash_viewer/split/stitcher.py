@@ -14,11 +14,12 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import cached_property, partial
 from numbers import Real
-from typing import Any, TypeAlias, overload
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressBar, ProgressCallback
@@ -34,8 +35,6 @@ from meshmash_viewer.split.partition import (
 from meshmash_viewer.split.stitching import seam_differences, stitched
 from meshmash_viewer.units import counted
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 #: Default width of the overlap relative to the square root of the area of a piece.
 _OVERLAP = 0.15
 #: Width of the overlap divided by √t. The effect of a cut at that distance on heat is e^(-3²), or

@@ -7,8 +7,9 @@ import warnings
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import MeshWarning
-from meshmash_viewer.mesh import FloatArray, Mesh, MeshLike, as_mesh
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes, winding_of
 from meshmash_viewer.units import counted
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import CancelCallback, Cancelled
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Boxes whose faces are tested at a time.
 _OPENED = 24

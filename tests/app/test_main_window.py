@@ -43,7 +43,7 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.io.write import WRITERS
+from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, Shape

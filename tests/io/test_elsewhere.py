@@ -20,7 +20,8 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.io.write import MESH_WRITERS, write_features, write_mesh
+from meshmash_viewer.io.write import write_features, write_mesh
+from meshmash_viewer.io.writers import MESH_WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import STRUCTURES, named_structure, structure_of_file
 

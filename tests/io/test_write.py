@@ -18,16 +18,10 @@ import pytest
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.io.atomic import made_folder, written_whole
+from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.io.write import (
-    EIGENPAIR_WRITERS,
-    WRITERS,
-    check_output,
-    provenance,
-    write_eigenpairs,
-    write_features,
-    write_picture,
-)
+from meshmash_viewer.io.write import check_output, write_eigenpairs, write_features, write_picture
+from meshmash_viewer.io.writers import EIGENPAIR_WRITERS, WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import Decomposition

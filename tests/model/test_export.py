@@ -19,7 +19,7 @@ from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, wav
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.io.maps import read_maps
-from meshmash_viewer.io.write import WRITERS
+from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose

@@ -10,15 +10,6 @@ from PySide6.QtWidgets import QAbstractButton, QDoubleSpinBox, QLabel, QSlider, 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.layout import grid
 
-__all__ = [
-    "Facts",
-    "keep_room",
-    "note",
-    "reserved_note",
-    "show_note",
-    "show_quietly",
-]
-
 
 def note(name: str, role: str = "muted") -> QLabel:
     """A line of explanation that wraps, and takes no room while it is empty."""

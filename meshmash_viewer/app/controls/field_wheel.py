@@ -15,8 +15,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["FieldWheel", "scroll_area"]
-
 _FIELDS = (QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 _NOTCH = 120  # eighths of a degree, as Qt counts
 #: Milliseconds in which notches belong to one turn of the wheel.

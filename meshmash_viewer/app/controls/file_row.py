@@ -14,8 +14,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.model.failure import failure_of
 
-__all__ = ["FileRow"]
-
 
 class FileRow(QWidget):
     """Where a file with an `ending` is written; `pattern` is one of Qt: "PNG picture (*.png)"."""

@@ -18,8 +18,6 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.spin import DecimalField, WholeField
 
-__all__ = ["FocusKeys", "settle_typing"]
-
 _WATCHED = (QAbstractButton, QComboBox, QTabBar, QLineEdit, QAbstractSpinBox)
 _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
 

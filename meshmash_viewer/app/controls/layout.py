@@ -8,8 +8,6 @@ from PySide6.QtWidgets import QBoxLayout, QGridLayout, QHBoxLayout, QLayout, QVB
 
 from meshmash_viewer.app import theme
 
-__all__ = ["PANEL", "Part", "column", "grid", "row"]
-
 #: What a row or a column holds; None takes the room that is left, a part in a tuple grows.
 Part: TypeAlias = QWidget | QLayout | tuple[QWidget | QLayout] | None
 Margins: TypeAlias = tuple[int, int, int, int]

@@ -28,19 +28,6 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.controls.spin import WholeField
 
-__all__ = [
-    "button",
-    "check",
-    "combo",
-    "dot",
-    "heading",
-    "icon_button",
-    "label",
-    "line",
-    "muted",
-    "spin",
-]
-
 Act: TypeAlias = Callable[..., object] | SignalInstance
 ButtonType = TypeVar("ButtonType", bound=QAbstractButton)
 

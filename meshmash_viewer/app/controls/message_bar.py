@@ -11,8 +11,6 @@ from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.model.document import Notice, Severity
 
-__all__ = ["MessageBar"]
-
 #: How long a notice without a cause that can go (`Notice.holds`) stays, in milliseconds.
 _STAY = 7000
 _WIDEST = 620

@@ -14,8 +14,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number
 from meshmash_viewer.units import format_number, format_range
 
-__all__ = ["NumberField"]
-
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
 _LARGEST = 1e150
 

@@ -10,8 +10,6 @@ from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 
-__all__ = ["RangeBox"]
-
 
 class RangeBox(QWidget):
     """A check for automatic, and a field for each end, which always show the range in force.

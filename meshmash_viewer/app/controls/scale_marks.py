@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 from meshmash_viewer.units import superscript
 
-__all__ = ["Mark", "decade_marks", "log_share", "power_text"]
-
 
 class Mark(NamedTuple):
     """A labelled place along a range; `share` is how far along it is, 0 to 1."""

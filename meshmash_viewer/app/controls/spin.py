@@ -15,8 +15,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number, parse_whole
 from meshmash_viewer.units import format_number
 
-__all__ = ["DecimalField", "WholeField", "show_refusal", "typed_fields"]
-
 if TYPE_CHECKING:
 
     class _Spin(QAbstractSpinBox):

@@ -18,8 +18,6 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.scale_marks import Mark, decade_marks, log_share
 
-__all__ = ["LogSlider", "StepSlider"]
-
 _NOTCH = 120  # eighths of a degree, as Qt counts
 #: Where the range begins, from either end of the widget: half a handle of the style sheet.
 _EDGE = 8.0

@@ -27,7 +27,7 @@ from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import MOST_COUNT, Family
 from meshmash_viewer.health import listed_repairs
-from meshmash_viewer.io.write import EIGENPAIR_WRITERS
+from meshmash_viewer.io.writers import EIGENPAIR_WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.plug_ins import known_plug_ins

@@ -13,7 +13,7 @@ from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.io.write import WRITERS
+from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pieces import LEAST, PiecesJob, in_pieces, usual_pieces
 from meshmash_viewer.units import counted, format_quantity

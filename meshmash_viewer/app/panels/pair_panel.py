@@ -19,7 +19,7 @@ from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
 from meshmash_viewer.features.comparison import comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.io.write import WRITERS
+from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
 from meshmash_viewer.units import format_number

@@ -22,7 +22,7 @@ from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.shape_source import DrawnShape
-from meshmash_viewer.io.write import MESH_WRITERS
+from meshmash_viewer.io.writers import MESH_WRITERS
 from meshmash_viewer.model.display import FEWEST_PAIRS, MOST_AMPLITUDE
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field

@@ -9,8 +9,9 @@ import pyqtgraph as pg
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.plots.plot import color, dashed, hatch, marker, solid
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields import FEATURES
-from meshmash_viewer.fields.family import Family, FloatArray
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.units import named_quantity

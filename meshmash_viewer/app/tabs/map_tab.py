@@ -21,7 +21,8 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import MapSpectrum
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.maps import CURVATURES, VIEWS, OwnMaps
-from meshmash_viewer.io.write import SPECTRUM_WRITERS, write_map_spectrum
+from meshmash_viewer.io.write import write_map_spectrum
+from meshmash_viewer.io.writers import SPECTRUM_WRITERS
 from meshmash_viewer.model.document import Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs

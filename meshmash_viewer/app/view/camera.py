@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

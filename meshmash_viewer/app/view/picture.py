@@ -20,16 +20,6 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
-__all__ = [
-    "OffScreen",
-    "draw_picture",
-    "new_drawing",
-    "new_window",
-    "render_picture",
-    "straight",
-    "text_scale",
-]
-
 #: Seconds after which a graphics driver is given up.
 _DRIVER_TIMEOUT = 30.0
 #: Largest number of samples of all pixels, of which a driver stores some 8 bytes each.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.provenance import stated_mesh
@@ -21,7 +22,6 @@ from meshmash_viewer.io.raw import (
     maps_alone,
     maps_of_columns,
 )
-from meshmash_viewer.mesh import IntArray
 from meshmash_viewer.triangulation import triangulate
 
 #: What our own exports hold for every pair, not for every vertex.

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.io.text import Lines, read_text
-from meshmash_viewer.mesh import FloatArray, IntArray
 from meshmash_viewer.triangulation import triangulate
 from meshmash_viewer.units import counted
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import (
     names_of_properties,
@@ -18,7 +19,6 @@ from meshmash_viewer.io.provenance import (
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
 from meshmash_viewer.io.rows import Columns, Element, Property, rows_of_text, take_rows
 from meshmash_viewer.io.text import NotANumber, parse_rows, unmarked, with_newlines
-from meshmash_viewer.mesh import IntArray
 from meshmash_viewer.triangulation import strip_triangles, triangulate
 
 _TYPES = {

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.joining import join_vertices
 from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.io.text import Lines, unmarked, with_newlines
-from meshmash_viewer.mesh import FloatArray, IntArray
 from meshmash_viewer.triangulation import triangulate
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Number of additional pairs that are computed.
 _EXTRA = 6

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.orthogonality import (
@@ -20,8 +21,6 @@ from meshmash_viewer.spectral.engine.orthogonality import (
     project_out,
     subtract,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Number of vectors in a block.
 BLOCK = 8

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
@@ -39,8 +40,6 @@ from meshmash_viewer.spectral.engine.workers import (
     is_dense,
     worker_count,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Relative rounding error by which an eigenvalue may exceed a threshold.
 _THRESHOLD_MARGIN = 1e-11

@@ -9,10 +9,9 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine.pencil import Pencil
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class DenseSpectrum:

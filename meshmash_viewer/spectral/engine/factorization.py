@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.repeated import RepeatedComponents
 
-FloatArray = npt.NDArray[np.float64]
 #: One byte, shared with running kernels; any value other than 0 stops them.
 StopFlag = npt.NDArray[np.uint8]
 

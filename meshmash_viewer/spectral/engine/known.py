@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.factorization import FactorizationError, OrderedPencil
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.refinement import measure_pairs
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Largest residual, relative to the eigenvalue, of an accepted pair.
 _RESIDUAL = 1e-6

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.orthogonality import (
@@ -22,8 +23,6 @@ from meshmash_viewer.spectral.engine.orthogonality import (
     project_out,
 )
 from meshmash_viewer.spectral.engine.refinement import refine_pairs, rotate_to_pairs
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Slope and intercept of the usual basis size at convergence, as a function of the pairs.
 _USUAL = (2.3, 56)

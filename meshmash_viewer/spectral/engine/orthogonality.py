@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from meshmash_viewer.arrays import FloatArray
 
 #: Columns processed at a time, few enough to stay in the cache.
 _CHUNK = 4096

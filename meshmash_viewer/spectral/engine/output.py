@@ -6,17 +6,17 @@ slice is orthogonalised against the one before, which is already final.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: Largest entry of an eigenvector in float32, with a margin for products.
 _LARGEST_SINGLE = 1e30
 #: Inner products of neighbouring slices below this are not corrected.

@@ -16,9 +16,8 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
 
 _EPSILON = float(np.finfo(np.float64).eps)
 #: Allowed asymmetry relative to the diagonal entries of row and column.

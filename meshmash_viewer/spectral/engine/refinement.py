@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.spectral.engine.basis import BLOCK
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.orthogonality import (
@@ -13,8 +14,6 @@ from meshmash_viewer.spectral.engine.orthogonality import (
     orthonormalise,
     project_out,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Residuals above this multiple of the tolerance are refined.
 _COARSE = 8.0

@@ -15,10 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.spectral.engine.dense import component_pairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Minimum number of components of one size; fewer are solved with the Krylov basis.
 _FEWEST = 16
