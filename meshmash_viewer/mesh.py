@@ -31,6 +31,9 @@ from meshmash_viewer.vertex_map import VertexMap, named_apart
 #: pyvista ``PolyData``.
 MeshLike: TypeAlias = Any
 
+#: A component with less than this share of the area of the largest one is small, see
+#: `Mesh.small_components`.
+SMALL = 0.05
 #: A face whose height is below this share of its longest edge is numerically degenerate.
 _FLAT = 1e-12
 
@@ -171,8 +174,9 @@ class Mesh:
     def area_sample(self, count: int = 10_000) -> IntArray:
         """Vertices spread over the surface in proportion to its area.
 
-        Statistics over them are those of the surface: small debris, many vertices on little
-        area, weigh as little as they look.
+        Statistics over them are those of the surface: many vertices on little area weigh as little
+        as they look. `small_components` are left out: debris has values of its own, as heat that
+        cannot flow away.
 
         Parameters
         ----------
@@ -184,7 +188,8 @@ class Mesh:
         ndarray of int64, shape (count,)
             Ascending, so that values are read in order; the same for the same mesh.
         """
-        filled = np.cumsum(self.face_areas)
+        large = ~self.small_components[self.faces[:, 0]]
+        filled = np.cumsum(self.face_areas * large)
         drawn = np.searchsorted(filled, (np.arange(count) + 0.5) / count * filled[-1])
         corners = self.faces[np.minimum(drawn, self.n_faces - 1), np.arange(count) % 3]
         return np.sort(corners).astype(np.int64)
@@ -243,6 +248,15 @@ class Mesh:
         # SciPy numbers in that order, and counts what is in no face too
         result[self.referenced] = np.unique(labels[self.referenced], return_inverse=True)[1]
         return result
+
+    @cached_property
+    def small_components(self) -> npt.NDArray[np.bool_]:
+        """Vertices of components with less than `SMALL` of the area of the largest, shape (n,)."""
+        labels = self.component_labels
+        areas = np.bincount(
+            np.maximum(labels[self.faces[:, 0]], 0), self.face_areas, int(labels.max()) + 1
+        )
+        return np.asarray((areas < SMALL * areas.max())[labels] & (labels >= 0))
 
     @property
     def n_components(self) -> int:

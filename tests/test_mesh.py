@@ -173,14 +173,19 @@ def test_a_mesh_travels_to_another_process(neuron):
     assert copy.unit == "nm"
 
 
-def test_the_area_sample_weighs_a_speck_as_little_as_its_area(sphere: Mesh) -> None:
+@pytest.mark.parametrize(("size", "count"), [(0.3, 3300), (0.15, 0)])
+def test_the_area_sample_weighs_by_area_and_leaves_small_components_out(
+    sphere: Mesh, size: float, count: int
+) -> None:
     n = sphere.n_vertices
-    speck = 0.01 * sphere.vertices + [5.0, 0.0, 0.0]
+    other = size * sphere.vertices + [5.0, 0.0, 0.0]
     mesh = Mesh(
-        np.concatenate([sphere.vertices, speck]), np.concatenate([sphere.faces, sphere.faces + n])
+        np.concatenate([sphere.vertices, other]), np.concatenate([sphere.faces, sphere.faces + n])
     )
+    assert mesh.small_components[n:].all() == (count == 0)
+    assert not mesh.small_components[:n].any()
     sample = mesh.area_sample(40_000)
-    assert np.count_nonzero(sample >= n) == pytest.approx(4, abs=2)  # a share of 1e-4, not a half
+    assert np.count_nonzero(sample >= n) == pytest.approx(count, abs=20)
     upper = np.count_nonzero(mesh.vertices[sample, 2] > 0.0) / len(sample)
     assert upper == pytest.approx(0.5, abs=0.05)
     np.testing.assert_array_equal(sample, mesh.area_sample(40_000))

@@ -15,9 +15,10 @@ class Written:
         self.texts: dict[str, tuple[float, float]] = {}
         self.rectangles: list[tuple[float, ...]] = []
         self.strips: list[tuple[float, ...]] = []
+        self.polygons: list[list[float]] = []
         pen, brush, look = vtkPen(), vtkBrush(), vtkTextProperty()
         self.GetPen, self.GetBrush, self.GetTextProp = lambda: pen, lambda: brush, lambda: look
-        self.DrawEllipse = self.DrawPolygon = self.SetTransform = lambda *_: None
+        self.DrawEllipse = self.SetTransform = lambda *_: None
         drawing.prepare(*size, scale)
         drawing.annotations.Paint(None, self)
 
@@ -26,6 +27,9 @@ class Written:
 
     def DrawRect(self, *place: float) -> None:
         self.rectangles.append(place)
+
+    def DrawPolygon(self, corners: list[float], _count: int) -> None:
+        self.polygons.append(corners)
 
     def DrawImage(self, place, _image) -> None:
         self.strips.append((place.GetX(), place.GetY(), place.GetWidth(), place.GetHeight()))

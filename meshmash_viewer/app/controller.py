@@ -11,7 +11,7 @@ from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.limits import LimitPolicy
+from meshmash_viewer.model.limits import LimitPolicy, Limits
 from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ class Link(Protocol):
         """Draw the fields of both meshes after that of one has changed."""
 
     def adapted(
-        self, source: Controller, field: Field, limits: tuple[float, float], colormap: ColorMap
-    ) -> tuple[Field, tuple[float, float], ColorMap]:
+        self, source: Controller, field: Field, limits: Limits, colormap: ColorMap
+    ) -> tuple[Field, Limits, ColorMap]:
         """Return the field of one mesh as it is shown next to the other."""
 
 
@@ -73,7 +73,7 @@ class Controller(QObject):
         self.link: Link | None = None
         self._wanted: FieldRequest | None = None
         self._policy: LimitPolicy | None = None
-        self._shown: tuple[Field, tuple[float, float], ColorMap, bool] | None = None
+        self._shown: tuple[Field, Limits, ColorMap, bool] | None = None
         self._patience = QTimer(self, singleShot=True, interval=_LATE)
         self._patience.timeout.connect(self._announce)
         self._fields = LatestThread(self._compute, self._take, parent=self, one_core=True)
@@ -84,7 +84,7 @@ class Controller(QObject):
         requested = events.kind, events.fields, document.spectrum_changed, document.mesh_changed
         listen(requested, self.refresh)
         colors = events.policies, events.diverging_colormap, events.sequential_colormap
-        listen((*colors, events.nodal_lines), self.show)
+        listen((*colors, events.log_scales, events.nodal_lines), self.show)
 
     def close(self) -> None:
         """Disconnect, and wait for the threads."""
@@ -129,7 +129,8 @@ class Controller(QObject):
         """Compute a field and its limits, in the thread."""
         field = compute_field(request, self.live)
         if field is not None:
-            field.limits(self._policy)  # cached
+            field.limits(self._policy)  # cached, as is the next
+            field.scaled((0.0, 1.0), None)
         return field
 
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
@@ -168,7 +169,7 @@ class Controller(QObject):
         """Pass the field to the view, if it has changed."""
         field, mesh, display = self.field, self._document.mesh, self._document.display
         if field is None or mesh is None or len(field.values) != mesh.n_vertices:
-            self._shown, limits = None, (0.0, 1.0)
+            self._shown, limits = None, Limits(0.0, 1.0)
             self._view.set_field(None, limits, display.sequential_colormap)
             self.drawn.emit(None, limits)
             return

@@ -48,6 +48,7 @@ from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
+from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.plug_ins import known_plug_ins
 
 if TYPE_CHECKING:
@@ -309,7 +310,7 @@ class MainWindow(QMainWindow):
             action.setToolTip(str(path))
             action.triggered.connect(lambda _checked=False, path=path: self.opening.open_path(path))
 
-    def _on_drawn(self, field: Field | None, limits: tuple[float, float]) -> None:
+    def _on_drawn(self, field: Field | None, limits: Limits) -> None:
         """Show the field that was drawn in the panels, and vibrate by it."""
         self.hover_label.field = field
         self.field_panel.set_field(field, limits)

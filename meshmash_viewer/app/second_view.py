@@ -24,13 +24,14 @@ from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document, Notice
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.colors import ColorMap
 
 #: The field of the second as it is shown next to the first, and limits for both.
-_Linked: TypeAlias = tuple[Field, tuple[float, float]] | None
+_Linked: TypeAlias = tuple[Field, Limits] | None
 
 
 class SecondView(QWidget):
@@ -190,8 +191,8 @@ class SecondView(QWidget):
         self.controller.draw()
 
     def adapted(
-        self, source: Controller, field: Field, limits: tuple[float, float], colormap: ColorMap
-    ) -> tuple[Field, tuple[float, float], ColorMap]:
+        self, source: Controller, field: Field, limits: Limits, colormap: ColorMap
+    ) -> tuple[Field, Limits, ColorMap]:
         """Return the field of one mesh as it is shown next to the other."""
         linked, first = self._linked(), self._first.field
         if linked is None:
@@ -208,8 +209,16 @@ class SecondView(QWidget):
         if first is None or second is None:
             return None
         pair = self.pair
-        policies = pair.first.display.policies
-        state = first, second, pair.links, policies, pair.carries, pair.comparison
+        display = pair.first.display
+        state = (
+            first,
+            second,
+            pair.links,
+            display.policies,
+            display.log_scales,
+            pair.carries,
+            pair.comparison,
+        )
         if state != self._known[0]:
             self._known = state, pair.shown_field(first, second)
         return self._known[1]

@@ -281,6 +281,12 @@ def _add_looks(
     )
     parser.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
     parser.add_argument("--limits", type=numbers.number(), nargs=2, metavar=("LOW", "HIGH"))
+    parser.add_argument(
+        "--color-scale",
+        choices=("automatic", "linear", "log"),
+        default="automatic",
+        help="automatic is log where values are positive and span more than two decades",
+    )
     parser.add_argument("--dark", action="store_true", help="light text on a dark ground")
     if transparent:
         parser.add_argument("--transparent", action="store_true", help="leave the background out")

@@ -105,7 +105,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
             report["remarks"] = [f"{said}{more_pairs()}."]
         limits, colormap = field.colors(_display(options, family))
         values = field.values
-        report["limits"] = list(limits)
+        report |= {"limits": list(limits[:2]), "log_scale": limits.logarithmic}
         shown = {
             "colormap": colormap,
             "limits": limits,
@@ -311,6 +311,8 @@ def _display(options: Namespace, family: Family) -> Display:
     """Return the limits and colour map of all pictures."""
     policy = _policy(options)
     display = Display(policies={} if policy is None else {family.name: policy})
+    if options.color_scale != "automatic":
+        display.log_scales = {family.name: options.color_scale == "log"}
     if options.colormap:
         display.sequential_colormap = display.diverging_colormap = options.colormap
     return display

@@ -192,6 +192,8 @@ class Family(Parameters):
     contoured: ClassVar[bool] = False
     #: Whether a few vertices may have values far beyond all others.
     tailed: ClassVar[bool] = False
+    #: Whether the bright end of a colour map is that of low values.
+    bright_low: ClassVar[bool] = False
     #: Milliseconds a step when played; 0 if it cannot be played.
     interval: ClassVar[int] = 0
     #: Whether the axes of the profile, bottom and left, and of the response are logarithmic.

@@ -35,6 +35,7 @@ class Similarity(Family):
         '<circle cx="12" cy="12" r="8.5"/><circle cx="12" cy="12" r="4.5"/><path d="M12 11.8v.4"/>'
     )
     required = "vertex"
+    bright_low = True
 
     #: Vertex from which distances are measured.
     vertex: int | None = parameter(None, Whole(), vertex=True)
@@ -53,7 +54,11 @@ class Similarity(Family):
 
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         """Describe the distance, which has no unit, since each column is divided by its spread."""
-        quantity = "" if self.vertex is None else f"from {spectrum.named_vertex(self.vertex)}"
+        quantity = (
+            ""
+            if self.vertex is None
+            else f"from {spectrum.named_vertex(self.vertex)}: 0, bright, is alike"
+        )
         return Description(quantity, f"Distance in {self._features().label.lower()}", power=0)
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:

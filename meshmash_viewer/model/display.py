@@ -41,7 +41,7 @@ _POLICIES: dict[str, type[Any]] = {
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
 #: Attributes written as they are; `playing` is not stored.
-_PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
+_PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap", "log_scales")
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,9 @@ class Display:
     sequential_colormap: str = "viridis"
     #: How colour limits are chosen, by family name; `automatic_limits` for families not in it.
     policies: Mapping[str, LimitPolicy] = field(default_factory=dict)
+    #: Whether colours follow the logarithm of the values, by family name; for families not in it
+    #: where that serves (`limits.spans_decades`).
+    log_scales: Mapping[str, bool] = field(default_factory=dict)
     #: Displacement of the vertices.
     shape: Shape = field(default_factory=Shape)
     #: Whether vertices oscillate along their normals by the displayed field.
@@ -137,6 +140,16 @@ class Display:
     def limits(self, policy: LimitPolicy | None) -> None:
         others = {name: each for name, each in self.policies.items() if name != self.kind}
         self.policies = others if policy is None else {**others, self.kind: policy}
+
+    @property
+    def log_scale(self) -> bool | None:
+        """Whether the displayed family has a log scale; None for where that serves."""
+        return self.log_scales.get(self.kind)
+
+    @log_scale.setter
+    def log_scale(self, logarithmic: bool | None) -> None:
+        others = {name: each for name, each in self.log_scales.items() if name != self.kind}
+        self.log_scales = others if logarithmic is None else {**others, self.kind: logarithmic}
 
 
 # -- as JSON, for session files -----------------------------------------------------------------
@@ -221,6 +234,7 @@ _DISPLAY = Record(
         "diverging_colormap": _color_map,
         "sequential_colormap": _color_map,
         "fields": Record({name: _family(family) for name, family in FAMILIES.items()}),
+        "log_scales": Record(dict.fromkeys(FAMILIES, Flag())),
         "policies": Record(dict.fromkeys(FAMILIES, _policy)),
         "shape": Shape.entries(),
     }

@@ -52,6 +52,7 @@ from meshmash_viewer.work.job import Job
 #: Attributes of the display whose changes are recorded, with their names in the menu.
 _RECORDED = {
     "policies": "colour limits",
+    "log_scales": "colour scale",
     "diverging_colormap": "colour map",
     "sequential_colormap": "colour map",
 }

@@ -11,7 +11,16 @@ import numpy.typing as npt
 
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Answer, Description, Family, Table
-from meshmash_viewer.model.limits import LimitPolicy, LockedLimits, automatic_limits
+from meshmash_viewer.model.limits import (
+    LimitPolicy,
+    Limits,
+    LockedLimits,
+    automatic_limits,
+    beyond_limits,
+    extremes_of,
+    logarithmic_limits,
+    spans_decades,
+)
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_number, round_length
@@ -82,12 +91,43 @@ class Field:
             known = self._limits[policy] = policy.limits(self.values, self.request.sample)
         return known
 
-    def colors(self, display: Display) -> tuple[tuple[float, float], str | tuple[str, ...]]:
+    @cached_property
+    def spans_decades(self) -> bool:
+        """Whether colours follow the logarithm of the values by default."""
+        return self.has_log_scale and spans_decades(self.values, self.request.sample)
+
+    @property
+    def has_log_scale(self) -> bool:
+        """Whether colours can follow the logarithm of the values."""
+        return not (self.signed or self.labels)
+
+    def scaled(self, ends: tuple[float, float], logarithmic: bool | None) -> Limits:
+        """Return limits on a linear or logarithmic scale; None for the one that serves."""
+        wanted = self.spans_decades if logarithmic is None else logarithmic
+        if not (wanted and self.has_log_scale):
+            return Limits(*ends)
+        return logarithmic_limits(ends, self.values, self.request.sample)
+
+    @cached_property
+    def _extremes(self) -> tuple[float, float]:
+        return extremes_of(self.values)
+
+    def beyond(self, limits: Limits) -> tuple[bool, bool]:
+        """Whether there are values below the lower limit, and above the upper one."""
+        return beyond_limits(limits, self._extremes)
+
+    def colors(self, display: Display) -> tuple[Limits, str | tuple[str, ...]]:
         """Limits of its colours, and their map: a name, or the colours of its labels."""
-        limits = self.limits(display.policies.get(self.family.name))
+        name = self.family.name
+        ends = self.limits(display.policies.get(name))
+        limits = self.scaled(ends, display.log_scales.get(name))
+        self.beyond(limits)  # cached
         if self.labels:
             return limits, tuple(label.color for label in self.labels)
-        return limits, display.diverging_colormap if self.signed else display.sequential_colormap
+        if self.signed:
+            return limits, display.diverging_colormap
+        named = display.sequential_colormap
+        return limits, reversed_map(named) if self.family.bright_low else named
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
         """Return the field on another mesh, with the values at `vertices`; NaN for -1."""
@@ -173,6 +213,11 @@ class Field:
     def signed(self) -> bool:
         """Whether the field has positive and negative values."""
         return self.family.signed
+
+
+def reversed_map(name: str) -> str:
+    """Return the name of the colour map of matplotlib that runs the other way."""
+    return name.removesuffix("_r") if name.endswith("_r") else f"{name}_r"
 
 
 class LiveFeatures:

@@ -1,9 +1,9 @@
-"""Colour limits: policies that compute the two ends of a colour bar from the values of a field."""
+"""Colour limits: the two ends of a colour bar, and its scale, from the values of a field."""
 
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,19 @@ from meshmash_viewer.fields.parameter import Number, Parameters, parameter
 Ends: TypeAlias = tuple[float, float]
 Values: TypeAlias = npt.NDArray[np.floating]
 Sample: TypeAlias = npt.NDArray[np.int64] | None
+
+#: Smallest lower limit of a log scale.
+_TINY = 1e-36
+#: Ratio of the 99th percentile to the 1st from which colours follow the logarithm by default.
+MANY_DECADES = 100.0
+
+
+class Limits(NamedTuple):
+    """Ends of a colour bar; `logarithmic` if colours follow the logarithm of the values."""
+
+    low: float
+    high: float
+    logarithmic: bool = False
 
 
 class LimitPolicy(Protocol):
@@ -41,7 +54,7 @@ def _finite(values: Values) -> Values:
     return kept if kept.size else np.zeros(1, dtype=values.dtype)
 
 
-def _extremes(values: Values) -> Ends:
+def extremes_of(values: Values) -> Ends:
     """Return the smallest and largest finite value; (0, 0) if there is none."""
     low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
     if not (np.isfinite(low) and np.isfinite(high)):  # faster than a mask of all values
@@ -60,7 +73,7 @@ class SymmetricLimits(Parameters):
     percent: float = 100.0
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        low, high = _extremes(values)
+        low, high = extremes_of(values)
         if self.percent < 100.0:
             low, high = PercentileLimits(100.0 - self.percent, self.percent).limits(values, sample)
         bound = max(abs(low), abs(high)) or 1.0
@@ -72,7 +85,7 @@ class MinMaxLimits(Parameters):
     """From the smallest value to the largest."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        return _opened(*_extremes(values))
+        return _opened(*extremes_of(values))
 
 
 @dataclass(frozen=True)
@@ -97,6 +110,35 @@ class LockedLimits(Parameters):
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         return _opened(self.low, self.high)
+
+
+def spans_decades(values: Values, sample: Sample = None) -> bool:
+    """Whether a log scale serves a field: it is not below 0, and spans more than two decades.
+
+    These are counted between the 1st and the 99th percentile of the surface.
+    """
+    low, high = PercentileLimits().limits(values, sample)
+    return 0.0 < low * MANY_DECADES < high and extremes_of(values)[0] >= 0.0
+
+
+def logarithmic_limits(ends: Ends, values: Values, sample: Sample = None) -> Limits:
+    """Return limits of a log scale, from the 1st percentile of what is positive if `low` is not.
+
+    Linear ones if nothing is positive.
+    """
+    low, high = ends
+    if low <= 0.0 < high:
+        looked_at = _finite(values if sample is None else values[sample])
+        positive = looked_at[looked_at > 0.0]
+        low = float(np.percentile(positive, PercentileLimits().low)) if positive.size else 0.0
+    # single precision, in which colours are computed, has nothing below
+    return Limits(low, high, True) if _TINY < low < high else Limits(*ends)
+
+
+def beyond_limits(limits: Limits, extremes: Ends) -> tuple[bool, bool]:
+    """Whether there are values below the lower limit, and above the upper one."""
+    margin = 1e-6 * (limits.high - limits.low)
+    return extremes[0] < limits.low - margin, extremes[1] > limits.high + margin
 
 
 def automatic_limits(*, signed: bool, tailed: bool = False) -> LimitPolicy:

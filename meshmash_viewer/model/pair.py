@@ -35,6 +35,7 @@ from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -209,7 +210,7 @@ class Pair:
                 self._pinned[number] = index
                 self.first.toggle_pin(match, number)
 
-    def shown_field(self, first: Field, second: Field) -> tuple[Field, tuple[float, float]] | None:
+    def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the field that the second shows, and colour limits for both fields.
 
         That is the field of the first, transferred by the match, if the second carries it; else see
@@ -220,9 +221,7 @@ class Pair:
             return first.carried(self.comparison.back.indices), limits
         return self.with_shared_limits(first, second)
 
-    def with_shared_limits(
-        self, first: Field, second: Field
-    ) -> tuple[Field, tuple[float, float]] | None:
+    def with_shared_limits(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the second field scaled for comparison, and colour limits for both fields.
 
         The limits span those of both fields, each under the current policy. Values that depend on
@@ -230,13 +229,14 @@ class Pair:
 
         Returns
         -------
-        tuple of Field and two floats, or None
+        tuple of Field and Limits, or None
             None where each mesh keeps its own limits: the link is off, families, signs or units
             differ, or a field consists of labels.
         """
         if "colors" not in self.links or first.family.name != second.family.name:
             return None
-        policy = self.first.display.policies.get(first.family.name)
+        name, display = first.family.name, self.first.display
+        policy, logarithmic = display.policies.get(name), display.log_scales.get(name)
         second.limits(policy)  # once, before they are scaled
         second = second.at_size(self.correspondence.length, first.request.unit)
         if (first.unit, first.signed) != (second.unit, second.signed):
@@ -244,7 +244,9 @@ class Pair:
         if first.labels or second.labels:
             return None
         lows, highs = zip(first.limits(policy), second.limits(policy), strict=True)
-        return second, (min(lows), max(highs))
+        if logarithmic is None:
+            logarithmic = first.spans_decades or second.spans_decades
+        return second, first.scaled((min(lows), max(highs)), logarithmic)
 
     # -- what is compared ---------------------------------------------------------------------
 

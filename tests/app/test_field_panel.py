@@ -308,7 +308,7 @@ def test_colour_maps_suit_the_field_and_limits_follow_the_policy(panel: FieldPan
     def arrive() -> tuple[float, float]:
         field = compute_field(request_of(document), LiveFeatures())
         limits = (document.display.limits or MinMaxLimits()).limits(field.values)
-        panel.set_field(field, limits)
+        panel.set_field(field, field.scaled(limits, document.display.log_scale))
         return limits
 
     limits = arrive()
@@ -331,6 +331,25 @@ def test_colour_maps_suit_the_field_and_limits_follow_the_policy(panel: FieldPan
     maps.activated.emit(maps.findData("cividis"))
     assert document.display.sequential_colormap == "cividis"
     assert document.display.diverging_colormap == "RdBu_r"
+
+
+def test_a_log_scale_is_chosen_by_family_and_undone(panel: FieldPanel, document) -> None:
+    scales = part(panel, "color_scale_combo")
+    assert not scales.isEnabled(), "eigenfunctions have both signs"
+    document.display.kind = "hks"
+    field = compute_field(request_of(document), LiveFeatures())
+    panel.set_field(field, field.colors(document.display)[0])
+    assert scales.isEnabled()
+    assert scales.currentText() == "Automatic: linear"
+    QTest.keyClick(scales, Qt.Key.Key_End)
+    assert document.display.log_scales == {"hks": True}
+    limits, _ = field.colors(document.display)
+    assert limits.logarithmic
+    assert limits[:2] == field.limits(None)
+    assert document.history.undo_label == "colour scale"
+    document.undo()
+    assert document.display.log_scales == {}
+    assert scales.currentData() == "automatic"
 
 
 def test_without_eigenpairs_it_says_what_to_do(qtbot) -> None:

@@ -31,6 +31,7 @@ CONTENT = {
     "nodal_lines": True,
     "diverging_colormap": "PuOr_r",
     "sequential_colormap": "magma",
+    "log_scales": {"hks": True, "band": False},
     "fields": {
         "eigenfunction": {"index": 7, "flipped": [3, 5]},
         "hks": {"time": 1.5e5, "automatic": False, "t_min": 1.0, "t_max": 2e5, "scales": 64},
@@ -52,6 +53,7 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
         nodal_lines=True,
         diverging_colormap="PuOr_r",
         sequential_colormap="magma",
+        log_scales={"hks": True, "band": False},
         policies={} if limits is None else {"hks": limits},
     )
     before.put(
@@ -83,6 +85,7 @@ def test_an_end_that_is_not_said_is_in_order(part: dict[str, object]) -> None:
         ("nodal_lines", None, "display.nodal_lines"),
         ("sequential_colormap", "nonsense", "display.sequential_colormap = .*colour map"),
         ("diverging_colormap", None, "display.diverging_colormap"),
+        ("log_scales", {"hks": "yes"}, "display.log_scales.hks"),
         ("policies", {"hks": {"policy": "Nobody"}}, "display.policies.hks.policy"),
         ("policies", {"hks": {"low": 1.0, "high": 2.0}}, "display.policies.hks = .* with policy"),
         ("policies", {"hks": {"policy": "LockedLimits"}}, "display.policies.hks = .* with low"),

@@ -133,7 +133,7 @@ def test_labels_have_the_colours_of_their_own(rectangle: Mesh) -> None:
     document.display.kind = "map"
     document.display.change(OwnMaps, chosen="parts")
     field = compute_field(request_of(document), LiveFeatures())
-    assert field.colors(document.display) == ((-0.5, 1.5), ("#ff0000", "#00ff00"))
+    assert field.colors(document.display) == ((-0.5, 1.5, False), ("#ff0000", "#00ff00"))
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,15 @@ import pytest
 
 from meshmash_viewer.model.limits import (
     LimitPolicy,
+    Limits,
     LockedLimits,
     MinMaxLimits,
     PercentileLimits,
     SymmetricLimits,
     automatic_limits,
+    beyond_limits,
+    logarithmic_limits,
+    spans_decades,
 )
 
 POLICIES = [
@@ -99,3 +103,29 @@ def test_percentiles_run_from_1_to_99_where_nobody_chose() -> None:
     policy = PercentileLimits()
     low, high = policy.limits(np.linspace(0.0, 100.0, 1001))
     assert (low, high) == (pytest.approx(1.0), pytest.approx(99.0))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "serves"),
+    [(1e-9, 1e-5, True), (1e-7, 1e-5, False), (0.0, 1e-5, True), (-1e-12, 1e-5, False)],
+)
+def test_a_log_scale_serves_positive_fields_over_more_than_two_decades(
+    low: float, high: float, serves: bool
+) -> None:
+    values = np.geomspace(max(low, 1e-9), high, 1000).astype(np.float32)
+    values[0] = low
+    assert spans_decades(values) == serves
+
+
+def test_a_log_scale_begins_above_zero() -> None:
+    values = np.append(0.0, np.geomspace(1e-3, 1.0, 301))
+    low, high, logarithmic = logarithmic_limits(MinMaxLimits().limits(values), values)
+    assert (high, logarithmic) == (1.0, True)
+    assert 1e-3 <= low < 2e-3
+    assert logarithmic_limits((-2.0, -1.0), values) == (-2.0, -1.0, False)
+    assert logarithmic_limits((0.0, 1.0), np.zeros(3)) == (0.0, 1.0, False)
+
+
+def test_values_beyond_the_limits_are_known() -> None:
+    assert beyond_limits(Limits(0.0, 1.0), (0.0, 1.0)) == (False, False)
+    assert beyond_limits(Limits(0.0, 1.0), (-0.5, 1.5)) == (True, True)

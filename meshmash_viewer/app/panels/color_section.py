@@ -21,6 +21,7 @@ from meshmash_viewer.app.view.colors import color_table
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import (
+    Limits,
     LockedLimits,
     MinMaxLimits,
     PercentileLimits,
@@ -34,6 +35,12 @@ _POLICIES: dict[str, tuple[type[Any], str]] = {
     "minmax": (MinMaxLimits, "Minimum to maximum"),
     "percentile": (PercentileLimits, "Percentiles"),
     "locked": (LockedLimits, "Locked"),
+}
+#: Scales of the colours: linear, logarithmic, or None for the one that serves.
+_SCALES: dict[str, tuple[bool | None, str]] = {
+    "automatic": (None, "Automatic"),
+    "linear": (False, "Linear"),
+    "log": (True, "Logarithmic"),
 }
 _KINDS = [kind for kind, _ in _POLICIES.values()]
 
@@ -77,7 +84,7 @@ class ColorSection(QWidget):
         super().__init__()
         self._document = document
         self._signed: bool | None = None
-        self._limits: tuple[float, float] | None = None
+        self._limits: Limits | None = None
         self._unit = ""
         self._labelled = False
         self._build()
@@ -95,7 +102,19 @@ class ColorSection(QWidget):
             self._choose_policy,
             {key: text for key, (_, text) in _POLICIES.items()},
         )
-        rows = ((make.muted("Map"), self.map_combo), (make.muted("Limits"), self.policy_combo))
+        self.scale_combo = make.combo(
+            "color_scale_combo",
+            "Scale of the colours",
+            self._choose_scale,
+            {key: text for key, (_, text) in _SCALES.items()},
+            tip="Automatic is logarithmic where values are positive and the surface spans more than"
+            " two decades, from the 1st to the 99th percentile",
+        )
+        rows = (
+            (make.muted("Map"), self.map_combo),
+            (make.muted("Limits"), self.policy_combo),
+            (make.muted("Scale"), self.scale_combo),
+        )
         for label, combo in rows:
             label.setBuddy(combo)
         self.fault = reserved_note("limits_fault", 1)
@@ -141,8 +160,11 @@ class ColorSection(QWidget):
             self._document.display.sequential_colormap = name
 
     def _choose_policy(self, key: str) -> None:
-        kind, ends = _POLICIES[key][0], self._limits or (-1.0, 1.0)
+        kind, ends = _POLICIES[key][0], (self._limits or (-1.0, 1.0))[:2]
         self._document.display.limits = kind(*ends) if kind is LockedLimits else kind()
+
+    def _choose_scale(self, key: str) -> None:
+        self._document.display.log_scale = _SCALES[key][0]
 
     def _choose_percentiles(self, _value: float) -> None:
         low, high = self.percent_low.value(), self.percent_high.value()
@@ -162,7 +184,7 @@ class ColorSection(QWidget):
 
     # -- from the model ---------------------------------------------------------------------
 
-    def set_field(self, field: Field | None, limits: tuple[float, float] | None) -> None:
+    def set_field(self, field: Field | None, limits: Limits | None) -> None:
         """Show the limits of the displayed field; None while there is none."""
         self._signed = None if field is None else field.signed
         self._unit = "" if field is None else field.unit
@@ -198,13 +220,19 @@ class ColorSection(QWidget):
         if isinstance(policy, PercentileLimits):
             show_quietly(self.percent_low, policy.low)
             show_quietly(self.percent_high, policy.high)
-        elif isinstance(policy, LockedLimits):
-            limits = policy.low, policy.high
+        elif isinstance(policy, LockedLimits) and not (limits and limits.logarithmic):
+            limits = Limits(policy.low, policy.high)
         if self._labelled:  # labels have their own colours, and no limits
             limits = None
         for control in (self.map_combo, self.policy_combo, self.percentiles):
             control.setEnabled(not self._labelled)
-        for field, end in zip((self.low, self.high), limits or (None, None), strict=True):
+        self.scale_combo.setEnabled(not (self._labelled or signed))
+        scales = [scale for scale, _ in _SCALES.values()]
+        self.scale_combo.setCurrentIndex(scales.index(display.log_scale))
+        # says what was chosen for this field
+        serves = "logarithmic" if limits is not None and limits.logarithmic else "linear"
+        self.scale_combo.setItemText(0, f"Automatic: {serves}")
+        for field, end in zip((self.low, self.high), limits or (None, None), strict=False):
             field.show_value(end, self._unit)
             field.setEnabled(end is not None)
         self.unit_label.setText(self._unit)

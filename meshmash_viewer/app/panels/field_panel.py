@@ -24,6 +24,7 @@ from meshmash_viewer.app.tabs.form import Player
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.limits import Limits
 
 #: Families side by side, and the height of their lines in pixels.
 _COLUMNS, _LINE = 2, 28
@@ -72,7 +73,7 @@ class FieldPanel(QWidget):
         theme.named(self, "field_panel", "Field")
         self._document = document
         self._player = Player(document, self)
-        self._shown: tuple[Field | None, tuple[float, float] | None] = None, None
+        self._shown: tuple[Field | None, Limits | None] = None, None
         self.list = FamilyList()
         self._stack = QStackedWidget()
         self._pages = {name: make_tab(document, family) for name, family in FAMILIES.items()}
@@ -91,7 +92,7 @@ class FieldPanel(QWidget):
         self._refresh_tab()
         self._refresh_use()
 
-    def set_field(self, field: Field | None, limits: tuple[float, float] | None) -> None:
+    def set_field(self, field: Field | None, limits: Limits | None) -> None:
         """Show the limits of the displayed field, and its description."""
         self._shown = field, limits
         later(self._tell)

@@ -42,5 +42,5 @@ class SimilarityTab(PinChooser):
         show_note(
             self.explanation,
             f"Over the {counted(count, 'column')} of the {features.short} tab, each in units of its"
-            " spread; 0 is alike, larger is less so.",
+            " spread; 0 is alike and bright, larger is less so and dark.",
         )

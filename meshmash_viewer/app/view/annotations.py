@@ -26,14 +26,15 @@ from meshmash_viewer.app.view.colors import (
     rgb,
 )
 from meshmash_viewer.app.view.text import (
+    bar_labels,
     exponent_text,
     fitted,
     scale_bar_text,
     set_style,
     text_size,
-    ticks,
 )
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.units import round_length
 
 # All sizes are in points. VTK converts those of fonts to pixels by the resolution of its window,
@@ -70,6 +71,10 @@ class Caption:
     colormap: ColorMap
     #: Whether some vertices have no value.
     missing: bool = False
+    #: Whether colours follow the logarithm of the values.
+    logarithmic: bool = False
+    #: Whether there are values below the lower limit, and above the upper one.
+    beyond: tuple[bool, bool] = (False, False)
     #: Spacing of lines; 0 for zero lines alone, None for no lines.
     lines: float | None = None
 
@@ -79,14 +84,19 @@ class Caption:
         return color_table(self.colormap)
 
 
-def caption_of(
-    field: Field, limits: tuple[float, float], colormap: ColorMap, *, lined: bool
-) -> Caption:
+def caption_of(field: Field, limits: Limits, colormap: ColorMap, *, lined: bool) -> Caption:
     """The caption of a field, with lines or without."""
-    lines = field.line_spacing if lined else None
-    low, high = map(float, limits)
-    text = field.description(lined)
-    return Caption(field.title, text, field.unit, low, high, colormap, lines=lines)
+    return Caption(
+        field.title,
+        field.description(lined),
+        field.unit,
+        float(limits.low),
+        float(limits.high),
+        colormap,
+        logarithmic=limits.logarithmic,
+        beyond=field.beyond(limits),
+        lines=field.line_spacing if lined else None,
+    )
 
 
 @dataclass(frozen=True)
@@ -208,17 +218,22 @@ class _Painter:
         next_to, theme = left + _BAR + _GAP, self._theme
         self._strip(caption.table, left, below, tall)
         count = min(max(int(tall / 34), 2), _MAX_LABELS)
-        values, form, exponent = ticks(caption.low, caption.high, count)
+        labels, exponent = bar_labels(caption.low, caption.high, caption.logarithmic, count)
         factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
-        self._text(factor, _LABEL, theme.faint_ink, left, below + tall + 8, edge=_PAD)
-        low, high = (end / 10.0**exponent for end in (caption.low, caption.high))
-        for value in values:
-            up = below + tall * (value - low) / (high - low)
-            self._text(form % value, _LABEL, theme.ink, next_to, up, along=_MIDDLE, edge=_PAD)
+        self._text(factor, _LABEL, theme.faint_ink, left, below + tall + 12, edge=_PAD)
+        for share, label in labels:
+            up = below + tall * share
+            self._text(label, _LABEL, theme.ink, next_to, up, along=_MIDDLE, edge=_PAD)
+        # arrows say that there are values beyond the limits, in the colours of these
+        for end, side, up, tip in ((0, 0, below, -8), (-1, 1, below + tall, 8)):
+            if caption.beyond[side]:
+                self._brush("#" + bytes(caption.table[end, :3]).hex())
+                corners = left, up, left + _BAR, up, left + _BAR / 2, up + tip
+                self._context.DrawPolygon([self._page.scale * each for each in corners], 3)
         if caption.missing:
             grey = np.rint([[*(255.0 * np.array(rgb(NAN_COLOR))), 255.0]]).astype(np.uint8)
-            self._strip(grey, left, below - 19, 10)
-            up = below - 14
+            self._strip(grey, left, below - 24, 10)
+            up = below - 19
             self._text("no value", _LABEL, theme.faint_ink, next_to, up, along=_MIDDLE, edge=_PAD)
 
     def scale_bar(self, view: View, unit: str) -> None:

@@ -106,6 +106,7 @@ class ContactSheet:
         font, gap = self._font(0.72), 0.4 * self._layout.text
         low = format_quantity(caption.low, "", digits=2)
         high = f"{format_quantity(caption.high, '', digits=2)} {caption.unit}".rstrip()
+        high += ", log scale" if caption.logarithmic else ""
         free = 0.94 * self._layout.cell[0] - 2 * gap
         strip = free - font.getlength(low) - font.getlength(high)
         if strip < 2.0 * self._layout.text:

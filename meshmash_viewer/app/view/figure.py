@@ -18,7 +18,7 @@ from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, color_table
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, straight
-from meshmash_viewer.app.view.text import exponent_text, scale_bar_text, ticks
+from meshmash_viewer.app.view.text import bar_labels, exponent_text, scale_bar_text
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.write import check_output
@@ -266,19 +266,22 @@ def _draw_bar(page: _Page, drawing: MeshRenderer, box: _Box) -> None:
     below = box.below + 0.5 * (box.height - tall)
     axes = page.axes(_Box(left, below, _BAR * font, tall))
     colors = color_table(caption.colormap, _CELLS)[:, None, :] / 255.0
-    edges = np.linspace(caption.low, caption.high, _CELLS + 1)
+    edges = np.linspace(0.0, 1.0, _CELLS + 1)
     # quadrilaterals, so that the bar is no image in PDF and SVG
     axes.pcolormesh([0.0, 1.0], edges, colors, edgecolors="face", linewidth=0.1)
-    values, form, exponent = ticks(
-        caption.low, caption.high, min(max(int(tall / (2.5 * font)), 3), 7)
-    )
-    low, high = (end / 10.0**exponent for end in (caption.low, caption.high))
+    most = min(max(int(tall / (2.5 * font)), 3), 7)
+    labels, exponent = bar_labels(caption.low, caption.high, caption.logarithmic, most)
     right = left + (_BAR + 0.5) * font
-    for value in values:
-        up = below + tall * (value - low) / (high - low)
-        page.text(right, up, (form % value).replace("-", "−"))
+    for share, label in labels:
+        page.text(right, below + tall * share, label.replace("-", "−"))
+    for end, side, up, tip in ((0, 0, 0.0, -0.7), (-1, 1, tall, 0.7)):
+        if caption.beyond[side]:
+            axes = page.axes(_Box(left, below + up + min(tip, 0.0) * font, _BAR * font, 0.7 * font))
+            base, point = (0.0, 1.0) if tip > 0.0 else (1.0, 0.0)
+            axes.fill([0.0, 1.0, 0.5], [base, base, point], color=colors[end, 0])
+            axes.set(xlim=(0, 1), ylim=(0, 1))
     factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
-    page.text(left, below + tall + font, factor)
+    page.text(left, below + tall + 1.4 * font, factor)
     if caption.missing:
         axes = page.axes(_Box(left, below - 1.8 * font, _BAR * font, 0.9 * font))
         axes.fill([0, 1, 1, 0], [0, 0, 1, 1], color=NAN_COLOR)

@@ -21,6 +21,7 @@ from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
 from meshmash_viewer.app.view.standard_views import view_axes
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.rays import RayTarget
 
@@ -106,7 +107,7 @@ class MeshView(QWidget):
     def set_field(
         self,
         field: Any | None,
-        limits: tuple[float, float] = (-1.0, 1.0),
+        limits: Limits | tuple[float, float] = (-1.0, 1.0),
         colormap: ColorMap = "RdBu_r",
     ) -> None:
         """Colour the mesh by a field (`meshmash_viewer.model.field.Field`), or by none.
@@ -122,7 +123,7 @@ class MeshView(QWidget):
             self.renderer.set_field(None)
         else:
             lined = self.document.display.nodal_lines
-            caption = caption_of(field, limits, colormap, lined=lined)
+            caption = caption_of(field, Limits(*limits), colormap, lined=lined)
             self.renderer.set_field(field.values, caption)
         if had_caption != (field is not None) and not self.turned_by_hand:
             self.reset_camera()

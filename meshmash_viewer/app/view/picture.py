@@ -18,7 +18,14 @@ from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
+from meshmash_viewer.model.limits import (
+    Limits,
+    LockedLimits,
+    MinMaxLimits,
+    SymmetricLimits,
+    beyond_limits,
+    extremes_of,
+)
 
 #: Seconds after which a graphics driver is given up.
 _DRIVER_TIMEOUT = 30.0
@@ -33,7 +40,7 @@ def render_picture(
     *,
     size: tuple[int, int] = (1600, 1200),
     colormap: ColorMap = "RdBu_r",
-    limits: tuple[float, float] | None = None,
+    limits: Limits | tuple[float, float] | None = None,
     title: str = "",
     quantity: str = "",
     unit: str = "",
@@ -53,9 +60,10 @@ def render_picture(
         Width and height in pixels.
     colormap : str
         Name of one of matplotlib's colour maps.
-    limits : (float, float) or None
-        Limits of the colour bar. By default the smallest and the largest value, or a range
-        symmetric about zero if there are values of both signs.
+    limits : Limits, (float, float) or None
+        Limits of the colour bar, on a linear scale unless they say otherwise. By default the
+        smallest and the largest value, or a range symmetric about zero if there are values of both
+        signs.
     title, quantity : str
         First and second line of the caption.
     unit : str
@@ -81,7 +89,7 @@ def new_drawing(
     values: npt.NDArray[np.floating] | None,
     *,
     colormap: ColorMap = "RdBu_r",
-    limits: tuple[float, float] | None = None,
+    limits: Limits | tuple[float, float] | None = None,
     title: str = "",
     quantity: str = "",
     unit: str = "",
@@ -93,18 +101,22 @@ def new_drawing(
     if values is not None:
         values = np.asarray(values, dtype=np.float32)
         limits = _limits(values, limits)
-        drawing.set_field(values, Caption(title, quantity, unit, *limits, colormap))
+        beyond = beyond_limits(limits, extremes_of(values))
+        low, high, logarithmic = limits
+        caption = Caption(
+            title, quantity, unit, low, high, colormap, logarithmic=logarithmic, beyond=beyond
+        )
+        drawing.set_field(values, caption)
     return drawing
 
 
-def _limits(
-    values: npt.NDArray[np.float32], wanted: tuple[float, float] | None
-) -> tuple[float, float]:
+def _limits(values: npt.NDArray[np.float32], wanted: Limits | tuple[float, float] | None) -> Limits:
     """Limits of the colour bar, of which the lower is below the upper for constant fields, too."""
     if wanted is not None:
-        return LockedLimits(*wanted).limits(values)
+        logarithmic = Limits(*wanted).logarithmic
+        return Limits(*LockedLimits(*wanted[:2]).limits(values), logarithmic)
     signed = bool((values < 0.0).any() and (values > 0.0).any())
-    return (SymmetricLimits() if signed else MinMaxLimits()).limits(values)
+    return Limits(*(SymmetricLimits() if signed else MinMaxLimits()).limits(values))
 
 
 def draw_picture(

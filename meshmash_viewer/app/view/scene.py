@@ -38,8 +38,8 @@ def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
     -------
     pyvista.PolyData
         The field is its active scalars, named by its title, NaN where there is no value;
-        ``user_dict`` has ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the colours) and
-        ``"limits"``.
+        ``user_dict`` has ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the colours),
+        ``"limits"`` and ``"log_scale"``.
 
     Raises
     ------
@@ -61,6 +61,7 @@ def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
             "unit": caption.unit,
             "colormap": named if isinstance(named, str) else list(named),
             "limits": [caption.low, caption.high],
+            "log_scale": caption.logarithmic,
         }
     return surface
 
@@ -91,6 +92,7 @@ def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
                 surface,
                 cmap=about["colormap"],
                 clim=about["limits"],
+                log_scale=about["log_scale"],
                 nan_color=NAN_COLOR,
                 smooth_shading=True,
                 scalar_bar_args={"title": title},

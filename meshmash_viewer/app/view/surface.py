@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
@@ -73,6 +75,9 @@ _FIELD_COLOR = f"""//VTK::Color::Impl
     float along = ((fieldLabels > 0 ? labelVC : fieldVC) - fieldLow) * fieldScale;
     // also in faces with one such corner, where rounding may change the sign
     bool missing = !(abs(along) < 1e20);
+    if (fieldLogScale > 0.0) {{
+      along = (log(max(fieldVC, 1e-37)) - fieldLogLow) * fieldLogScale;
+    }}
     int place = missing ? 0 : int(clamp(along, 0.0, {_COLORS - 1}.0));
     int packedColor = missing ? fieldMissing : fieldColors[place];
     vec3 fieldColor =
@@ -178,6 +183,12 @@ class Surface:
         self._uniforms.SetUniform1iv("fieldColors", _COLORS, packed.tolist())
         self._uniforms.SetUniformf("fieldLow", caption.low)
         self._uniforms.SetUniformf("fieldScale", _COLORS / (caption.high - caption.low))
+        logarithms = (
+            (math.log(caption.low), math.log(caption.high)) if caption.logarithmic else None
+        )
+        low, high = logarithms or (0.0, math.inf)
+        self._uniforms.SetUniformf("fieldLogLow", low)
+        self._uniforms.SetUniformf("fieldLogScale", _COLORS / (high - low))
         self._uniforms.SetUniformi("fieldLabels", int(not isinstance(caption.colormap, str)))
         self._uniforms.SetUniformi("linesShown", int(caption.lines is not None))
         self._uniforms.SetUniformf("lineSpacing", caption.lines or 0.0)

@@ -75,6 +75,37 @@ def exponent_text(exponent: int) -> str:
     return f"×10{superscript(exponent)}" if exponent else ""
 
 
+def bar_labels(
+    low: float, high: float, logarithmic: bool = False, most: int = 6
+) -> tuple[list[tuple[float, str]], int]:
+    """Return heights on a colour bar from 0 to 1 with their labels, and a common power of ten.
+
+    A logarithmic bar has decades; where these are fewer than two, twice and five times them too.
+    """
+    values, form, exponent = ticks(low, high, most)
+    unit = 10.0**exponent
+    if not logarithmic:
+        low, high = low / unit, high / unit
+        return [((each - low) / (high - low), form % each) for each in values], exponent
+    marks = [(each * unit, form % each) for each in values]
+    powers = range(floor(log10(low)), ceil(log10(high)) + 1)
+    for factors in (1,), (1, 2, 5):
+        found = [(k * 10.0**power, _decade(k, power)) for power in powers for k in factors]
+        found = [each for each in found if each[0] / low > 1.0 - 1e-9 and each[0] / high < 1 + 1e-9]
+        if len(found) > 1:
+            marks, exponent = found[:: ceil(len(found) / most)], 0
+            break
+    start, length = log10(low), log10(high / low)
+    return [((log10(value) - start) / length, text) for value, text in marks], exponent
+
+
+def _decade(factor: int, power: int) -> str:
+    """Format a multiple of a power of ten: "0.2", "2·10⁻⁵"."""
+    if -3 < power < 4:
+        return f"{factor * 10.0**power:g}"
+    return f"{f'{factor}·' if factor > 1 else ''}10{superscript(power)}"
+
+
 def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int]:
     """Round values within ``[low, high]`` with one common power of ten, at most `most` (2 or more).
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from written_annotations import Written
@@ -65,6 +67,18 @@ def test_the_bar_shows_the_colours_of_the_field(qapp) -> None:
         assert away.min() <= 6
         rows.append(int(np.argmin(away.min(axis=1))))
     assert rows == sorted(rows, reverse=True), "the highest value is on top"
+
+
+@pytest.mark.parametrize("beyond", [(False, False), (True, False), (False, True), (True, True)])
+def test_arrows_at_the_bar_say_that_values_are_beyond_its_limits(
+    qapp, beyond: tuple[bool, bool]
+) -> None:
+    drawing = shown()
+    drawing.caption = replace(drawing.caption, beyond=beyond)
+    written = Written(drawing, SIZE)
+    ((left, below, _, tall),) = written.strips
+    tips = [each[5] for each in written.polygons if each[0] == left]
+    assert [any(tip < below for tip in tips), any(tip > below + tall for tip in tips)] == [*beyond]
 
 
 def test_no_value_is_said_where_there_is_one_without(qapp) -> None:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
-from meshmash_viewer.app.view.picture import draw_picture, render_picture
+from meshmash_viewer.app.view.picture import draw_picture, new_drawing, render_picture
 from meshmash_viewer.mesh import Mesh
 
 pytestmark = pytest.mark.pixels
@@ -112,3 +112,14 @@ def test_no_display_and_no_qt_are_needed(tmp_path: Path) -> None:
     assert done.stderr == ""
     with Image.open(path) as picture:
         assert picture.size == (200, 150)
+
+
+def test_a_log_scale_has_the_middle_colour_at_the_geometric_mean(sphere: Mesh) -> None:
+    pictures = []
+    for value, limits in ((1e-6, (1e-9, 1e-3, True)), (0.5, (0.0, 1.0)), (-1.0, (1e-9, 1.0, True))):
+        values = np.full(sphere.n_vertices, value, dtype=np.float32)
+        drawing = new_drawing(sphere, values, colormap="viridis", limits=limits)
+        pictures.append(draw_picture(drawing, (300, 240))[120, 140].astype(int))
+    assert np.abs(pictures[0] - pictures[1]).max() <= 4
+    lowest = new_drawing(sphere, np.zeros(sphere.n_vertices), colormap="viridis", limits=(0.0, 1.0))
+    assert np.abs(pictures[2] - draw_picture(lowest, (300, 240))[120, 140]).max() <= 2

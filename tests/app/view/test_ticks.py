@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.app.view.text import exponent_text, scale_bar_text, ticks
+from meshmash_viewer.app.view.text import bar_labels, exponent_text, scale_bar_text, ticks
 from meshmash_viewer.units import round_length
 
 
@@ -67,3 +67,22 @@ def test_zero_is_a_tick_of_a_symmetric_bar_and_decimals_agree() -> None:
 def test_a_narrow_range_far_from_zero_is_told_apart() -> None:
     values, form, _ = ticks(1.0 - 1e-7, 1.0 + 1e-7, 5)
     assert len({form % value for value in values}) == len(values)
+
+
+def test_a_logarithmic_bar_has_decades_at_their_places() -> None:
+    labels, exponent = bar_labels(1e-9, 1e-5, logarithmic=True)
+    assert exponent == 0
+    assert [label for _, label in labels] == ["10⁻⁹", "10⁻⁸", "10⁻⁷", "10⁻⁶", "10⁻⁵"]
+    assert [share for share, _ in labels] == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "first"), [(0.15, 40.0, "1"), (2e-6, 9e-6, "2·10⁻⁶"), (3.2, 3.3, None)]
+)
+def test_a_short_logarithmic_bar_has_multiples_too(
+    low: float, high: float, first: str | None
+) -> None:
+    labels, _ = bar_labels(low, high, logarithmic=True)
+    assert first is None or labels[0][1] == first
+    assert 2 <= len(labels) <= 6
+    assert all(-1e-6 <= share <= 1.0 + 1e-6 for share, _ in labels)
