@@ -58,7 +58,9 @@ class Tasks(QObject):
 
     def run(self, job: Job) -> None:
         """Run a job now, or after the running one."""
-        if self.job is None:
+        if self.job is None and self._queue:
+            self._queue.append(job)  # between two jobs, as after the preview of a repaired mesh
+        elif self.job is None:
             self._start(job)
         elif isinstance(job, DecomposeJob) and isinstance(self.job, PreviewJob):
             # the preview ends within seconds and is used; two requests for one job run it once

@@ -158,7 +158,7 @@ def missing_square(kind: str, eigenvalues: FloatArray, area: float, n: int, time
         "biharmonic": 1.0 / last - 1.0 / end,
         "commute": math.log(end / last),
     }[kind]
-    highest = n_left * float(spectral_weights(kind, eigenvalues, time)[-1]) / area
+    highest = n_left * float(spectral_weights(kind, eigenvalues[-1:], time)[0]) / area
     return 2.0 * min(integral / (4.0 * math.pi), highest)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -42,6 +43,7 @@ from meshmash_viewer.fields.parameter import (
     parameter,
 )
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
+from meshmash_viewer.spectral.weyl import TOLERANCE, Target, weyl_eigenvalue
 from meshmash_viewer.units import counted, format_quantity
 
 if TYPE_CHECKING:
@@ -219,6 +221,21 @@ class Distances(Family):
         n, values = spectrum.n_vertices, spectrum.eigenvalues
         left = missing_square(self.measure, values, mesh.area, n, self._time(spectrum))
         return 1.0 - typical / math.sqrt(typical**2 + left)
+
+    def sufficient(self, spectrum: Eigenpairs, typical: float) -> Target | None:
+        """Return how many pairs leave less than `TOLERANCE` missing; None if these do."""
+        missing, mesh = self.missing(spectrum, typical), spectrum.mesh
+        if missing <= TOLERANCE or mesh is None:
+            return None
+        area, n, known, time = mesh.area, spectrum.n_vertices, len(spectrum), self._time(spectrum)
+        allowed = (typical / (1.0 - missing)) ** 2 * (1.0 - (1.0 - TOLERANCE) ** 2)
+        last = float(spectrum.eigenvalues[-1])
+
+        def suffices(count: int) -> bool:
+            reached = np.broadcast_to(last + weyl_eigenvalue(area, count - known), count)
+            return missing_square(self.measure, reached, area, n, time) <= allowed
+
+        return Target("count", known + bisect_left(range(known, n), True, key=suffices))
 
     # -- files --------------------------------------------------------------------------------
 

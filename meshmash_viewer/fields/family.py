@@ -27,6 +27,7 @@ from meshmash_viewer.vertex_map import Label
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
     from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.weyl import Target
 
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 Cancel: TypeAlias = CancelCallback | None
@@ -96,6 +97,8 @@ class Reading:
     facts: tuple[str, ...] = ()
     #: What the computed pairs do not suffice for.
     warning: str = ""
+    #: The part of the spectrum that suffices.
+    sufficient: Target | None = None
     #: Eigenvalues at both ends of the slider, of which decades are marked.
     decades: tuple[float, float] | None = None
     #: Share of the slider, from its low end, that the computed pairs do not resolve.

@@ -15,7 +15,7 @@ from meshmash_viewer.fields.bank_columns import BankColumns, estimated_pairs
 from meshmash_viewer.fields.family import Family, Reading, Response
 from meshmash_viewer.fields.parameter import Flag, Number, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.weyl import format_wavelength, weyl_eigenvalue
+from meshmash_viewer.spectral.weyl import Target, format_wavelength, weyl_eigenvalue
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
 #: Samples on the support of one band.
@@ -92,18 +92,19 @@ class GeometryVectors(BankColumns):
             format_range(start, end, unit, -2),
             f"{last - first:,}",
         )
-        return Reading(f"Band {self.column}", facts, self._missing(spectrum, unit))
+        return Reading(f"Band {self.column}", facts, *self._missing(spectrum, unit))
 
-    def _missing(self, spectrum: Eigenpairs, unit: str) -> str:
+    def _missing(self, spectrum: Eigenpairs, unit: str) -> tuple[str, Target | None]:
         low, high = self.range(spectrum)
         known = max(float(spectrum.eigenvalues[-1]), spectrum.known_to)
         if high <= known * (1.0 + 1e-9) or 0 < spectrum.n_vertices <= len(spectrum):
             held = np.any((spectrum.eigenvalues >= low) & (spectrum.eigenvalues <= high))
-            return "" if held else "No eigenpair lies in this range: every band is 0."
-        return (
+            return "" if held else "No eigenpair lies in this range: every band is 0.", None
+        text = (
             f"Bands above λ = {format_quantity(known, unit, -2)} need more eigenpairs,"
             f" {estimated_pairs(spectrum, high)}."
         )
+        return text, Target("max_eigenvalue", high)
 
     # -- bands --------------------------------------------------------------------------------
 

@@ -31,7 +31,7 @@ from meshmash_viewer.fields.family import (
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.parameter import ABOVE_ZERO, Flag, Number, Whole, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
-from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
+from meshmash_viewer.spectral.weyl import TOLERANCE, Target, required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
 #: Number of times of the curve of a profile; the exported ones are dots.
@@ -134,6 +134,8 @@ class HeatKernelSignature(BankFamily):
         if time < resolved_from(spectrum):
             wanted, what, upto = time, "This time", ""
         missing = float(spectrum.missing_shares(heat_kernel_bank([wanted]), mesh.area)[0])
+        if missing <= TOLERANCE:
+            return Reading(title, facts)
         needed = required_eigenvalue(wanted)
         warning = (
             f"{what} misses {upto}about {percent(missing)} of the signature for want of "
@@ -142,7 +144,7 @@ class HeatKernelSignature(BankFamily):
         )
         length = math.log10(high) - math.log10(low)
         hatched = (end - start) / length if length > 0.0 else 0.0
-        return Reading(title, facts, warning, hatched=hatched)
+        return Reading(title, facts, warning, Target("time", wanted), hatched=hatched)
 
     # -- values -------------------------------------------------------------------------------
 

@@ -144,6 +144,8 @@ class Document:
         self.history = History(self._read_part, self._restore_parts)
         self.history.changed.connect(self.settings_changed.emit)
         self._record_display()
+        #: The mesh before a repair after which the repaired one is decomposed.
+        self._computes_after: MeshReady | None = None
         #: The last notice, until it is withdrawn.
         self.notice: Notice | None = None
         #: Number of meshes that were shown and jobs that were requested, for `notify`.
@@ -343,10 +345,11 @@ class Document:
             self._take(replace(self.ready, mesh=left), self.spectrum)
             self.spectrum_changed.emit()
 
-    def repair(self, name: str) -> None:
-        """Request a repair of `meshmash_viewer.health.REPAIRS`."""
+    def repair(self, name: str, *, then_compute: bool = False) -> None:
+        """Request a repair of `meshmash_viewer.health.REPAIRS`, and then perhaps `compute`."""
         if self.ready is not None:
             ready = self.ready
+            self._computes_after = ready if then_compute else None
             self.request(RepairJob(ready.mesh, name, ready.path, self.operator, ready.repairs))
 
     # -- history ----------------------------------------------------------------------------
@@ -708,6 +711,10 @@ class Document:
         self.job_changed.emit()
         if notice is not None:
             self.notify(notice)
+        if job is not None and isinstance(job.job, RepairJob):
+            before, self._computes_after = self._computes_after, None
+            if before is not None and self.ready is not before:
+                self.compute()
 
     def expected_seconds(self, target: Target) -> float:
         """Estimate the seconds that a decomposition of the open mesh takes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -19,6 +20,7 @@ from meshmash_viewer.features.distances import (
     commute_time_distance,
     diffusion_distance,
     geodesic_distance,
+    missing_square,
 )
 from meshmash_viewer.fields.distances import MEASURES, Distances
 from meshmash_viewer.model.document import Document
@@ -127,8 +129,21 @@ def test_along_the_surface_no_pairs_are_needed(panel: FieldPanel, document: Docu
 def test_what_is_missing_is_said(panel: FieldPanel, document: Document) -> None:
     choose(panel, "Commute time")
     document.toggle_pin(70)
-    panel.set_field(on_the_render(document, LiveFeatures()), (0.0, 1.0))
+    field = on_the_render(document, LiveFeatures())
+    panel.set_field(field, (0.0, 1.0))
     assert "missing for want of eigenpairs" in part(panel, "distance_missing_label").text()
+    spectrum, family = field.request.spectrum, field.family
+    QTest.mouseClick(part(panel, "distance_compute_button"), Qt.MouseButton.LeftButton)
+    wanted = document.target.value
+    assert len(spectrum) < wanted < spectrum.n_vertices
+    typical = float(np.median(field.values[field.request.sample]))
+    last = spectrum.eigenvalues[-1]
+    last += 4.0 * math.pi * (wanted - len(spectrum)) / document.mesh.area
+    left = missing_square(
+        "commute", np.full(wanted, last), document.mesh.area, spectrum.n_vertices, 1.0
+    )
+    whole = typical / (1.0 - family.missing(spectrum, typical))
+    assert 1.0 - math.sqrt(1.0 - left / whole**2) == pytest.approx(0.01, rel=0.05)
 
 
 @pytest.mark.slow

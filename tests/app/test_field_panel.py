@@ -21,9 +21,10 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
+from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
 from meshmash_viewer.spectral.certificate import Certificate
-from meshmash_viewer.spectral.weyl import required_eigenvalue
+from meshmash_viewer.spectral.weyl import Target, required_eigenvalue
 from meshmash_viewer.units import format_quantity
 
 LEFT = Qt.MouseButton.LeftButton
@@ -180,6 +181,20 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     more = document.mesh.area * (needed - document.spectrum.eigenvalues[-1]) / (4 * math.pi)
     said = part(panel, "hks_missing_label").text()
     assert f"about {120 + more:,.0f} pairs in all" in said
+    requested: list[DecomposeJob] = []
+    document.job_requested.connect(requested.append)
+    button = part(panel, "hks_compute_button")
+    document.operator = document.spectrum.operator  # as after a decomposition
+    display.change(HeatKernelSignature, time=1.01e6)
+    display.change(HeatKernelSignature, time=1e6)
+    assert button.text() == f"Compute these ≈ {120 + more:,.0f} pairs"
+    assert "of memory and" in button.toolTip()
+    QTest.mouseClick(button, LEFT)
+    assert document.target == Target("time", 1e6)
+    assert requested[0].target.max_eigenvalue == pytest.approx(needed)
+    display.change(HeatKernelSignature, time=0.97 * resolved_from(document.spectrum))
+    assert part(panel, "hks_missing_label").isHidden(), "less than 1 % is missing"
+    assert button.isHidden()
     check = part(panel, "hks_automatic_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
     assert display[HeatKernelSignature].automatic

@@ -22,6 +22,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.weyl import Target
 
 LEFT = Qt.MouseButton.LeftButton
 PATIENCE = 60_000
@@ -103,6 +104,27 @@ def click_repair(qtbot: QtBot, window: MainWindow, name: str) -> None:
 def said(window: MainWindow) -> str:
     notice = window.stage.message_bar.notice
     return "" if notice is None else notice.text
+
+
+def test_the_largest_component_is_kept_and_computed_by_one_click(
+    qtbot: QtBot, start: Callable[[], MainWindow], path: Path
+) -> None:
+    window = start()
+    read(qtbot, window, path)
+    button = part(window, "keep_largest_and_compute")
+    assert not button.isVisible(), "2 of 100 pairs are zero"
+    window.document.target = Target("count", 10)
+    catch_up()
+    assert button.isVisible()
+    assert button.toolTip().startswith("Drops 1 component with 42 vertices")
+    QTest.mouseClick(button, LEFT)
+    qtbot.waitUntil(lambda: window.document.is_computed, timeout=PATIENCE)
+    rest(qtbot, window)
+    assert window.document.repairs == (LARGEST,)
+    assert not button.isVisible()
+    window.document.undo()
+    rest(qtbot, window)
+    assert window.document.repairs == ()
 
 
 def test_what_is_shown_and_written_counts_as_the_file(

@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.compute_button import written_cost
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
@@ -247,14 +248,11 @@ class MeshPanel(QWidget):
             already = f"{counted(wanted, 'pair')} converged already"
             self.cost_label.setText(f"{already}: Compute proves that none is missing.")
             return
-        pairs = min(wanted, n)
-        memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
-        time = cost.written_duration(self._document.expected_seconds(target))
         shown = self._document.display.fields.values()
         columns = sum(getattr(each, each.counted) for each in shown if each.counted)
         window = cost.written_bytes(expected_bytes(n, columns))
         self.cost_label.setText(
-            f"Takes about {memory} of memory and {time}. Live features then take {window}."
+            f"Takes {written_cost(self._document, target)}. Live features then take {window}."
         )
 
     def _build_foot(self) -> QWidget:

@@ -15,8 +15,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from meshmash_viewer import units
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.field_wheel import scroll_area
 from meshmash_viewer.app.controls.layout import grid
@@ -24,9 +24,12 @@ from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
-from meshmash_viewer.units import format_range, power_unit
+from meshmash_viewer.units import counted, format_range, power_unit
 
+#: Share of zero eigenvalues from which it is offered to leave out their components.
+_MANY_ZEROS = 0.1
 #: Most eigenpairs while no mesh says how many it has.
 _MOST = 100_000
 
@@ -87,20 +90,20 @@ class TargetBox(QWidget):
         self._radios: dict[str, QRadioButton] = {}
         group = QButtonGroup(self)
         for kind, way in _WAYS.items():
-            counts = not way.power
+            whole = not way.power
             field = NumberField(
                 f"target_{way.name}_spin",
                 way.spoken,
-                step=(lambda value, steps: value + 10 * steps) if counts else quarter_steps,
+                step=(lambda value, steps: value + 10 * steps) if whole else quarter_steps,
                 live=True,
-                nearest=counts,
-                whole=counts,
+                nearest=whole,
+                whole=whole,
                 tip=way.tip,
             )
             # as wide as the panel, not as the longest number there is
             field.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             field.setMinimumWidth(132)
-            field.bounds = 1.0, _MOST if counts else 1e150
+            field.bounds = 1.0, _MOST if whole else 1e150
             field.fault = partial(self._fault, kind)
             field.edited.connect(partial(self._choose, kind))
             field.refused.connect(self._say)
@@ -117,14 +120,23 @@ class TargetBox(QWidget):
         )
         self.note = reserved_note("weyl_note", 3, "muted", "About the estimates")
         self.fault = reserved_note("target_fault", 3)
+        self.keep_button = make.button(
+            "Keep the largest component and compute",
+            "keep_largest_and_compute",
+            "Keep the largest component and compute",
+            lambda: document.repair("keep_largest_component", then_compute=True),
+            role="link",
+        )
+        self.keep_button.hide()
         self._note_stack = QStackedLayout()  # one or the other: nothing moves
         self._note_stack.addWidget(self.note)
         self._note_stack.addWidget(self.fault)
         rows = zip(self._radios.values(), self._fields.values(), strict=True)
-        self.setLayout(grid(*rows, (self._note_stack,), spacing=(theme.GAP, 6)))
+        below = (self._note_stack,), (self.keep_button,)
+        self.setLayout(grid(*rows, *below, spacing=(theme.GAP, 6)))
         follow(document.mesh_changed, self._forgive)
         signals = document.mesh_changed, document.settings_changed, document.spectrum_changed
-        follow(signals, self.refresh)
+        follow((*signals, document.job_changed), self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
@@ -132,6 +144,7 @@ class TargetBox(QWidget):
         target, ready = self._document.target, self._document.ready
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
+        self.keep_button.setVisible(False)
         if ready is None or not ready.health.area > 0.0:
             self._show(dict.fromkeys(_WAYS, (None, True)))
             self.count_spin.show_value(max(1, int(Translation(1.0).count(target)[0])))
@@ -143,9 +156,9 @@ class TargetBox(QWidget):
         self.eigenvalue_spin.bounds = low, high
         self.wavelength_spin.bounds = wavelength(high), wavelength(low)
         self.time_spin.bounds = resolved_time(high), resolved_time(low)
-        count, counted = translation.count(target)
+        count, exact_count = translation.count(target)
         shown = {
-            "count": (float(max(int(count), 1)), counted),
+            "count": (float(max(int(count), 1)), exact_count),
             "max_eigenvalue": translation.eigenvalue(target),
             "wavelength": translation.wavelength(target),
             "time": translation.time(target),
@@ -153,6 +166,7 @@ class TargetBox(QWidget):
         self._show(shown)
         zeros = ready.health.n_components
         parts = [f"{zeros:,} of them are zero, one a component."] if zeros > 1 else []
+        self._offer_largest(ready, count)
         if count >= translation.n_vertices:
             parts.append("The mesh has no more eigenpairs.")
         if not all(exact for _, exact in shown.values()):
@@ -164,6 +178,16 @@ class TargetBox(QWidget):
             )
         self.note.setText(" ".join(parts))
         self._show_note()
+
+    def _offer_largest(self, ready: MeshReady, count: float) -> None:
+        """Offer to leave out the other components where they take a good part of the pairs."""
+        others, health = ready.health.n_components - 1, ready.health
+        left = health.n_vertices - health.unreferenced_vertices - health.largest_component
+        what = f"{counted(others, 'component')} with {counted(left, 'vertex')}"
+        self.keep_button.setToolTip(f"Drops {what}, and computes the rest; can be undone")
+        offered = others > 0 and others >= _MANY_ZEROS * count
+        self.keep_button.setVisible(offered and left < health.largest_component)
+        self.keep_button.setEnabled(self._document.job is None)
 
     def _show(self, shown: Mapping[str, tuple[float | None, bool]]) -> None:
         """Show numbers, of which those that are not exact are estimates."""
@@ -190,8 +214,8 @@ class TargetBox(QWidget):
             text = f"{_WAYS[kind].values} of this mesh lie between about {between}."
             return "" if low <= number <= high else text
         if number > most:
-            all_pairs = units.counted(most, "eigenpair")
-            return f"This mesh has {units.counted(most, 'vertex')}, and so at most {all_pairs}."
+            all_pairs = counted(most, "eigenpair")
+            return f"This mesh has {counted(most, 'vertex')}, and so at most {all_pairs}."
         whole = number >= 1 and number == int(number)
         return "" if whole else "The number of eigenpairs is a whole number from 1."
 

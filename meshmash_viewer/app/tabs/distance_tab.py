@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.compute_button import ComputeButton
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.tabs.form import PinChooser, PlayButton
@@ -18,8 +19,6 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity
 
-#: Missing share of a distance from which it is said.
-_TOLD = 0.01
 _LINES = "Lines at round distances"
 _ABOUT = {
     "geodesic": "Along the surface, by the heat method: right to about an edge.",
@@ -50,6 +49,7 @@ class DistanceTab(PinChooser):
             partial(setattr, self._document.display, "nodal_lines"),
         )
         self.missing_note = note("distance_missing_label", "warning")
+        self.compute_button = ComputeButton(self._document, "distance_compute_button")
         self._fill(
             "distance_label",
             "",
@@ -62,6 +62,7 @@ class DistanceTab(PinChooser):
             self.facts,
             self.lines_check,
             self.missing_note,
+            row(self.compute_button, None),
             self.hint,
         )
 
@@ -105,10 +106,9 @@ class DistanceTab(PinChooser):
         self.lines_check.setText(text[:1].upper() + text[1:] or _LINES)
         sample = field.request.sample
         typical = float(np.nanmedian(field.values if sample is None else field.values[sample]))
-        missing = family.missing(field.request.spectrum, typical) if family.needs_pairs else 0.0
-        show_note(
-            self.missing_note,
-            f"About {percent(missing)} of a typical distance is missing for want of eigenpairs."
-            if missing > _TOLD
-            else "",
-        )
+        spectrum = field.request.spectrum
+        sufficient = family.sufficient(spectrum, typical) if family.needs_pairs else None
+        share = percent(family.missing(spectrum, typical))
+        text = f"About {share} of a typical distance is missing for want of eigenpairs."
+        show_note(self.missing_note, "" if sufficient is None else text)
+        self.compute_button.show_target(sufficient)

@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.compute_button import ComputeButton
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, Part, column, row
 from meshmash_viewer.app.controls.number_field import NumberField
@@ -248,6 +249,7 @@ class FamilyForm(FamilyTab):
         self.labels = family.facts or {f"{family.name}_quantity_label": f"This {one.lower()}"}
         self.facts = Facts(self.labels)
         self.warning = note(f"{family.name}_missing_label", "warning")
+        self.compute_button = ComputeButton(self._document, f"{family.name}_compute_button")
         counted = family.declared()[family.counted]
         (self.position,) = family.position
         #: Whether the position is an index; else it is a number, in log scale.
@@ -275,6 +277,7 @@ class FamilyForm(FamilyTab):
             ),
             *((self._make_range_box(),) if family.ordered else ()),
             self.warning,  # last, because it takes room
+            row(self.compute_button, None),
         )
 
     def _position_parts(self, name: str, one: str) -> tuple[Part, ...]:
@@ -320,6 +323,7 @@ class FamilyForm(FamilyTab):
         self.title.setText(reading.title)
         self.facts.show_values(dict(zip(self.labels, reading.facts, strict=False)))
         show_note(self.warning, reading.warning)
+        self.compute_button.show_target(reading.sufficient)
 
     def _show_number(
         self, chosen: Family, spectrum: Eigenpairs | None, count: int, reading: Reading
