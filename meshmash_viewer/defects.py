@@ -17,12 +17,9 @@ PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PyS
 
 
 def report_defect(fault: BaseException) -> str:
-    """Write the details of a defect to a file in the user's log folder.
+    """Write the details of a defect to a file in the user's log folder, and say where they are.
 
-    Returns
-    -------
-    str
-        The end of a sentence: "a defect of the program (KeyError: 3); details are in …".
+    The result ends a sentence: "a defect of the program (KeyError: 3); details are in …".
     """
     what = " ".join(f"{type(fault).__name__}: {fault}".split())[:200].rstrip(": ")
     moment = datetime.datetime.now().strftime("%Y%m%d-%H%M%S-%f")

@@ -22,79 +22,53 @@ _SAME_DIRECTION = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The state of a mesh; plain numbers, so that ``dataclasses.asdict`` gives JSON.
+    """The state of a mesh; plain numbers, so that ``dataclasses.asdict`` gives JSON."""
 
-    Parameters
-    ----------
-    n_vertices, n_faces : int
-        Sizes of the mesh.
-    n_components : int
-        Connected components; faces that share a vertex are connected.
-    largest_component : int
-        Number of vertices of the largest.
-    boundary_edges : int
-        Edges of one face only.
-    nonmanifold_edges : int
-        Edges of more than two faces.
-    ambiguous_edges : int
-        Those of them at which two faces leave in one direction, as duplicates do and faces folded
-        flat onto others, or one has no area: the robust Laplacian depends on the order of the
-        faces there.
-    degenerate_faces : int
-        Faces with a corner twice, or without area but for rounding.
-    duplicate_faces : int
-        Faces that join the same three vertices as an earlier one, in any order.
-    disagreeing_edges : int
-        Edges of two faces that do not agree on which side of the surface is outside.
-    reversed_faces : int
-        Faces that the repair orient_faces turns so that all agree; a surface with one side only,
-        such as a Möbius strip, has disagreeing edges and none of these.
-    unreferenced_vertices : int
-        Vertices that no face with three different corners uses.
-    coincident_vertices : int
-        Vertices at exactly the place of an earlier one.
-    seam_vertices : int
-        Those of them that lie on seams: the repair merge_seams joins them.
-    area : float
-        Area of the surface, in squared unit of the mesh.
-    """
-
+    #: Sizes of the mesh.
     n_vertices: int
     n_faces: int
+    #: Connected components; faces that share a vertex are connected.
     n_components: int
+    #: Number of vertices of the largest.
     largest_component: int
+    #: Edges of one face only.
     boundary_edges: int
+    #: Edges of more than two faces.
     nonmanifold_edges: int
+    #: Those of them at which two faces leave in one direction, as duplicates do and faces folded
+    #: flat onto others, or one has no area: the robust Laplacian depends on the order of the faces
+    #: there.
     ambiguous_edges: int
+    #: Faces with a corner twice, or without area but for rounding.
     degenerate_faces: int
+    #: Faces that join the same three vertices as an earlier one, in any order.
     duplicate_faces: int
+    #: Edges of two faces that do not agree on which side of the surface is outside.
     disagreeing_edges: int
+    #: Faces that the repair orient_faces turns so that all agree; a surface with one side only,
+    #: such as a Möbius strip, has disagreeing edges and none of these.
     reversed_faces: int
+    #: Vertices that no face with three different corners uses.
     unreferenced_vertices: int
+    #: Vertices at exactly the place of an earlier one.
     coincident_vertices: int
+    #: Those of them that lie on seams: the repair merge_seams joins them.
     seam_vertices: int
+    #: Area of the surface, in squared unit of the mesh.
     area: float
 
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """A repair of a mesh.
+    """A repair of a mesh."""
 
-    Parameters
-    ----------
-    name : str
-        Its key in `REPAIRS`.
-    label : str
-        Label of its button.
-    count : callable
-        Takes a `Health`, returns the number of faults that the repair would correct.
-    apply : callable
-        Takes a `Mesh`, returns the repaired one.
-    """
-
+    #: Its key in `REPAIRS`.
     name: str
+    #: Label of its button.
     label: str
+    #: Takes a `Health`, returns the number of faults that the repair would correct.
     count: Callable[[Health], int]
+    #: Takes a `Mesh`, returns the repaired one.
     apply: Callable[[Mesh], Mesh]
 
 
@@ -263,15 +237,10 @@ def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
 
 
 def _without_vertices(mesh: Mesh, onto: IntArray, faces: IntArray) -> Mesh:
-    """A mesh of fewer vertices, in the same order.
+    """A mesh of fewer vertices, in the same order, whose faces are given by the vertices before.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    onto : ndarray of int64, shape (n,)
-        For each vertex itself, the one that it is merged into, or -1 where it is left out.
-    faces : ndarray of int64, shape (m, 3)
-        By the vertices before.
+    `onto`, shape (n,), is for each vertex itself, the one that it is merged into, or -1 where it is
+    left out.
     """
     kept = onto == np.arange(mesh.n_vertices)
     if kept.all():

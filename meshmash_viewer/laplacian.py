@@ -24,19 +24,13 @@ Edges: TypeAlias = tuple[npt.NDArray[np.integer], npt.NDArray[np.integer], Float
 
 @dataclass(frozen=True, slots=True)
 class OperatorOptions:
-    """Parameters of the Laplacian, stored with results.
+    """Parameters of the Laplacian, stored with results."""
 
-    Parameters
-    ----------
-    robust : bool
-        True: the operator of Sharp and Crane, for any triangle soup; False: the cotangent
-        Laplacian, for clean manifold meshes.
-    mollify_factor : float
-        Length added to edges by the robust operator, relative to their mean, so that no triangle is
-        degenerate; not used otherwise.
-    """
-
+    #: True: the operator of Sharp and Crane, for any triangle soup; False: the cotangent Laplacian,
+    #: for clean manifold meshes.
     robust: bool = True
+    #: Length added to edges by the robust operator, relative to their mean, so that no triangle is
+    #: degenerate; not used otherwise.
     mollify_factor: float = 1e-5
 
 

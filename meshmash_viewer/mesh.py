@@ -448,17 +448,10 @@ class Mesh:
 def as_mesh(mesh: MeshLike) -> Mesh:
     """Take a mesh in any of the accepted forms.
 
-    Parameters
-    ----------
-    mesh : Mesh, pair, object or PolyData
-        A `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
-        `vertices` and `faces` such as a ``trimesh.Trimesh``, or `v` and `t` such as a LaPy
-        ``TriaMesh``, or a pyvista ``PolyData``, whose polygons are triangulated.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, or not a valid mesh (see `Mesh`).
+    These are a `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
+    `vertices` and `faces` such as a ``trimesh.Trimesh``, or `v` and `t` such as a LaPy
+    ``TriaMesh``, and a pyvista ``PolyData``, whose polygons are triangulated. `InputError` is
+    raised if it is none of these, or not a valid mesh (see `Mesh`).
     """
     if isinstance(mesh, Mesh):
         return mesh

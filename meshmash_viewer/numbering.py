@@ -14,12 +14,6 @@ import numpy.typing as npt
 class FileNumbering:
     """Map from the vertices of a file to those of a repaired mesh.
 
-    Parameters
-    ----------
-    here : ndarray of int64, shape (n_file,)
-        For each vertex of the file its vertex in the mesh, the same one for merged vertices; -1 for
-        removed ones.
-
     Examples
     --------
     >>> from meshmash_viewer.numbering import FileNumbering
@@ -28,6 +22,8 @@ class FileNumbering:
     (array([1, 2]), array([ nan, 0.5 , 0.25, 0.5 ]))
     """
 
+    #: Shape (n_file,): For each vertex of the file its vertex in the mesh, the same one for merged
+    #: vertices; -1 for removed ones.
     here: npt.NDArray[np.int64]
 
     @property

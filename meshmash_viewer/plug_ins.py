@@ -19,23 +19,10 @@ class PlugInWarning(UserWarning):
 class PlugIn:
     """What a package adds, loaded when it is first used.
 
-    Called, it does what the function does that it stands for.
-
-    Parameters
-    ----------
-    group : "fields", "readers" or "writers"
-    entry : EntryPoint
-    check : callable
-        Raises for a name and what was loaded, if it cannot be used.
-
-    Attributes
-    ----------
-    name : str
-        Of a family of fields, or the ending of a file.
-    package : str
-        Name and version of the package.
-    fault : str
-        Why it cannot be used, in one sentence; empty as far as is known.
+    Called, it does what the function does that it stands for. It is of a group, "fields", "readers"
+    or "writers"; `check` raises for a name and what was loaded, if it cannot be used. `name` is
+    that of a family of fields, or the ending of a file, and `package` name and version of the
+    package; `fault` says in one sentence why it cannot be used, and is empty as far as is known.
     """
 
     def __init__(self, group: str, entry: EntryPoint, check: Check) -> None:
@@ -51,10 +38,7 @@ class PlugIn:
     def load(self) -> Any:
         """Import and check the plug-in.
 
-        Raises
-        ------
-        InputError
-            If it cannot be imported or used.
+        `InputError` is raised if it cannot be imported or used.
         """
         if self.fault:
             raise InputError(self.fault)
@@ -91,14 +75,8 @@ def check_function(name: str, loaded: Any) -> None:
 def plug_ins(group: str, taken: Container[str], check: Check = check_function) -> dict[str, PlugIn]:
     """Return the plug-ins of installed packages in a group, by name; warn of unusable names.
 
-    Parameters
-    ----------
-    group : "fields", "readers" or "writers"
-        Names of readers and writers are lower-case file endings.
-    taken : container of str
-        Names that are in use.
-    check : callable
-        See `PlugIn`.
+    Groups are "fields", "readers" and "writers", and names of readers and writers lower-case file
+    endings; `taken` are names in use; for `check` see `PlugIn`.
     """
     found: dict[str, PlugIn] = {}
     for entry in sorted(entry_points(group=f"meshmash_viewer.{group}")):

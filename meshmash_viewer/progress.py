@@ -14,29 +14,19 @@ class Cancelled(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """One report of a long computation.
+    """One report of a long computation."""
 
-    Parameters
-    ----------
-    stage : str
-        Present stage, a short noun phrase ("factorization", "eigenpairs").
-    fraction : float, optional
-        Share that is done, 0 to 1; None if unknown.
-    remaining : float, optional
-        Estimated seconds to the end; None if unknown.
-    message : str
-        One line for the user.
-    converged : int
-        Number of leading eigenpairs that are final and readable.
-    total : int
-        Number of eigenpairs requested; 0 while unknown.
-    """
-
+    #: Present stage, a short noun phrase ("factorization", "eigenpairs").
     stage: str
+    #: Share that is done, 0 to 1; None if unknown.
     fraction: float | None = None
+    #: Estimated seconds to the end; None if unknown.
     remaining: float | None = None
+    #: One line for the user.
     message: str = ""
+    #: Number of leading eigenpairs that are final and readable.
     converged: int = 0
+    #: Number of eigenpairs requested; 0 while unknown.
     total: int = 0
 
 
@@ -48,16 +38,9 @@ _FORMAT = "{desc}: {percentage:3.0f}%|{bar}|{postfix} [{elapsed}]"
 
 
 class ProgressBar:
-    """A progress bar on stderr.
+    """A progress bar on stderr, with a name.
 
-    Parameters
-    ----------
-    name : str
-        Label of the bar.
-    then : callable, optional
-        Receives every report too.
-    leave : bool
-        Whether the bar remains visible at the end.
+    `then` receives every report too; `leave` is whether the bar remains visible at the end.
     """
 
     def __init__(

@@ -58,31 +58,20 @@ _UNIT = re.compile(
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number to be converted to the unit of length of a mesh that has not been read yet.
-
-    Parameters
-    ----------
-    value : Decimal
-    unit : str
-        Unit of the text, a name of `units.METRES`; empty for none.
-    power : int
-        Power of the length.
-    text : str
-        The original text.
-    """
+    """A number to be converted to the unit of length of a mesh that has not been read yet."""
 
     value: Decimal
+    #: Unit of the text, a name of `units.METRES`; empty for none.
     unit: str
+    #: Power of the length.
     power: int
+    #: The original text.
     text: str
 
     def in_unit(self, unit: str) -> float:
         """Convert the number to a unit of length; unchanged if the text has no unit.
 
-        Raises
-        ------
-        InputError
-            If the text has a unit and `unit` is empty.
+        `InputError` is raised if the text has a unit and `unit` is empty.
         """
         if self.unit and not unit:
             raise InputError(
@@ -96,22 +85,11 @@ class Quantity:
 def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool = False) -> float:
     """Read a number in a unit.
 
-    Parameters
-    ----------
-    text : str
-    unit : str
-        Unit of the result: a power of a length as written by `units.power_unit` ("nm", "nm²",
-        "nm⁻²"), into which others are converted, or any text, such as "mV", that may follow the
-        number. Empty if no unit is known.
-    share : bool
-        Whether the number may be in percent: "0.1 %" is 0.001.
-    whole : bool
-        Whether a whole number is expected, so that a comma before three digits separates groups.
-
-    Raises
-    ------
-    InputError
-        If it is not a number, is ambiguous, too large or too small, or in another unit.
+    `unit` is that of the result: a power of a length as written by `units.power_unit` ("nm", "nm²",
+    "nm⁻²"), into which others are converted, or any text, such as "mV", that may follow the number;
+    empty if none is known. With `share` the number may be in percent: "0.1 %" is 0.001. With
+    `whole` a comma before three digits separates groups. `InputError` is raised if it is not a
+    number, is ambiguous, too large or too small, or in another unit.
 
     Examples
     --------
@@ -137,10 +115,7 @@ def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool 
 def parse_quantity(text: str, power: int = 1) -> Quantity:
     """Read a number whose unit is a power of a length that is known later.
 
-    Raises
-    ------
-    InputError
-        If it is not a number, is ambiguous, or in a unit of another power.
+    `InputError` is raised if it is not a number, is ambiguous, or in a unit of another power.
 
     Examples
     --------
@@ -158,10 +133,7 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
 
     Messages begin with `noun`: "The number of times".
 
-    Raises
-    ------
-    InputError
-        If it is not a whole number, out of bounds, or ambiguous.
+    `InputError` is raised if it is not a whole number, out of bounds, or ambiguous.
 
     Examples
     --------

@@ -26,10 +26,7 @@ _KNOWN = {name.lower(): name for name in STRUCTURES} | _SHORT
 def named_structure(text: str) -> str:
     """Find one of `STRUCTURES` by its name in any spelling, or "left", "right", "lh", "rh".
 
-    Raises
-    ------
-    InputError
-        If there is no such structure.
+    `InputError` is raised if there is no such structure.
 
     Examples
     --------
@@ -58,20 +55,10 @@ _BRAIN_WORDS = frozenset(
 
 
 def brain_side(structure: str, name: str) -> str | None:
-    """Return the side of a brain surface: "left", "right", or "" for both.
+    """Return the side of a brain surface, "left", "right", or "" for both; None if it is none.
 
-    Parameters
-    ----------
-    structure : str
-        One of `STRUCTURES`; "" where it is not known.
-    name : str
-        Of the file, in which "lh" and "rh" mean a hemisphere, and so do "left", "right", "L" and
-        "R" next to a word such as "pial".
-
-    Returns
-    -------
-    str or None
-        None if it is no surface of a brain, as far as is known.
+    `structure` is one of `STRUCTURES`, "" where it is not known. In the `name` of the file "lh" and
+    "rh" mean a hemisphere, and so do "left", "right", "L" and "R" next to a word such as "pial".
 
     Examples
     --------

@@ -35,24 +35,10 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
     triangles of at least its area. Triangles stay as they are, corners repeated one after the other
     are left out, and so are polygons of fewer than three.
 
-    Parameters
-    ----------
-    vertices : ndarray of float64, shape (n, 3)
-    indices : ndarray of int64, shape (sum(counts),)
-        Corners of all polygons, one polygon after the other.
-    counts : ndarray of int64, shape (p,)
-        Corners of each polygon.
-
-    Returns
-    -------
-    ndarray of int64, shape (m, 3)
-        In the order of the polygons. Where an index is out of range or a coordinate is not finite,
-        for the caller to say, fans.
-
-    Raises
-    ------
-    InputError
-        If a polygon of more than 10,000 corners is not convex.
+    `indices` are the corners of all polygons, one polygon after the other, and `counts` the corners
+    of each. The triangles, shape (m, 3), are in the order of the polygons. Where an index is out of
+    range or a coordinate is not finite, for the caller to say, they are fans. `InputError` is
+    raised if a polygon of more than 10,000 corners is not convex.
     """
     if len(counts) and counts.min() == 3 and counts.max() == 3:
         return indices.reshape(-1, 3)
@@ -109,10 +95,7 @@ def _runs_of_three(counts: IntArray) -> tuple[IntArray, IntArray]:
 def polydata_triangles(poly: Any) -> tuple[FloatArray, IntArray]:
     """Vertices of a ``vtkPolyData``, and the triangles of its polygons and strips.
 
-    Raises
-    ------
-    InputError
-        See `triangulate`, or if the corners of its cells overlap.
+    `InputError` is raised as by `triangulate`, and if the corners of its cells overlap.
     """
     from vtkmodules.util.numpy_support import vtk_to_numpy
 

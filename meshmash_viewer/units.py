@@ -49,23 +49,10 @@ _PATTERN = re.compile(
 def parse_unit(text: str) -> tuple[Voxel, str]:
     """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
 
-    Parameters
-    ----------
-    text : str
-        A length unit, optionally after the size of a voxel in it: one number, or three along x, y
-        and z with "×", "x" or "," between them.
-
-    Returns
-    -------
-    voxel : tuple of three floats
-        Factors that convert coordinates to `unit`; `NO_VOXEL` without a voxel size.
-    unit : str
-        One of `LENGTH_UNITS`.
-
-    Raises
-    ------
-    InputError
-        If the text is not a unit, or the voxel size is not one positive number or three.
+    The size of a voxel is one number, or three along x, y and z with "×", "x" or "," between them.
+    Returned are the factors that convert coordinates, `NO_VOXEL` without a voxel size, and one of
+    `LENGTH_UNITS`. `InputError` is raised if the text is not a unit, or the voxel size is not one
+    positive number or three.
     """
     match = _PATTERN.fullmatch(text)
     fault = InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.")

@@ -17,13 +17,7 @@ def native_keys(*sequences: QKeySequence | str) -> str:
 
 
 def native_text(text: str) -> str:
-    """Write the keys in a text as the operating system does.
-
-    Parameters
-    ----------
-    text : str
-        With modifiers as "Ctrl + wheel", and keys as "PgDn".
-    """
+    """Write the keys in a text, "Ctrl + wheel" or "PgDn", as the operating system does."""
     for name, sequence in _MODIFIERS.items():
         native = _native(QKeySequence(sequence)).removesuffix("A").rstrip("+")
         text = re.sub(rf"\b{name}(?= \+)", native, text)

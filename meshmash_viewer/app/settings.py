@@ -19,10 +19,7 @@ _RECENT_KEPT = 10
 class Settings:
     """Recent files, theme, layout and the speed of the last solve.
 
-    Parameters
-    ----------
-    fresh : bool
-        Whether to start as on the first day, and to leave what is stored as it is.
+    If `fresh`, they start as on the first day, and what is stored is left as it is.
     """
 
     def __init__(self, fresh: bool = False) -> None:

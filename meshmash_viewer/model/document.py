@@ -70,26 +70,18 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """One sentence for the message bar.
+    """One sentence for the message bar."""
 
-    Parameters
-    ----------
-    text, severity
-        The sentence, and its severity.
-    details : str
-        For the button that copies them.
-    action, button : callable and str, optional
-        What a button of this text does.
-    holds : callable, optional
-        Returns whether its cause still exists; the notice is withdrawn once it does not. See
-        `Document.notify` for the default.
-    """
-
+    #: The sentence, and its severity.
     text: str
     severity: Severity = Severity.INFORMATION
+    #: For the button that copies them.
     details: str = ""
+    #: What a button of this text does.
     action: Callable[[], None] | None = None
     button: str = "Undo"
+    #: Returns whether its cause still exists; the notice is withdrawn once it does not. See
+    #: `Document.notify` for the default.
     holds: Callable[[], bool] | None = None
 
 
@@ -612,10 +604,7 @@ class Document:
     def toggle_pin(self, vertex: int, number: int = 0) -> None:
         """Pin a vertex under a number, by default the lowest free one, or remove its pin.
 
-        Raises
-        ------
-        IndexError
-            If the mesh has no vertex of that index.
+        `IndexError` is raised if the mesh has no vertex of that index.
         """
         if self.mesh is None or not 0 <= vertex < self.mesh.n_vertices:
             raise IndexError(f"vertex {vertex} is not in the mesh")

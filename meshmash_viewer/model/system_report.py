@@ -17,13 +17,7 @@ _MORE = ("robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow", "pyvist
 
 
 def system_report(graphics: str) -> str:
-    """Describe versions, memory, cores, graphics and the store of eigenpairs.
-
-    Parameters
-    ----------
-    graphics : str
-        Graphics driver, see `graphics` in `meshmash_viewer.app.view.picture`.
-    """
+    """Describe versions, memory, cores, the graphics driver and the store of eigenpairs."""
     import scooby
 
     cache = EigenpairCache()

@@ -17,17 +17,9 @@ SAMPLES: dict[str, str] = {
 
 
 def sample_path(name: str = "dendrite") -> Path:
-    """Where a sample lies on disk, as an NPZ file that states its unit, if it has one.
+    """Where one of `SAMPLES` lies on disk, as an NPZ file that states its unit, if it has one.
 
-    Parameters
-    ----------
-    name : str
-        One of `SAMPLES`.
-
-    Raises
-    ------
-    InputError
-        If there is no sample of this name.
+    `InputError` is raised if there is no sample of this name.
     """
     if name not in SAMPLES:
         raise InputError(f"There is no sample {name!r}: choose one of {', '.join(SAMPLES)}.")

@@ -24,20 +24,13 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Position, orientation and zoom of the camera, in mesh coordinates.
+    """Position, orientation and zoom of the camera, in mesh coordinates."""
 
-    Parameters
-    ----------
-    focus : ndarray, shape (3,)
-        The point in the centre of the picture, about which it rotates.
-    axes : ndarray, shape (3, 3)
-        Unit vectors to the right, up and towards the eye, as rows.
-    half_size : float
-        Half of the smaller side of the picture, in the mesh's length unit.
-    """
-
+    #: Shape (3,): The point in the centre of the picture, about which it rotates.
     focus: FloatArray
+    #: Shape (3, 3): Unit vectors to the right, up and towards the eye, as rows.
     axes: FloatArray
+    #: Half of the smaller side of the picture, in the mesh's length unit.
     half_size: float
 
     def length_per_pixel(self, width: int, height: int) -> float:
@@ -47,10 +40,8 @@ class View:
     def to_pixels(self, points: FloatArray, width: int, height: int) -> FloatArray:
         """Project points of shape (m, 3) to pixels from the lower left, with height above focus.
 
-        Returns
-        -------
-        ndarray, shape (m, 3)
-            x and y in pixels, and the distance from the focal plane towards the eye.
+        The result, shape (m, 3), has x and y in pixels, and the distance from the focal plane
+        towards the eye.
         """
         seen = (np.atleast_2d(points) - self.focus) @ self.axes.T
         pixel = self.length_per_pixel(width, height)
@@ -99,13 +90,7 @@ class View:
 
     @classmethod
     def from_json(cls, state: dict[str, Any]) -> View:
-        """The view of a dictionary made by `to_json`.
-
-        Raises
-        ------
-        ValueError
-            If it is invalid.
-        """
+        """The view of a dictionary made by `to_json`; `ValueError` is raised if it is invalid."""
         try:
             focus = np.array(state["focus"], dtype=np.float64)
             axes = np.array(state["axes"], dtype=np.float64)

@@ -70,10 +70,7 @@ def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
 
     Each of at most `count` labels has an equal part of the table.
 
-    Raises
-    ------
-    InputError
-        If there is no colour map of that name.
+    `InputError` is raised if there is no colour map of that name.
     """
     if isinstance(name, tuple):
         colors = np.array([[*rgb(each), 1.0] for each in name])

@@ -93,11 +93,8 @@ class Frames(QObject):
     def small_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None] | None:
         """A copy of the drawing for thumbnails; of a large mesh a coarse one without its field.
 
-        Returns
-        -------
-        MeshRenderer and ndarray of int64, or None
-            The vertices of the copy, None for all of them. Without a stand-in of a large mesh,
-            one is requested and the result is None until `stand_in_made`.
+        With it come its vertices, None for all of them. Without a stand-in of a large mesh, one is
+        requested and the result is None until `stand_in_made`.
         """
         if not self._large:
             return self._drawing.twin(), None
