@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmash_viewer.app.view.camera import FloatArray, upright_axis
+from meshmash_viewer.app.view.camera import upright_axis
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import brain_side
 
