@@ -109,7 +109,7 @@ class Tour:
         """Open a mesh and wait until it is drawn."""
         document = self.document
         self.window.open_mesh(path, unit)
-        self.wait(lambda: document.path == path and document.job is None)
+        self.wait(lambda: document.path == path and document.work.job is None)
         self.wait(lambda: self.window.scene.can_pick)
         self.settle()
 
@@ -176,13 +176,13 @@ class Tour:
         display.change(Eigenfunctions, index=constants + 5)
         self.settle()
         self.shoot("computing")
-        document.cancel()
-        self.wait(lambda: document.job is None)
+        document.work.cancel()
+        self.wait(lambda: document.work.job is None)
         self.settle()
         self.shoot("stopped")
 
         self.ask_for(200)
-        self.wait(lambda: document.job is None and document.spectrum.complete)
+        self.wait(lambda: document.work.job is None and document.spectrum.complete)
         window.stage.message_bar.dismiss()
         display.change(Eigenfunctions, index=constants + 7)
         display.nodal_lines = True
@@ -249,7 +249,7 @@ class Tour:
         self.resize(1440, 900)
         self.open(sample_path("two_components"))
         self.ask_for(30)
-        self.wait(lambda: document.job is None and document.spectrum is not None)
+        self.wait(lambda: document.work.job is None and document.spectrum is not None)
         display.change(Eigenfunctions, index=3)
         self.settle()
         self.shoot("faults")
@@ -270,7 +270,7 @@ class Tour:
         self.settle()
         self.shoot("curvature")
         display.nodal_lines = True
-        display.show(Distances(vertex=document.pins[0].vertex))
+        display.show(Distances(vertex=document.pins.placed[0].vertex))
         self.settle()
         self.shoot("distance")
         display.nodal_lines = False
@@ -309,15 +309,15 @@ class Tour:
         document, display = self.document, self.display
         self.open(sample_path("neuron"))
         self.ask_for(200)
-        self.wait(lambda: document.job is None and document.spectrum is not None)
+        self.wait(lambda: document.work.job is None and document.spectrum is not None)
         display.kind = "map"
         self.settle()
         self.shoot("soma-curvature")
         from_soma = document.mesh.vertices - ORIGIN
         near = np.linalg.norm(from_soma[:, :2], axis=1) < 1000.0
-        document.toggle_pin(int(np.argmax(np.where(near, from_soma[:, 2], -np.inf))))
+        document.pins.toggle(int(np.argmax(np.where(near, from_soma[:, 2], -np.inf))))
         display.nodal_lines = True
-        display.show(Distances(vertex=document.pins[0].vertex))
+        display.show(Distances(vertex=document.pins.placed[0].vertex))
         self.settle()
         self.shoot("soma-distance")
         theme.set_mode(theme.Mode.DARK)
@@ -336,7 +336,7 @@ class Tour:
             ball.export(sphere)
             self.open(sphere)
             self.ask_for(50)
-            self.wait(lambda: document.job is None and document.spectrum is not None)
+            self.wait(lambda: document.work.job is None and document.spectrum is not None)
             display.change(Eigenfunctions, index=7)
             display.nodal_lines = True
             self.settle()
@@ -355,7 +355,7 @@ class Tour:
             )
             self.open(folded, "mm")
             self.ask_for(150)
-            self.wait(lambda: document.job is None and document.spectrum is not None)
+            self.wait(lambda: document.work.job is None and document.spectrum is not None)
             display.kind = "band"
             display.change(GeometryVectors, index=6)
             self.settle()
@@ -379,7 +379,7 @@ class Tour:
             before, limits = self.shown()
             self.ask_for(constants + 20)
             self.wait(lambda: document.spectrum.is_exact(display[Eigenfunctions].index))
-            self.wait(lambda: document.job is None)
+            self.wait(lambda: document.work.job is None)
             window.stage.message_bar.dismiss()
             self.settle()
             self.shoot("preview-replaced")

@@ -142,7 +142,9 @@ class Session:
 
     def at_rest(self) -> bool:
         scene = self.window.scene
-        return self.source.idle and self.document.job is None and scene.can_pick and scene.at_rest
+        return (
+            self.source.idle and self.document.work.job is None and scene.can_pick and scene.at_rest
+        )
 
     def wheel(self, widget: QWidget, notches: int, modifiers: Qt.KeyboardModifier) -> None:
         middle = QPointF(widget.rect().center())
@@ -191,7 +193,7 @@ class Session:
         yield 1.0
         self.phase("open")
         self.window.open_mesh(self.order["mesh"])
-        yield lambda: self.document.ready is not None and self.document.job is None
+        yield lambda: self.document.ready is not None and self.document.work.job is None
         self.phase("open, picking and stand-in")
         yield 0.5
         yield lambda: self.window.scene.can_pick
@@ -262,8 +264,8 @@ class Session:
         for shift in (QPoint(0, 0), QPoint(40, 30), QPoint(-50, 20)):
             QTest.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=centre + shift)
             yield 0.3
-        if not self.document.pins:
-            self.document.toggle_pin(self.document.mesh.n_vertices // 2)
+        if not self.document.pins.placed:
+            self.document.pins.toggle(self.document.mesh.n_vertices // 2)
         yield self.at_rest
         self.phase("similarity")
         self.document.similar()
@@ -292,15 +294,15 @@ class Session:
         self.phase("export of features")
         from meshmash_viewer.fields import EXPORTS
 
-        self.document.request(
+        self.document.work.request(
             ExportJob(
-                self.document.mesh, self.document.spectrum.operator or self.document.operator,
+                self.document.mesh, self.document.spectrum.operator or self.document.solve.operator,
                 self.folder / "hks.npz", EXPORTS["hks"].exported(8),
                 len(self.document.spectrum),
             )
         )  # fmt: skip
         yield 0.1
-        yield lambda: self.document.job is None
+        yield lambda: self.document.work.job is None
         self.phase("picture")
         yield from self.picture()
         self.phase("end")
@@ -426,11 +428,11 @@ class Session:
         self.window.open_mesh(self.order["mesh"])
         yield lambda: self.document.mesh is not None
         self.phase("preview and solve")
-        self.document.target = Target("count", self.order["pairs"])
-        self.document.compute()
+        self.document.solve.target = Target("count", self.order["pairs"])
+        self.document.solve.compute()
         yield 0.1
         step = 0
-        while self.document.job is not None:
+        while self.document.work.job is not None:
             spectrum = self.document.spectrum
             # not before the preview is looked at, and after the first exact pairs have replaced it
             if spectrum is not None and "pairs_20" in self.moments:

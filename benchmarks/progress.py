@@ -85,7 +85,7 @@ def _watch(mesh: Path, pairs: int) -> Any:
     started = 0.0
 
     def note() -> None:
-        job, spectrum = document.job, document.spectrum
+        job, spectrum = document.work.job, document.spectrum
         if job is None or not isinstance(job.job, DecomposeJob):
             if rows and spectrum is not None and spectrum.complete:
                 rows.append((time.perf_counter() - started, 1.0, 0.0, spectrum.n_exact))
@@ -102,19 +102,19 @@ def _watch(mesh: Path, pairs: int) -> Any:
 
     def opened() -> None:
         nonlocal started
-        if document.ready is None or document.job is not None:
+        if document.ready is None or document.work.job is not None:
             return
-        document.job_changed.disconnect(opened)
+        document.work.changed.disconnect(opened)
         started = time.perf_counter()
-        document.job_changed.connect(note)
+        document.work.changed.connect(note)
         document.spectrum_changed.connect(note)
-        document.target = Target("count", pairs)
-        document.compute()
+        document.solve.target = Target("count", pairs)
+        document.solve.compute()
 
-    document.job_changed.connect(opened)
+    document.work.changed.connect(opened)
     QTimer.singleShot(500, lambda: window.open_mesh(mesh))
     loop.exec()
-    document.job_changed.disconnect(note)
+    document.work.changed.disconnect(note)
     document.spectrum_changed.disconnect(note)
     window.close()
     return np.array(rows)

@@ -28,7 +28,7 @@ app.processEvents()
 print(f"window after {time.perf_counter() - began:.1f} s")
 window.open_mesh(sys.argv[1])
 window.wait(60.0)
-window.document.compute()
+window.document.solve.compute()
 window.wait(120.0)
 assert window.document.spectrum.complete, window.stage.message_bar.notice
 assert not window.grab().toImage().isNull()

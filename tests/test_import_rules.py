@@ -58,11 +58,8 @@ KNOW_A_FAMILY = {
         "distance",
         "map",
     },
-    "meshmash_viewer.model.document": {  # flips, measures from a pin, shows a new map
-        "eigenfunction",
-        "similarity",
-        "map",
-    },
+    "meshmash_viewer.model.document": {"eigenfunction", "similarity"},  # flips, measures from a pin
+    "meshmash_viewer.model.maps": {"map"},  # shows a new one
     "meshmash_viewer.fields.maps": {"filter", "band"},  # likewise, and a view of that name
     "meshmash_viewer.fields.similarity": {"hks"},  # in which it measures before one chooses
 }

@@ -10,8 +10,9 @@ import shiboken6
 from PySide6.QtCore import QObject, Qt, QThreadPool, Signal
 
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure, failure_of
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.vertex_map import VertexMap
 
 Result = TypeVar("Result")
@@ -31,7 +32,7 @@ class BackgroundIO(QObject):
         self._pool = QThreadPool(self, maxThreadCount=1)
         self._waiting = 0
         self._done.connect(self._end, Qt.ConnectionType.QueuedConnection)
-        document.maps_requested.connect(self.read_maps)
+        document.maps.requested.connect(self.read_maps)
 
     @property
     def idle(self) -> bool:
@@ -49,7 +50,7 @@ class BackgroundIO(QObject):
                 result = work()
             except Exception as fault:  # noqa: BLE001  shown in the message bar
                 failure = failure_of(fault, doing)
-                finish(lambda _: self._document.notify(notice_of(failure)), None)
+                finish(lambda _: self._document.notices.show(notice_of(failure)), None)
             else:
                 finish(then, result)
 
@@ -81,17 +82,17 @@ class BackgroundIO(QObject):
             return maps
 
         def take(maps: list[VertexMap]) -> None:
-            document.accept_maps(mesh, maps, shown=shown)
+            document.maps.add(mesh, maps, shown=shown)
             for failure in faults:
-                document.notify(notice_of(failure))
+                document.notices.show(notice_of(failure))
             if shown and remarks:
-                document.say(" ".join(remarks), Severity.WARNING)
+                document.notices.say(" ".join(remarks), Severity.WARNING)
 
         self.run("Reading maps", read, take)
 
     def close(self) -> None:
         """Disconnect, and wait for the running task."""
-        self._document.maps_requested.disconnect(self.read_maps)
+        self._document.maps.requested.disconnect(self.read_maps)
         self._done.disconnect(self._end)
         self._pool.waitForDone()
 

@@ -23,9 +23,10 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.standard_views import DIRECTIONS, view_label
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import stepping
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral import cost
 
@@ -70,6 +71,11 @@ class Commands:
             "show_kind": partial(setattr, display, "kind"),
             "first": partial(stepping.go_to_start, document),
             "last": partial(stepping.go_to_end, document),
+            "undo": document.history.undo,
+            "redo": document.history.redo,
+            "compute": document.solve.compute,
+            "cancel": document.work.cancel,
+            "clear_pins": document.pins.clear,
         }
         for each in COMMANDS:
             actions[each.name].triggered.connect(
@@ -122,8 +128,8 @@ class Commands:
         """Update the enabled and checked state of all actions."""
         document, display, actions = self._document, self._document.display, self._actions
         actions.enable(self.there())
-        running = document.job is not None
-        actions["compute"].setEnabled(document.can_compute)
+        running = document.work.job is not None
+        actions["compute"].setEnabled(document.solve.can_compute)
         actions["cancel"].setEnabled(running)
         history = document.history
         for name, label in (("undo", history.undo_label), ("redo", history.redo_label)):
@@ -131,8 +137,8 @@ class Commands:
             actions[name].setText(f"{name.capitalize()} {label}".rstrip())
         for name in DIRECTIONS:
             actions[f"view_{name}"].setText(view_label(name, document.mesh))
-        actions["clear_pins"].setEnabled(bool(document.pins))
-        actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
+        actions["clear_pins"].setEnabled(bool(document.pins.placed))
+        actions["similar"].setEnabled(bool(document.pins.placed) and document.spectrum is not None)
         if not document.can_flip:
             actions["flip"].setEnabled(False)
         # resolved, as the sign of a map depends on the mesh
@@ -167,14 +173,14 @@ class Commands:
         self._export_ending = dialog.format.ending
         self._settings.folder = job.path.parent
         self._exported = Exported(job.mesh.content_hash, job.family, job.n_pairs, job.maps)
-        self._document.request(job)
+        self._document.work.request(job)
 
     def compute_in_pieces(self) -> None:
         """Ask for feature, pieces and file, and start the computation."""
         from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
-        ask(dialog, lambda: self._document.request(dialog.job()))
+        ask(dialog, lambda: self._document.work.request(dialog.job()))
 
     def save_shape(self, path: Path) -> None:
         """Save the displayed shape as a mesh."""
@@ -182,7 +188,7 @@ class Commands:
 
         if self._document.spectrum is None:  # another mesh was opened meanwhile
             text = "The shape was not saved: its mesh is not open any more."
-            self._document.say(text, Severity.WARNING)
+            self._document.notices.say(text, Severity.WARNING)
             return
         self._write(path, shape_writer(self._document, path), "Shape")
 
@@ -199,7 +205,7 @@ class Commands:
 
     def say_failed(self, failure: Failure) -> None:
         """Show why something is not available."""
-        self._document.notify(notice_of(failure))
+        self._document.notices.show(notice_of(failure))
 
     def copy_script(self) -> None:
         """Copy a script that reproduces the display to the clipboard."""
@@ -208,7 +214,7 @@ class Commands:
         text = "Copied a Python script that makes what is on screen again"
         if output := script_output(self._document):
             text += f" and writes {output}, or the next free name where there is such a file"
-        self._document.say(f"{text}.")
+        self._document.notices.say(f"{text}.")
 
     def clear_cache(self) -> None:
         """Delete the stored eigenpairs, after a question."""
@@ -224,7 +230,7 @@ class Commands:
         )
         if answer == QMessageBox.StandardButton.Yes:
             cache.clear()
-            self._document.say(f"Deleted {size} of stored eigenpairs.")
+            self._document.notices.say(f"Deleted {size} of stored eigenpairs.")
 
     # -- looking ------------------------------------------------------------------------------
 
@@ -260,9 +266,9 @@ class Commands:
         place = scene.mapFromGlobal(QCursor.pos())
         vertex = scene.vertex_at(place.x(), place.y()) if scene.rect().contains(place) else -1
         if vertex >= 0:
-            self._document.toggle_pin(vertex)
+            self._document.pins.toggle(vertex)
         else:
-            self._document.say("Hold the pointer over the mesh, then press P.")
+            self._document.notices.say("Hold the pointer over the mesh, then press P.")
 
     def pin_index(self) -> None:
         """Ask for an index or a position, and pin that vertex."""
@@ -276,13 +282,15 @@ class Commands:
     def _pin(self, mesh: Mesh, vertex: int, remark: str) -> None:
         if self._document.mesh is not mesh:
             text = "The vertex was not pinned: its mesh is not open any more."
-            self._document.say(text, Severity.WARNING)
-        elif any(pin.vertex == vertex for pin in self._document.pins):
-            self._document.say(f"{mesh.named_vertex(vertex).capitalize()} is pinned already.")
+            self._document.notices.say(text, Severity.WARNING)
+        elif any(pin.vertex == vertex for pin in self._document.pins.placed):
+            self._document.notices.say(
+                f"{mesh.named_vertex(vertex).capitalize()} is pinned already."
+            )
         else:
-            self._document.toggle_pin(vertex)
+            self._document.pins.toggle(vertex)
             if remark:
-                self._document.say(remark)
+                self._document.notices.say(remark)
         if self.scene is not None and self.scene.mesh is mesh:
             self.scene.centre_on(vertex)
 
@@ -307,7 +315,7 @@ class Commands:
 
         drawn = "none yet" if self.scene is None else graphics(self.scene.plotter.window_of_vtk)
         QGuiApplication.clipboard().setText(system_report(drawn))
-        self._document.say("System report copied: paste it where you report a fault.")
+        self._document.notices.say("System report copied: paste it where you report a fault.")
 
     def about(self) -> None:
         """Show version, licence and methods."""

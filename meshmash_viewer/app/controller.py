@@ -9,9 +9,10 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy, Limits
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class Controller(QObject):
         self._fields = LatestThread(self._compute, self._take, parent=self, one_core=True)
         self._tables = LatestThread(self._prepare, self._improve, _REST, self)
         listen(document.mesh_changed, self.show_mesh)
-        listen(document.pins_changed, self._show_pins)
+        listen(document.pins.changed, self._show_pins)
         events = document.display.events
         requested = events.kind, events.fields, document.spectrum_changed, document.mesh_changed
         listen(requested, self.refresh)
@@ -200,7 +201,9 @@ class Controller(QObject):
         named = "" if isinstance(fault, InputError) else f" ({type(fault).__name__})"
         text = f"The field cannot be computed{named}: {fault}"
         wanted = self._wanted
-        self._document.notify(Notice(text, Severity.ERROR, holds=lambda: self._wanted is wanted))
+        self._document.notices.show(
+            Notice(text, Severity.ERROR, holds=lambda: self._wanted is wanted)
+        )
         self._give_up_waiting()
 
     def _give_up_waiting(self) -> None:
@@ -241,4 +244,4 @@ class Controller(QObject):
                 self.draw()
 
     def _show_pins(self) -> None:
-        self._view.set_pins(self._document.pins)
+        self._view.set_pins(self._document.pins.placed)

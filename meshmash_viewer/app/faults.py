@@ -12,8 +12,8 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, Signal
 
 from meshmash_viewer.defects import versions
-from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.failure import Failure, failure_of
+from meshmash_viewer.model.notices import Notice, Severity
 
 #: Seconds in which the same fault, as at every frame, is shown once.
 _ONCE = 2.0

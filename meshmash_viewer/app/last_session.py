@@ -64,7 +64,7 @@ class LastSession(QObject):
         self._timer = QTimer(self, singleShot=True, interval=_DELAY)
         self._timer.timeout.connect(self.save)
         listen(document.mesh_changed, self._note_mesh)
-        changes = document.history.changed, document.display.events, document.settings_changed
+        changes = document.history.changed, document.display.events, document.solve.changed
         listen(changes, self.changed)
 
     def changed(self) -> None:
@@ -134,7 +134,7 @@ class LastSession(QObject):
             for one, each in zip(about["maps"], values, strict=True)
         ]
         with document.history.paused():
-            document.accept_maps(mesh, maps, shown=False)
+            document.maps.add(mesh, maps, shown=False)
         self._written = tuple(maps)
         return len(maps)
 
@@ -192,7 +192,7 @@ class LastSession(QObject):
 
     def _say_failed(self, fault: str) -> None:
         self._written = ()  # to be tried again
-        self._document.say(f"What you made could not be saved for the next time: {fault}")
+        self._document.notices.say(f"What you made could not be saved for the next time: {fault}")
 
     def _delete_oldest(self) -> None:
         sessions = sorted(

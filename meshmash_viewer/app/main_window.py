@@ -45,10 +45,11 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.model import stepping
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.limits import Limits
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.plug_ins import known_plug_ins
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ class MainWindow(QMainWindow):
         self.stage = Stage()
         self.setCentralWidget(self.stage)
         self.mesh_panel = MeshPanel(self.document)
-        self.document.seconds_rate = self.settings.seconds_rate
+        self.document.solve.seconds_rate = self.settings.seconds_rate
         self.actions_ = Actions(self)
         self.menus = self.actions_.fill_menus(self)
         self._recent_menu = QMenu("Recent meshes", self)
@@ -205,7 +206,7 @@ class MainWindow(QMainWindow):
         self.pair_panel.close_requested.connect(self.opening.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
         self.pair_panel.maps_requested.connect(self.opening.add_map_to_second)
-        self.scene.vertex_clicked.connect(self.document.toggle_pin)
+        self.scene.vertex_clicked.connect(self.document.pins.toggle)
         self.scene.click_revoked.connect(self.document.history.undo)
         self.scene.vertex_hovered.connect(self.hover_label.show_vertex)
         self.scene.vertex_hovered.connect(self._point_at_pin)
@@ -224,7 +225,7 @@ class MainWindow(QMainWindow):
         self.opening.look()
         for each in known_plug_ins():
             if each.fault:
-                self.document.say(each.fault, Severity.WARNING)
+                self.document.notices.say(each.fault, Severity.WARNING)
 
     # -- for scripts --------------------------------------------------------------------------
 
@@ -254,7 +255,7 @@ class MainWindow(QMainWindow):
         """
         deadline = QDeadlineTimer(round(1000.0 * seconds))
         while not (
-            self.document.job is None
+            self.document.work.job is None
             and self.background_io.idle
             and self.controller.idle
             and self.shape_source.idle
@@ -271,13 +272,13 @@ class MainWindow(QMainWindow):
     def _listen_to_document(self) -> None:
         document = self.document
         listen(document.mesh_changed, self._on_mesh_changed)
-        listen(document.job_changed, self._on_job_changed)
-        document.noticed.connect(self.stage.message_bar.show_notice)
+        listen(document.work.changed, self._on_job_changed)
+        document.notices.shown.connect(self.stage.message_bar.show_notice)
         events = document.display.events
         needs = (
-            document.mesh_changed, document.spectrum_changed, document.settings_changed,
-            document.pins_changed, document.job_changed, events.nodal_lines, events.playing,
-            events.kind,
+            document.mesh_changed, document.spectrum_changed, document.solve.changed,
+            document.history.changed, document.pins.changed, document.work.changed,
+            events.nodal_lines, events.playing, events.kind,
         )  # fmt: skip
         follow(needs, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)
@@ -345,16 +346,16 @@ class MainWindow(QMainWindow):
         place = self.scene.display_point
         near = [
             pin.vertex
-            for pin in self.document.pins
+            for pin in self.document.pins.placed
             if vertex >= 0 and (place(pin.vertex) - place(vertex)).manhattanLength() < 9
         ]
         self.profile_panel.point_at(near[-1] if near else -1)
 
     def _on_job_changed(self) -> None:
         """Store the speed of the solver, and update the welcome page."""
-        state = self.document.job
-        if state is None and self.document.seconds_rate is not None:
-            self.settings.seconds_rate = self.document.seconds_rate
+        state = self.document.work.job
+        if state is None and self.document.solve.seconds_rate is not None:
+            self.settings.seconds_rate = self.document.solve.seconds_rate
         if state is not None and isinstance(state.job, ReadJob):
             self.stage.welcome.set_loading(f"Reading {state.job.path.name} …")
         elif self.loaded:
@@ -375,7 +376,7 @@ class MainWindow(QMainWindow):
         notice = self.stage.message_bar.notice
         if sentence:
             self._refusal = sentence
-            self.document.say(sentence, Severity.WARNING)
+            self.document.notices.say(sentence, Severity.WARNING)
         elif notice is not None and notice.text == self._refusal:
             self.stage.message_bar.dismiss()
 
@@ -449,7 +450,7 @@ class MainWindow(QMainWindow):
             self.document.display.playing = False
             self.document.display.vibrating = False
             stop_listening(self)
-            self.document.noticed.disconnect(self.stage.message_bar.show_notice)
+            self.document.notices.shown.disconnect(self.stage.message_bar.show_notice)
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
             self.commands.pictures.close()

@@ -20,7 +20,8 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING, Session, write_session
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.units import counted
 
@@ -81,7 +82,7 @@ class Opening(QObject):
         others = [path for path in paths if path not in maps]
         if not others:
             second = self.pair.second if as_second and self.pair is not None else None
-            (second or self._document).open_maps(maps)
+            (second or self._document).maps.open(maps)
         elif others[0].name.endswith(SESSION_ENDING):
             self.restore_session(others[0])
         elif as_second:
@@ -89,7 +90,7 @@ class Opening(QObject):
         else:
             self.read(others[0], maps=maps)
         if len(others) > 1:
-            self._document.say(f"Opening {others[0].name}; one mesh at a time.")
+            self._document.notices.say(f"Opening {others[0].name}; one mesh at a time.")
 
     def read(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
         """Read a mesh file as it was left, with files of maps; the open mesh stays if that fails.
@@ -114,7 +115,7 @@ class Opening(QObject):
     def _offer_fresh_start(self, path: Path, session: Session) -> None:
         """Say what of the last time is there again, and offer to open the file without it."""
         made = {
-            "pin": len(self._document.pins),
+            "pin": len(self._document.pins.placed),
             "map": self.last_session.restore_maps() + len(session.maps),
             "second mesh": int(bool(session.second_path)),
         }
@@ -123,7 +124,7 @@ class Opening(QObject):
             what = ", ".join(counted(count, noun) for noun, count in made.items() if count)
             text = f"Opened as you left it: {what}."
             notice = Notice(text, button="Start afresh", action=lambda: self.start_afresh(path))
-            self._document.notify(notice)
+            self._document.notices.show(notice)
 
     def start_afresh(self, path: Path) -> None:
         """Open a mesh file without what was made on it."""
@@ -150,7 +151,7 @@ class Opening(QObject):
         paths = ask_for_maps(self._window, self._settings.folder)
         if paths:
             self._settings.folder = paths[0].parent
-            document.open_maps(paths)
+            document.maps.open(paths)
 
     def open_mesh(self) -> None:
         """Ask for a mesh file."""
@@ -249,7 +250,7 @@ class Opening(QObject):
         try:
             restoration = Restoration(self._document, path)
         except InputError as fault:
-            self._document.say(str(fault), Severity.ERROR)
+            self._document.notices.say(str(fault), Severity.ERROR)
             return
         self._begin(restoration)
 
@@ -283,7 +284,7 @@ class Opening(QObject):
         """Ask for a file name, and save the session."""
         if self._document.path is None:
             text = "This mesh was handed over in memory: a session needs one that is in a file."
-            self._document.say(text, Severity.WARNING)
+            self._document.notices.say(text, Severity.WARNING)
             return
         start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
         chosen, _ = QFileDialog.getSaveFileName(
@@ -297,6 +298,6 @@ class Opening(QObject):
         try:
             self.store_session(path)
         except (InputError, OSError) as fault:
-            self._document.say(f"The session was not saved: {fault}", Severity.ERROR)
+            self._document.notices.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
         say_saved(self._document, f"Session saved to {path}.", path)

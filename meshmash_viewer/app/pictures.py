@@ -17,8 +17,9 @@ from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.work.process import call_in_child
 
@@ -106,7 +107,7 @@ class Pictures:
             drawings = [scene.renderer.twin() for scene in self.scenes()]
             figure = compose_figure(drawings, self._figure)
         except InputError as fault:
-            self._document.say(f"The figure was not saved: {fault}", Severity.ERROR)
+            self._document.notices.say(f"The figure was not saved: {fault}", Severity.ERROR)
             return
         self._settings.folder = path.parent
         self._background_io.run(
@@ -185,7 +186,7 @@ class Pictures:
 
         assert self.scene is not None
         self._settings.folder = path.parent
-        self._document.say(f"Writing {path.name} …")
+        self._document.notices.say(f"Writing {path.name} …")
         surface = displayed_surface(self.scene.renderer)
 
         def write() -> None:
@@ -211,7 +212,7 @@ class Pictures:
         height, width, _ = picture.shape
         image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
         QGuiApplication.clipboard().setImage(image.copy())
-        self._document.say("Picture copied.")
+        self._document.notices.say("Picture copied.")
 
     def close(self) -> None:
         """Finish the pictures that are being written, and close open dialogs."""
@@ -222,7 +223,7 @@ class Pictures:
 
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"
-        self._document.notify(notice_of(replace(failure, text=text)))
+        self._document.notices.show(notice_of(replace(failure, text=text)))
 
 
 def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:

@@ -140,7 +140,7 @@ def run_app(
     window = MainWindow(fresh=fresh, deferred=True)
     window.show()
     QTimer.singleShot(0, lambda: load_libraries(window))  # after it has been painted
-    with FaultBoundary(window.document.notify):
+    with FaultBoundary(window.document.notices.show):
         if path is not None and (unit or maps):
             window.open_mesh(path, unit, maps)
         elif path is not None:
@@ -220,7 +220,7 @@ def view(
         loop = QEventLoop()
         window.closed.connect(loop.quit)
         # exceptions of another application are its own
-        with nullcontext() if guest else FaultBoundary(window.document.notify):
+        with nullcontext() if guest else FaultBoundary(window.document.notices.show):
             loop.exec()
     return window
 
@@ -296,7 +296,7 @@ def _say_missing(window: MainWindow, fault: Exception) -> None:
         text = f"The render cannot be loaded ({fault}): install what is missing, start again."
         failure = Failure(text, failure.details, correctable=True)
     window.stage.welcome.set_loading("The render is missing; the message says why.")
-    window.document.notify(notice_of(failure))
+    window.document.notices.show(notice_of(failure))
 
 
 class Application(QApplication):

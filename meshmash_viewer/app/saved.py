@@ -7,14 +7,15 @@ from pathlib import Path
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Notice, Severity
 
 
 def say_saved(
     document: Document, text: str, path: Path, severity: Severity = Severity.INFORMATION
 ) -> None:
     """Show that a file has been saved, with a button that shows its folder."""
-    document.notify(saved_notice(document, text, path, severity))
+    document.notices.show(saved_notice(document, text, path, severity))
 
 
 def saved_notice(
@@ -26,6 +27,6 @@ def saved_notice(
         folder = path.absolute().parent
         if not QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder))):
             text = f"This system has no program that shows folders: the folder is {folder}."
-            document.say(text, Severity.WARNING)
+            document.notices.say(text, Severity.WARNING)
 
     return Notice(text, severity, action=show_folder, button="Show in folder")

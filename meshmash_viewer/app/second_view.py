@@ -21,10 +21,11 @@ from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
 from meshmash_viewer.model import stepping
-from meshmash_viewer.model.document import Document, Notice
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
+from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class SecondView(QWidget):
         super().__init__()
         theme.named(self, "second_view", "Second mesh")
         self.document = Document()
-        self.document.seconds_rate = document.seconds_rate
+        self.document.solve.seconds_rate = document.solve.seconds_rate
         self.scene = MeshView(self.document)
         theme.named(self.scene, "second_scene", "Render of the second mesh")
         self.tasks = Tasks(self.document, self)
@@ -98,11 +99,11 @@ class SecondView(QWidget):
         pair.comparison_requested.connect(self._thread.ask)
         self._first.link = self.controller.link = self
         listen(document.mesh_changed, self._turn_second)
-        follow((document.job_changed, document.spectrum_changed, pair.changed), self._say_status)
+        follow((document.work.changed, document.spectrum_changed, pair.changed), self._say_status)
         listen(pair.changed, self._draw)
         listen(pair.changed, self._follow_cameras)
-        document.noticed.connect(self._on_notice)
-        follow(document.job_changed, self._on_job_changed)  # its notice goes first
+        document.notices.shown.connect(self._on_notice)
+        follow(document.work.changed, self._on_job_changed)  # its notice goes first
         self.scene.vertex_clicked.connect(pair.pin_second)
         self.scene.stepped.connect(self._step)
         self.scene.camera_changed.connect(self._turned)
@@ -112,7 +113,7 @@ class SecondView(QWidget):
     def idle(self) -> bool:
         """Whether nothing is being computed for it."""
         return (
-            self.document.job is None
+            self.document.work.job is None
             and self.background_io.idle
             and self.controller.idle
             and not self._thread.working
@@ -126,7 +127,7 @@ class SecondView(QWidget):
         self.pair.close()
         self.pair.comparison_requested.disconnect(self._thread.ask)
         stop_listening(self)
-        self.document.noticed.disconnect(self._on_notice)
+        self.document.notices.shown.disconnect(self._on_notice)
         self._first_scene.camera_changed.disconnect(self._turn_second)
         self._thread.close()
         self.tasks.close()
@@ -144,19 +145,19 @@ class SecondView(QWidget):
             self.pair.accept(request, answer)
 
     def _on_job_changed(self) -> None:
-        if self.document.job is None and self.document.ready is None:
+        if self.document.work.job is None and self.document.ready is None:
             self.close_requested.emit()
 
     def _on_notice(self, notice: Notice | None) -> None:
         """Show a notice in the message bar of the window, or review it once it is withdrawn."""
         if notice is None:
-            self.pair.first.review_notice()
+            self.pair.first.notices.review()
         else:
             text = f"Second mesh: {notice.text}"
-            self.pair.first.notify(replace(notice, text=text, action=None))
+            self.pair.first.notices.show(replace(notice, text=text, action=None))
 
     def _say_status(self) -> None:
-        job, spectrum = self.document.job, self.document.spectrum
+        job, spectrum = self.document.work.job, self.document.spectrum
         first = self.pair.first.spectrum
         ready = self.document.ready
         name = (ready.mesh.name if ready is not None else "") or "Second mesh"

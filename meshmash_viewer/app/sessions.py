@@ -17,8 +17,9 @@ from meshmash_viewer.io.session import Session, read_session
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import ReadJob
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.pins import Pin, free_number
 from meshmash_viewer.spectral.weyl import Target
@@ -36,7 +37,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     pair : Pair, optional
         With the second mesh, where there is one.
     """
-    mesh, ready = document.mesh, document.ready
+    mesh, ready, pins = document.mesh, document.ready, document.pins.placed
     assert mesh is not None and ready is not None  # noqa: PT018  one has the other
     second = None if pair is None or pair.second.path is None else pair.second
     return Session(
@@ -47,13 +48,13 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         source=ready.source,
         mesh_hash=mesh.content_hash,
         n_vertices=mesh.n_file_vertices,
-        operator=asdict(document.operator),
-        target={"kind": document.target.kind, "value": document.target.value},
+        operator=asdict(document.solve.operator),
+        target={"kind": document.solve.target.kind, "value": document.solve.target.value},
         display=display_to_json(document.display, mesh.file_index),
-        pins=[mesh.file_index(pin.vertex) for pin in document.pins],
-        pin_numbers=[pin.number for pin in document.pins],
-        pin_names=[pin.name for pin in document.pins],
-        pin_colors=[pin.own_color for pin in document.pins],
+        pins=[mesh.file_index(pin.vertex) for pin in pins],
+        pin_numbers=[pin.number for pin in pins],
+        pin_names=[pin.name for pin in pins],
+        pin_colors=[pin.own_color for pin in pins],
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
@@ -127,7 +128,7 @@ class Restoration:
 
     def begin(self) -> None:
         """Ask for the mesh."""
-        self._document.job_changed.connect(self._advance)
+        self._document.work.changed.connect(self._advance)
         session = self._session
         source = session.source if self._saved_itself else ""
         self._document.open_mesh(
@@ -137,14 +138,14 @@ class Restoration:
 
     def stop(self) -> None:
         """Leave it at what has been restored so far."""
-        self._document.job_changed.disconnect(self._advance)
+        self._document.work.changed.disconnect(self._advance)
         self._before = None  # a mesh with its eigenpairs
 
     def _advance(self) -> None:
         """Restore the rest once the mesh has been read, and repaired as it was."""
         document = self._document
-        if document.job is not None:
-            job = document.job.job
+        if document.work.job is not None:
+            job = document.work.job.job
             mine = isinstance(job, ReadJob) and job.path.absolute() == self._mesh_path
             self._started = self._started or mine
         elif not self._started:
@@ -154,9 +155,9 @@ class Restoration:
         elif document.path.absolute() != self._mesh_path:
             self.stop()
         else:
-            document.operator = self._operator
+            document.solve.operator = self._operator
             if self._session.target:
-                document.target = self._target
+                document.solve.target = self._target
             self.stop()
             with document.history.paused():
                 self._restore()
@@ -182,13 +183,13 @@ class Restoration:
                 f"{self._path.name} has pins at vertices that {document.path} does not have: "
                 f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
             )
-        document.set_pins("pins", pins)
+        document.pins.set("pins", pins)
         for place, index in display_from_json(document.display, self._display, self._place):
             self._warn(
                 f"{self._path.name} has display.{place} = {index}, which {document.path}"
                 " does not have: it is left out."
             )
-        document.open_maps([Path(each) for each in session.maps], shown=False)
+        document.maps.open([Path(each) for each in session.maps], shown=False)
         self.done = True
         self.restored.emit()
 
@@ -230,4 +231,4 @@ class Restoration:
         )
 
     def _warn(self, text: str) -> None:
-        self._document.say(text, Severity.WARNING)
+        self._document.notices.say(text, Severity.WARNING)

@@ -238,7 +238,7 @@ def shape_writer(document: Document, path: Path) -> Callable[[], None]:
     assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  one is shown
     mesh, operator, repairs = (
         spectrum.mesh,
-        spectrum.operator or document.operator,
+        spectrum.operator or document.solve.operator,
         document.repairs,
     )
     count = shape.within(len(spectrum))

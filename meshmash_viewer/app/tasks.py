@@ -11,10 +11,11 @@ from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.saved import saved_notice
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.previews import is_worthwhile
 from meshmash_viewer.model.results import MapGrew, MeshReady, Written
@@ -43,8 +44,8 @@ class Tasks(QObject):
         self._queue: list[Job] = []
         self._received.connect(self._take, Qt.ConnectionType.QueuedConnection)
         self.worker = Worker(self._prepare)
-        document.job_requested.connect(self.run)
-        listen(document.cancel_requested, self.cancel)
+        document.work.requested.connect(self.run)
+        listen(document.work.cancel_requested, self.cancel)
         listen(document.mesh_changed, self._on_mesh_changed)
 
     def _prepare(self, kind: str, content: object) -> None:
@@ -68,10 +69,12 @@ class Tasks(QObject):
             self._queue.insert(0, job)
         elif isinstance(job, ExportJob) or isinstance(self.job, ExportJob):
             self._queue.append(job)
-            self._document.say(f"{job.label} waits for: {self.job.label}.")
+            self._document.notices.say(f"{job.label} waits for: {self.job.label}.")
         elif isinstance(job, DecomposeJob) and not isinstance(self.job, DecomposeJob):
             text, running = f"{self.job.label} is not done yet: compute when it is.", self.job
-            self._document.notify(Notice(text, Severity.WARNING, holds=lambda: self.job is running))
+            self._document.notices.show(
+                Notice(text, Severity.WARNING, holds=lambda: self.job is running)
+            )
         else:
             self._queue = [waiting for waiting in self._queue if isinstance(waiting, ExportJob)]
             self._queue.insert(0, job)
@@ -84,20 +87,23 @@ class Tasks(QObject):
 
     def close(self) -> None:
         """Stop everything; no process and no temporary file remains."""
-        self._document.job_requested.disconnect(self.run)
+        self._document.work.requested.disconnect(self.run)
         stop_listening(self)
         self._queue.clear()
         self.worker.close()
 
     def _start(self, job: Job) -> None:
         self.job = job
-        self._document.job_started(job)
+        document = self._document
+        document.work.started(job, document.solve.expected_of(job))
         self.worker.submit(job)
 
     def _end(self, notice: Notice | None = None, whole: bool = False) -> None:
         self.job = None
-        self._document.end_growing(whole)
-        self._document.job_ended(notice)
+        self._document.maps.end_growing(whole)
+        self._document.work.ended()
+        if notice is not None:
+            self._document.notices.show(notice)
         if self._queue and self.job is None:
             self._start(self._queue.pop(0))
 
@@ -114,23 +120,23 @@ class Tasks(QObject):
         return shown is not None and shown.vertices is mesh.vertices and shown.faces is mesh.faces
 
     def _on_progressed(self, progress: Progress) -> None:
-        self._document.job_progressed(progress)
+        self._document.work.progressed(progress)
 
     def _on_sent(self, message: object) -> None:
         job = self.job
         if isinstance(message, MapGrew) and isinstance(job, PiecesJob):
-            self._document.accept_growing(job.mesh, message)
+            self._document.maps.grow(job.mesh, message)
         elif isinstance(job, DecomposeJob | PreviewJob) and self._is_shown(job.mesh):
             if isinstance(message, Eigenpairs):
                 self._document.accept_spectrum(message)
             elif isinstance(message, str):
-                self._document.say(message, Severity.WARNING)
+                self._document.notices.say(message, Severity.WARNING)
 
     def _on_finished(self, result: object) -> None:
         if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
             if is_worthwhile(result):
-                self._queue.append(PreviewJob(result.mesh, self._document.operator))
+                self._queue.append(PreviewJob(result.mesh, self._document.solve.operator))
             self._end(Notice(result.remark, Severity.WARNING) if result.remark else None)
         elif isinstance(result, Written):
             written = f"{result.description} written to {result.path}."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -31,22 +31,42 @@ class Step:
     when: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Part:
+    """How a part of the state is read, set, and whether a value of it can be set at once."""
+
+    read: Callable[[], Any]
+    restore: Callable[[Any], None]
+    is_ready: Callable[[Any], bool]
+
+
 class History:
     """The changes that can be undone and redone, in one order.
 
-    `read` returns the current value of a part of the state by its name, an immutable one; `restore`
-    sets parts of the state to given values.
+    The state consists of parts, which `keep` declares by their names.
     """
 
     changed = Signal()
 
-    def __init__(
-        self, read: Callable[[str], Any], restore: Callable[[Mapping[str, Any]], None]
-    ) -> None:
-        self._read, self._restore = read, restore
+    def __init__(self) -> None:
+        self._parts: dict[str, _Part] = {}
         self.past: tuple[Step, ...] = ()
         self.future: tuple[Step, ...] = ()
         self._paused = False
+
+    def keep(
+        self,
+        part: str,
+        read: Callable[[], Any],
+        restore: Callable[[Any], None],
+        is_ready: Callable[[Any], bool] = lambda _: True,
+    ) -> None:
+        """Declare a part of the state, whose values are immutable.
+
+        `read` returns its value and `restore` sets it. `is_ready` returns False for a value that
+        must be computed first; what computes it calls `undo` again.
+        """
+        self._parts[part] = _Part(read, restore, is_ready)
 
     @property
     def undo_label(self) -> str:
@@ -62,7 +82,7 @@ class History:
         """Record a change. Call it before the parts change, or give their former values."""
         if self._paused:
             return
-        state = dict(before or {}) | {part: self._read(part) for part in parts}
+        state = dict(before or {}) | self._read(parts)
         now = time.monotonic()
         last = self.past[-1] if self.past else None
         if (
@@ -96,9 +116,11 @@ class History:
             self._paused = before
 
     def undo(self) -> None:
-        """Revert the last change."""
+        """Revert the last change, at once or when what it needs has been computed."""
         if self.past:
             step = self.past[-1]
+            if not all(self._parts[part].is_ready(value) for part, value in step.state.items()):
+                return
             self.past, self.future = self.past[:-1], (*self.future, self._cross(step))
             self.changed.emit()
 
@@ -111,7 +133,11 @@ class History:
 
     def _cross(self, step: Step) -> Step:
         """Restore the values of a step, and return the step that reverts this."""
-        here = {part: self._read(part) for part in step.state}
+        here = self._read(step.state)
         with self.paused():
-            self._restore(step.state)
+            for part, value in step.state.items():
+                self._parts[part].restore(value)
         return Step(step.label, here)
+
+    def _read(self, parts: Iterable[str]) -> dict[str, Any]:
+        return {part: self._parts[part].read() for part in parts}

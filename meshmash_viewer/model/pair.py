@@ -125,11 +125,11 @@ class Pair:
                 "fields", "kind", "policies", "diverging_colormap", "sequential_colormap",
                 "nodal_lines",
             )),
-            (first.pins_changed, self._follow_pins),
+            (first.pins.changed, self._follow_pins),
             (first.spectrum_changed, self._follow_spectra),
             (second.spectrum_changed, self._follow_spectra),
             (second.mesh_changed, self._follow_mesh),
-            (second.job_changed, self._follow_job),
+            (second.work.changed, self._follow_job),
             (second.display.events.kind, self._follow_second),
         ]  # fmt: skip
         for signal, slot in self._connections:
@@ -193,22 +193,22 @@ class Pair:
 
     def pin_second(self, vertex: int) -> None:
         """Pin a vertex of the second and its best match on the first, or remove both pins."""
-        there = {pin.vertex: pin.number for pin in self.second.pins}
+        there = {pin.vertex: pin.number for pin in self.second.pins.placed}
         match = -1 if self.comparison is None else int(self.comparison.back.indices[vertex])
         if vertex in there:
-            taken = next(pin for pin in self.first.pins if pin.number == there[vertex])
-            self.first.toggle_pin(taken.vertex)
+            taken = next(pin for pin in self.first.pins.placed if pin.number == there[vertex])
+            self.first.pins.toggle(taken.vertex)
         elif match >= 0:
-            mine = {pin.vertex: pin.number for pin in self.first.pins}
+            mine = {pin.vertex: pin.number for pin in self.first.pins.placed}
             assert self.second.mesh is not None
             index = self.second.mesh.file_index(vertex)
             if match in mine:
                 self._pinned[mine[match]] = index
                 self._follow_pins()
             else:
-                number = 1 + max((pin.number for pin in self.first.pins), default=0)
+                number = 1 + max((pin.number for pin in self.first.pins.placed), default=0)
                 self._pinned[number] = index
-                self.first.toggle_pin(match, number)
+                self.first.pins.toggle(match, number)
 
     def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the field that the second shows, and colour limits for both fields.
@@ -302,9 +302,9 @@ class Pair:
             for each in (first, second)
             if each.certificate.method != "none" and each.mesh is not None
         )
-        operator = first.operator or self.first.operator
+        operator = first.operator or self.first.solve.operator
         options = export_options(
-            "match", operator, self.first.target, "; ".join(proofs), self.first.repairs
+            "match", operator, self.first.solve.target, "; ".join(proofs), self.first.repairs
         )
         if self.second.repairs:
             options["second_repairs"] = list(self.second.repairs)
@@ -327,7 +327,7 @@ class Pair:
     # -- following ----------------------------------------------------------------------------
 
     def _follow_job(self) -> None:
-        if self.second.job is None:
+        if self.second.work.job is None:
             self._follow_spectra()
 
     def _follow_spectra(self) -> None:
@@ -340,7 +340,7 @@ class Pair:
             and second is not None
             and first.complete
             and second.complete
-            and self.second.job is None
+            and self.second.work.job is None
         ):
             request = ComparisonRequest(first, second, self._matched_in)
         same = (
@@ -360,7 +360,7 @@ class Pair:
 
     def _decompose_second(self) -> None:
         first, mesh = self.first.spectrum, self.second.mesh
-        busy = self.second.job is not None
+        busy = self.second.work.job is not None
         if first is None or not first.complete or mesh is None or busy:
             return
         asked = first.rows, mesh.vertices
@@ -368,13 +368,13 @@ class Pair:
             return  # only once: a cancelled job is not requested again
         self._asked = asked
         top = matched_top(_as_shown(first), mesh.area)
-        self.second.operator = self.first.operator
+        self.second.solve.operator = self.first.solve.operator
         if top > 0.0:
-            self.second.target = Target("max_eigenvalue", top)
+            self.second.solve.target = Target("max_eigenvalue", top)
         else:
-            self.second.target = self.first.target
-        if not self.second.is_computed:
-            self.second.compute()
+            self.second.solve.target = self.first.solve.target
+        if not self.second.solve.is_computed:
+            self.second.solve.compute()
 
     def _follow_display(self) -> None:
         self._apply_display()
@@ -417,13 +417,12 @@ class Pair:
 
     def _follow_pins(self) -> None:
         """Pin the best match of each pin, under its number."""
-        numbers = {pin.number for pin in self.first.pins}
+        numbers = {pin.number for pin in self.first.pins.placed}
         self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
-        found = ((pin, self._place_of(pin)) for pin in self.first.pins)
+        found = ((pin, self._place_of(pin)) for pin in self.first.pins.placed)
         pins = tuple(replace(pin, vertex=at) for pin, at in found if at is not None)
-        if pins != self.second.pins:
-            self.second.pins = pins
-            self.second.pins_changed.emit()
+        if pins != self.second.pins.placed:
+            self.second.pins.put(pins)
             self.changed.emit()
 
     def _place_of(self, pin: Pin) -> int | None:

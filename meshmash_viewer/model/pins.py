@@ -9,8 +9,12 @@ from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
+from psygnal import Signal
+
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.history import History
+from meshmash_viewer.model.open_mesh import OpenMesh
 
 #: Colours of the pins in the order of their numbers: Okabe & Ito 2008, distinct for every kind of
 #: colour vision, then those farthest from them in CIELAB, with and without colour blindness.
@@ -59,6 +63,52 @@ class Pin:
     def title(self) -> str:
         """How sentences call it: its name, or "pin 3" without one."""
         return self.name or f"pin {self.number}"
+
+
+class Pins:
+    """The pins of the open mesh; what a user changes of them is recorded."""
+
+    changed = Signal()
+
+    def __init__(self, opened: OpenMesh, history: History) -> None:
+        self._opened, self._history = opened, history
+        #: The pins in the order in which they were placed.
+        self.placed: tuple[Pin, ...] = ()
+        history.keep("pins", lambda: self.placed, self.put)
+
+    def put(self, pins: tuple[Pin, ...]) -> None:
+        """Replace the pins without a record."""
+        self.placed = pins
+        self.changed.emit()
+
+    def set(self, label: str, pins: Iterable[Pin]) -> None:
+        """Replace the pins as one change, whose label completes "Undo …"."""
+        self._history.record(label, "pins")
+        self.put(tuple(pins))
+
+    def change(self, label: str, vertex: int, **attributes: Any) -> None:
+        """Change attributes of the pin of a vertex as one change, if there is one."""
+        if pin_at(self.placed, vertex) is not None:
+            self.set(label, changed_pins(self.placed, vertex, **attributes))
+
+    def toggle(self, vertex: int, number: int = 0) -> None:
+        """Pin a vertex under a number, by default the lowest free one, or remove its pin.
+
+        `IndexError` is raised if the mesh has no vertex of that index.
+        """
+        mesh = self._opened.mesh
+        if mesh is None or not 0 <= vertex < mesh.n_vertices:
+            raise IndexError(f"vertex {vertex} is not in the mesh")
+        left = tuple(pin for pin in self.placed if pin.vertex != vertex)
+        if len(left) < len(self.placed):
+            self.set("removal of a pin", left)
+        else:
+            self.set("pin", (*left, Pin(int(vertex), free_number(left, number))))
+
+    def clear(self) -> None:
+        """Remove all pins."""
+        if self.placed:
+            self.set("removal of all pins", ())
 
 
 def pin_at(pins: Iterable[Pin], vertex: int) -> Pin | None:

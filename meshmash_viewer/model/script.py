@@ -58,7 +58,7 @@ def script_output(document: Document) -> str:
 
 def _computing(document: Document, request: FieldRequest, exported: Exported | None) -> list[str]:
     """Make ``values``, and ``features`` if the family is exported as features."""
-    family = request.family.measured_from([pin.vertex for pin in document.pins])
+    family = request.family.measured_from([pin.vertex for pin in document.pins.placed])
     lines = family.script(request.spectrum)
     known = _known(document, request, exported)
     if isinstance(family, BankFamily) and known is not None:
@@ -98,7 +98,7 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
 
 def _operator(document: Document) -> str:
     spectrum = document.spectrum
-    operator = (spectrum.operator if spectrum is not None else None) or document.operator
+    operator = (spectrum.operator if spectrum is not None else None) or document.solve.operator
     options = f"robust={operator.robust}"
     if operator.robust:
         options += f", mollify_factor={operator.mollify_factor!r}"

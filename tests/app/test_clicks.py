@@ -32,33 +32,33 @@ def double_click(window: MainWindow, at: QPoint) -> None:
 
 def test_it_centres_the_vertex_a_little_closer_and_pins_nothing(window: MainWindow) -> None:
     scene, document = window.scene, window.document
-    document.toggle_pin(3)
-    pins, before = document.pins, scene.camera()
+    document.pins.toggle(3)
+    pins, before = document.pins.placed, scene.camera()
     at = scene.display_point(200)
     vertex = scene.vertex_at(at.x(), at.y())
     assert document.mesh is not None
     double_click(window, at)
-    assert document.pins == pins
+    assert document.pins.placed == pins
     after = scene.camera()
     np.testing.assert_allclose(after["focus"], document.mesh.vertices[vertex], atol=1e-6)
     assert 1.1 < before["half_size"] / after["half_size"] < 2.0
     double_click(window, scene.rect().center())
-    assert document.pins == pins
+    assert document.pins.placed == pins
 
 
 def test_on_the_background_nothing_happens(window: MainWindow) -> None:
     scene, document = window.scene, window.document
-    document.toggle_pin(3)
-    pins, before = document.pins, scene.camera()
+    document.pins.toggle(3)
+    pins, before = document.pins.placed, scene.camera()
     double_click(window, QPoint(scene.width() // 2, 8))
-    assert document.pins == pins
+    assert document.pins.placed == pins
     assert scene.camera() == before
 
 
 def test_a_single_click_still_pins_at_once(window: MainWindow) -> None:
     at = window.scene.display_point(200)
     QTest.mouseClick(window.scene.plotter, LEFT, pos=at)
-    assert len(window.document.pins) == 1
+    assert len(window.document.pins.placed) == 1
 
 
 def test_a_click_next_to_the_mesh_takes_the_nearest_vertex(window: MainWindow) -> None:
@@ -72,6 +72,6 @@ def test_a_click_next_to_the_mesh_takes_the_nearest_vertex(window: MainWindow) -
         if scene.vertex_at((at + step).x(), (at + step).y()) < 0
     )
     QTest.mouseClick(scene.plotter, LEFT, pos=outside)
-    assert [pin.vertex for pin in window.document.pins] == [corner]
+    assert [pin.vertex for pin in window.document.pins.placed] == [corner]
     far = outside + 4 * (outside - at)
     assert scene.vertex_near(far.x(), far.y()) == -1

@@ -17,8 +17,9 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document, Notice
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures
+from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
@@ -146,7 +147,7 @@ def test_a_fault_is_a_sentence(
 
     monkeypatch.setattr(controller_module, "compute_field", fails)
     said: list[Notice] = []
-    document.noticed.connect(said.append)
+    document.notices.shown.connect(said.append)
     document.display.change(GeometryVectors, index=7)
     qtbot.waitUntil(lambda: bool(said))
     assert said[0].text == "The field cannot be computed (MemoryError): no room"
@@ -221,7 +222,7 @@ def test_field_that_cannot_be_computed_is_a_sentence(
     broken = Eigenpairs(np.arange(3.0), np.zeros((1, rectangle.n_vertices)), np.zeros(3))
     document.display.change(Eigenfunctions, index=2)
     said: list[Notice] = []
-    document.noticed.connect(said.append)
+    document.notices.shown.connect(said.append)
     document.accept_spectrum(broken)
     qtbot.waitUntil(lambda: bool(said))
     assert "cannot be computed" in said[0].text

@@ -128,8 +128,8 @@ def test_what_one_looks_at_is_offered_and_the_format_remembered(
     QTest.keyClicks(edit, str(tmp_path / "mine.csv"))
     assert dialog.format.ending == ".csv", "the name says which"
     jobs: list[ExportJob] = []
-    window.document.job_requested.disconnect()
-    window.document.job_requested.connect(jobs.append)
+    window.document.work.requested.disconnect()
+    window.document.work.requested.connect(jobs.append)
     QTest.keyClick(edit, Qt.Key.Key_Return)
     assert [job.path for job in jobs] == [tmp_path / "mine.csv"]
     again = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)
@@ -156,8 +156,8 @@ def test_distances_are_exported_from_every_pin(
 ) -> None:
     document = window.document
     document.display.kind = "distance"
-    document.toggle_pin(20)
-    document.toggle_pin(70)
+    document.pins.toggle(20)
+    document.pins.toggle(70)
     window.show()
     dialog = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)
     assert dialog.kind == "distance"
@@ -170,7 +170,7 @@ def test_distances_are_exported_from_every_pin(
     assert "Geodesic distance from 2 vertices" in told
     dialog.reject()
     for vertex in (20, 70):
-        document.toggle_pin(vertex)
+        document.pins.toggle(vertex)
     again = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)
     again.kind_combo.setCurrentIndex(again.kind_combo.findData("distance"))
     assert "pin one" in again.findChild(QLabel, "export_contents_label").text()

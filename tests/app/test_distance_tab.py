@@ -78,8 +78,8 @@ def test_each_is_the_librarys(
     panel: FieldPanel, document: Document, name: str, prepared: bool
 ) -> None:
     choose(panel, MEASURES[name][0])
-    document.toggle_pin(20)
-    document.toggle_pin(70)
+    document.pins.toggle(20)
+    document.pins.toggle(70)
     assert document.display[Distances].vertex == 70, "the newest pin"
     live = LiveFeatures()
     if name == "geodesic" and not prepared:
@@ -101,7 +101,7 @@ def test_the_time_of_diffusion_is_dragged_without_the_pairs(
     panel: FieldPanel, document: Document
 ) -> None:
     choose(panel, "Diffusion")
-    document.toggle_pin(70)
+    document.pins.toggle(70)
     live = LiveFeatures()
     on_the_render(document, live)
     slider = part(panel, "distance_time_slider")
@@ -117,7 +117,7 @@ def test_the_time_of_diffusion_is_dragged_without_the_pairs(
 def test_along_the_surface_no_pairs_are_needed(panel: FieldPanel, document: Document) -> None:
     document.spectrum = None
     document.spectrum_changed.emit()
-    document.toggle_pin(70)
+    document.pins.toggle(70)
     field = on_the_render(document, LiveFeatures())
     np.testing.assert_allclose(field.values, geodesic_distance(document.mesh, 70), rtol=1e-6)
     assert part(panel, "distance_measure_combo").isEnabled()
@@ -128,13 +128,13 @@ def test_along_the_surface_no_pairs_are_needed(panel: FieldPanel, document: Docu
 
 def test_what_is_missing_is_said(panel: FieldPanel, document: Document) -> None:
     choose(panel, "Commute time")
-    document.toggle_pin(70)
+    document.pins.toggle(70)
     field = on_the_render(document, LiveFeatures())
     panel.set_field(field, (0.0, 1.0))
     assert "missing for want of eigenpairs" in part(panel, "distance_missing_label").text()
     spectrum, family = field.request.spectrum, field.family
     QTest.mouseClick(part(panel, "distance_compute_button"), Qt.MouseButton.LeftButton)
-    wanted = document.target.value
+    wanted = document.solve.target.value
     assert len(spectrum) < wanted < spectrum.n_vertices
     typical = float(np.median(field.values[field.request.sample]))
     last = spectrum.eigenvalues[-1]
@@ -155,8 +155,8 @@ def test_lines_are_at_round_distances_from_the_pin(
     document = rectangle_document()
     document.display.kind = "distance"
     window = open_window(document)
-    document.toggle_pin(20)
-    document.toggle_pin(70)
+    document.pins.toggle(20)
+    document.pins.toggle(70)
     check = window.findChild(QCheckBox, "distance_lines_check")
     qtbot.waitUntil(lambda: check.text().startswith("Lines every "), timeout=60_000)
     QTest.mouseClick(check, Qt.MouseButton.LeftButton, pos=QPoint(8, check.height() // 2))
@@ -196,8 +196,8 @@ def test_lines_are_at_round_distances_from_the_pin(
 
 
 def test_two_pins_tell_the_length_between_them(panel: FieldPanel, document: Document) -> None:
-    document.toggle_pin(20)
-    document.toggle_pin(70)
+    document.pins.toggle(20)
+    document.pins.toggle(70)
     panel.set_field(on_the_render(document, LiveFeatures()), (0.0, 1.0))
     number, unit = part(panel, "distance_pins_label").text().removeprefix("1: ").split(" ")
     apart = np.linalg.norm(document.mesh.vertices[20] - document.mesh.vertices[70])

@@ -32,8 +32,9 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.session import Session, write_session
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.spectral.weyl import Target
 
 PATIENCE = 60_000
@@ -54,10 +55,10 @@ def shown(tmp_path_factory: pytest.TempPathFactory, module_cache: Path) -> Itera
     path = save(tmp_path_factory.mktemp("meshes") / "ball.npz", shapes.icosphere(3))
     window.open_mesh(path)
     document = window.document
-    document.target = Target("count", 20)
-    while document.mesh is None or document.job is not None:
+    document.solve.target = Target("count", 20)
+    while document.mesh is None or document.work.job is not None:
         QTest.qWait(10)
-    document.compute()
+    document.solve.compute()
     while document.spectrum is None or not document.spectrum.complete:
         QTest.qWait(10)
     yield window
@@ -101,9 +102,9 @@ def test_what_a_listener_of_the_model_raised_is_told_as_itself() -> None:
     def listener() -> None:
         raise InputError("Give a mesh.")
 
-    document.pins_changed.connect(listener)
+    document.pins.changed.connect(listener)
     with pytest.raises(EmitLoopError) as caught:
-        document.clear_pins()
+        document.pins.clear()
     assert failure_of(caught.value).text == "Give a mesh."
 
 
@@ -197,7 +198,7 @@ def test_somebody_elses_application_keeps_its_hooks(qapp: QApplication, sphere: 
 
 def test_an_exception_in_the_window_is_in_its_bar(qtbot: QtBot, shown: MainWindow) -> None:
     bar = shown.stage.message_bar
-    with FaultBoundary(shown.document.notify):
+    with FaultBoundary(shown.document.notices.show):
         QTimer.singleShot(0, lambda: [][1])
         qtbot.waitUntil(bar.isVisible, timeout=PATIENCE)
     assert "defect of the program (IndexError" in bar.notice.text
@@ -237,7 +238,7 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
 ) -> None:
     document = shown.document
     notices: list[Notice] = []
-    document.noticed.connect(notices.append)
+    document.notices.shown.connect(notices.append)
     twin = shown.scene.renderer.twin()
     twin.prepare = lambda *_, **__: 1 / 0
     pictures = shown.commands.pictures.painter
@@ -245,7 +246,7 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
     for name, drawing in (("a.png", twin), ("b.png", shown.scene.renderer.twin())):
         pictures.start(drawing, (64, 48), [Shot()], display, picture_file(tmp_path / name))
     qtbot.waitUntil(lambda: len(notices) == 2, timeout=PATIENCE)
-    document.noticed.disconnect(notices.append)
+    document.notices.shown.disconnect(notices.append)
     assert notices[0].severity is Severity.ERROR
     assert "not saved" in notices[0].text
     assert "ZeroDivisionError" in notices[0].text
@@ -381,14 +382,19 @@ def test_a_bad_session_is_one_sentence_and_changes_nothing(
     path = tmp_path / "bad.meshmash.json"
     write_session(path, good)
     path.write_text(json.dumps(json.loads(path.read_text()) | {entry: value}))
-    before = document.ready, document.spectrum, document.target, document.operator
+    before = document.ready, document.spectrum, document.solve.target, document.solve.operator
     shown.opening.open_path(path)
     notice = shown.stage.message_bar.notice
     assert notice.severity is Severity.ERROR
     assert notice.text.startswith("bad.meshmash.json has ")
     assert clause in notice.text
-    assert document.job is None
-    assert before == (document.ready, document.spectrum, document.target, document.operator)
+    assert document.work.job is None
+    assert before == (
+        document.ready,
+        document.spectrum,
+        document.solve.target,
+        document.solve.operator,
+    )
     assert document.display[GeometryVectors].count == 32
     shown.stage.message_bar.dismiss()
 
@@ -416,9 +422,9 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     bad.write_text(json.dumps(json.loads(path.read_text()) | {"pins": [10**9]}))
     for each in (bad, path):
         window.opening.open_path(each)
-    qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: len(document.pins.placed) == 2, timeout=PATIENCE)
     assert document.display[GeometryVectors].count == 7
-    assert document.target == Target("count", 7)
+    assert document.solve.target == Target("count", 7)
     # a session whose mesh is gone leaves everything as it is
     absent = tmp_path / "absent.meshmash.json"
     other = Session(mesh_path=str(tmp_path / "absent.ply"), target={"kind": "count", "value": 9})
@@ -426,9 +432,9 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     before = document.ready
     window.opening.open_path(absent)
     qtbot.waitUntil(window.stage.message_bar.isVisible, timeout=PATIENCE)
-    qtbot.waitUntil(lambda: document.job is None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: document.work.job is None, timeout=PATIENCE)
     assert document.ready is before
-    assert document.target == Target("count", 7)
-    assert len(document.pins) == 2
+    assert document.solve.target == Target("count", 7)
+    assert len(document.pins.placed) == 2
     window.close()
     window.deleteLater()

@@ -182,15 +182,15 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     said = part(panel, "hks_missing_label").text()
     assert f"about {120 + more:,.0f} pairs in all" in said
     requested: list[DecomposeJob] = []
-    document.job_requested.connect(requested.append)
+    document.work.requested.connect(requested.append)
     button = part(panel, "hks_compute_button")
-    document.operator = document.spectrum.operator  # as after a decomposition
+    document.solve.operator = document.spectrum.operator  # as after a decomposition
     display.change(HeatKernelSignature, time=1.01e6)
     display.change(HeatKernelSignature, time=1e6)
     assert button.text() == f"Compute these ≈ {120 + more:,.0f} pairs"
     assert "of memory and" in button.toolTip()
     QTest.mouseClick(button, LEFT)
-    assert document.target == Target("time", 1e6)
+    assert document.solve.target == Target("time", 1e6)
     assert requested[0].target.max_eigenvalue == pytest.approx(needed)
     display.change(HeatKernelSignature, time=0.97 * resolved_from(document.spectrum))
     assert part(panel, "hks_missing_label").isHidden(), "less than 1 % is missing"
@@ -301,8 +301,8 @@ def test_bands_beyond_the_spectrum_say_so(panel: FieldPanel, document) -> None:
 
 
 def test_similarity_follows_the_last_pin(panel: FieldPanel, document) -> None:
-    document.toggle_pin(17)
-    document.toggle_pin(200)
+    document.pins.toggle(17)
+    document.pins.toggle(200)
     combo = part(panel, "similarity_vertex_combo")
     assert document.display[Similarity].vertex == 200
     assert combo.currentText() == "2 · Vertex 200"
@@ -312,9 +312,9 @@ def test_similarity_follows_the_last_pin(panel: FieldPanel, document) -> None:
     choose(panel, 3)
     QTest.mouseClick(part(panel, "similarity_basis_band"), LEFT)
     assert document.display[Similarity].basis == "band"
-    document.toggle_pin(17)
+    document.pins.toggle(17)
     assert document.display[Similarity].vertex == 200
-    document.clear_pins()
+    document.pins.clear()
     assert document.display[Similarity].vertex is None
     assert not part(panel, "similarity_hint").isHidden()
 
@@ -362,7 +362,7 @@ def test_a_log_scale_is_chosen_by_family_and_undone(panel: FieldPanel, document)
     assert limits.logarithmic
     assert limits[:2] == field.limits(None)
     assert document.history.undo_label == "colour scale"
-    document.undo()
+    document.history.undo()
     assert document.display.log_scales == {}
     assert scales.currentData() == "automatic"
 

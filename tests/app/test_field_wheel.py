@@ -55,7 +55,7 @@ TURNS = (
 def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
     window = open_window(rectangle_document(), (1300, 800))
     for vertex in (3, 9, 30):
-        window.document.toggle_pin(vertex)
+        window.document.pins.toggle(vertex)
     window.document.display.policies = {"hks": PercentileLimits()}
     catch_up()
     return window
@@ -116,13 +116,18 @@ def test_no_field_of_the_window_changes_without_the_focus(window: MainWindow, qt
         document.display.kind = kind
         window.wait(60.0)
         catch_up()
-        before = document.display, document.target, document.unit_text, document.operator
+        before = (
+            document.display,
+            document.solve.target,
+            document.unit_text,
+            document.solve.operator,
+        )
         for field in fields(window):
             if field.objectName() not in seen or field.objectName().startswith("limit"):
                 check(field)
             seen.add(field.objectName())
         assert before == (
-            document.display, document.target, document.unit_text, document.operator
+            document.display, document.solve.target, document.unit_text, document.solve.operator
         )  # fmt: skip
     assert len(seen) > 50
 

@@ -26,7 +26,7 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.model.document import Severity
+from meshmash_viewer.model.notices import Severity
 
 LEFT = Qt.MouseButton.LeftButton
 KEYS, CONTROL = Qt.Key, Qt.KeyboardModifier.ControlModifier
@@ -118,16 +118,16 @@ class Person:
     def state(self) -> str:
         document, focus = self.document, QApplication.focusWidget()
         labels = {each.text() for each in self.window.findChildren(QLabel) if each.isVisible()}
-        return f"{document.target} {document.job} {document.spectrum} {focus} {labels}"
+        return f"{document.solve.target} {document.work.job} {document.spectrum} {focus} {labels}"
 
     # -- what is waited for -------------------------------------------------------------------
 
     def opened(self) -> bool:
-        return self.document.mesh is not None and self.document.job is None
+        return self.document.mesh is not None and self.document.work.job is None
 
     def computed(self) -> bool:
         spectrum = self.document.spectrum
-        done = spectrum is not None and spectrum.complete and self.document.job is None
+        done = spectrum is not None and spectrum.complete and self.document.work.job is None
         proof = self.window.findChild(QLabel, "proof_label")
         return done and proof.isVisible() and "40 pairs · complete" in proof.text()
 
@@ -149,10 +149,10 @@ class Person:
         return self.document.display[Eigenfunctions].index >= 14
 
     def pinned(self) -> bool:
-        return len(self.document.pins) == 1
+        return len(self.document.pins.placed) == 1
 
     def compared(self) -> bool:
-        (pin,) = self.document.pins
+        (pin,) = self.document.pins.placed
         field = self.window.controller.field
         chosen = self.document.display[Similarity]
         return field.family.name == "similarity" and chosen.vertex == pin.vertex
@@ -161,7 +161,7 @@ class Person:
         return any(each.isVisible() for each in self.window.findChildren(QDialog, "export_dialog"))
 
     def written(self) -> bool:
-        return (self.folder / "bands.npz").exists() and self.document.job is None
+        return (self.folder / "bands.npz").exists() and self.document.work.job is None
 
 
 @pytest.fixture(
@@ -200,7 +200,7 @@ def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     size = window.size()
     assert window.devicePixelRatioF() == float(os.environ.get("QT_SCALE_FACTOR", "1"))
     said: list[str] = []
-    document.noticed.connect(
+    document.notices.shown.connect(
         lambda notice: said.append(notice.text) if notice.severity is Severity.ERROR else None
     )
     for steps in SESSIONS.values():

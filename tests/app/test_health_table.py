@@ -37,7 +37,7 @@ def test_seams_are_merged_and_faces_turned_by_a_click_each(
     window = open_window()
     document, panel = window.document, window.mesh_panel
     document.take_mesh(chunked_balls())
-    qtbot.waitUntil(lambda: document.job is None and document.mesh is not None, timeout=60_000)
+    qtbot.waitUntil(lambda: document.work.job is None and document.mesh is not None, timeout=60_000)
     catch_up()
 
     def counts() -> list[str]:
@@ -51,7 +51,8 @@ def test_seams_are_merged_and_faces_turned_by_a_click_each(
         done = len(document.repairs)
         QTest.mouseClick(button, Qt.MouseButton.LeftButton)
         qtbot.waitUntil(
-            lambda done=done: len(document.repairs) > done and document.job is None, timeout=60_000
+            lambda done=done: len(document.repairs) > done and document.work.job is None,
+            timeout=60_000,
         )
         catch_up()
         assert not button.isVisible()

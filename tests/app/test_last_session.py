@@ -48,7 +48,7 @@ def two_balls(path: Path, size: float = 1.0) -> Path:
 def opened(window: MainWindow, path: Path, qtbot: QtBot) -> MainWindow:
     window.open_mesh(path)
     document = window.document
-    qtbot.waitUntil(lambda: document.path == path and document.job is None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: document.path == path and document.work.job is None, timeout=PATIENCE)
     window.wait()
     return window
 
@@ -61,35 +61,34 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     document = window.document
     document.set_unit("nm")
     document.repair("keep_largest_component")
-    qtbot.waitUntil(lambda: document.repairs != () and document.job is None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: document.repairs != () and document.work.job is None, timeout=PATIENCE)
     for vertex in (3, 100):
-        document.toggle_pin(vertex)
-    document.toggle_pin(3)
-    document.change_pin("name of a pin", 100, name="soma", own_color="#123456")
+        document.pins.toggle(vertex)
+    document.pins.toggle(3)
+    document.pins.change("name of a pin", 100, name="soma", own_color="#123456")
     document.display.limits = LockedLimits(-1.0, 2.0)
     document.display.sequential_colormap = "magma"
     mesh = document.mesh
     assert isinstance(mesh, Mesh)
     height = VertexMap("height", mesh.vertices[:, 2].astype(np.float32), unit="nm")
-    document.accept_maps(mesh, [height])
+    document.maps.add(mesh, [height])
     document.display.kind = HeatKernelSignature.name
     camera = window.scene.camera()
     camera["half_size"] *= 2.0
     window.scene.set_camera(camera)
     opened(window, other, qtbot)  # at once, before anything is saved by the clock
-    assert document.pins == ()
+    assert document.pins.placed == ()
 
     def check(window: MainWindow) -> None:
         document = window.document
-        qtbot.waitUntil(lambda: len(document.pins) == 1, timeout=PATIENCE)
+        qtbot.waitUntil(lambda: len(document.pins.placed) == 1, timeout=PATIENCE)
         window.wait()
         assert document.mesh is not None
         assert document.unit == "nm"
         assert document.repairs == ("keep_largest_component",)
-        assert [(pin.number, document.mesh.file_index(pin.vertex)) for pin in document.pins] == [
-            (2, 142)
-        ]
-        assert [(pin.name, pin.color) for pin in document.pins] == [("soma", "#123456")]
+        (pin,) = document.pins.placed
+        assert (pin.number, document.mesh.file_index(pin.vertex)) == (2, 142)
+        assert (pin.name, pin.color) == ("soma", "#123456")
         assert document.display.policies["eigenfunction"] == LockedLimits(-1.0, 2.0)
         assert document.display.sequential_colormap == "magma"
         kept = document.mesh.map_named("height")
@@ -106,7 +105,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: again.document.repairs == (), timeout=PATIENCE)
     again.wait()
-    assert again.document.pins == ()
+    assert again.document.pins.placed == ()
     assert again.document.mesh is not None
     assert not again.document.mesh.maps
     again.close()
@@ -117,11 +116,11 @@ def test_a_changed_file_is_opened_without_what_was_made_on_the_old_one(
 ) -> None:
     path = two_balls(folder / "balls.npz")
     window = opened(open_window(), path, qtbot)
-    window.document.toggle_pin(100)
+    window.document.pins.toggle(100)
     window.close()
     two_balls(path, 3.0)
     again = opened(open_window(), path, qtbot)
-    assert again.document.pins == ()
+    assert again.document.pins.placed == ()
     notice = again.stage.message_bar.notice
     assert notice is not None
     assert "has changed" in notice.text

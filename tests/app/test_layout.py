@@ -126,13 +126,13 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
         QTest.keyClicks(spin, text)
         QTest.keyClick(spin, Qt.Key.Key_Tab)
         assert places(window) == before, text
-    job = DecomposeJob(document.mesh, document.operator, document.target)
-    document.job_started(job)
+    job = DecomposeJob(document.mesh, document.solve.operator, document.solve.target)
+    document.work.started(job)
     for message in ("ordering", "the iteration, of which there is a good deal to be said " * 2):
-        document.job_progressed(Progress("solve", 0.3, 88.0, message))
+        document.work.progressed(Progress("solve", 0.3, 88.0, message))
         assert places(window) == before, message
         assert part(window, "progress_label").isVisible()
-    document.job_ended()
+    document.work.ended()
     assert places(window) == before
     document.display.kind = "hks"
     before = places(window)
@@ -148,7 +148,7 @@ def test_a_pin_is_pointed_at_in_list_plot_and_render_together(
 ) -> None:
     document, scene = window.document, window.scene
     for vertex in (25, 200):
-        document.toggle_pin(vertex)
+        document.pins.toggle(vertex)
     qtbot.waitUntil(lambda: window.findChild(QWidget, "pin_row_200") is not None)
     qtbot.waitUntil(lambda: scene.can_pick and len(window.profile_panel._curves) == 2)
     qtbot.wait(50)

@@ -47,8 +47,8 @@ from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, Shape
-from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, weyl_eigenvalue
 from meshmash_viewer.units import power_unit
 
@@ -89,15 +89,15 @@ def sphere_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def open_file(window: MainWindow, path: Path) -> None:
     window.open_mesh(path, "nm")
-    wait_for(lambda: window.document.path == path and window.document.job is None)
+    wait_for(lambda: window.document.path == path and window.document.work.job is None)
 
 
 def compute(window: MainWindow, count: int = 30) -> None:
-    window.document.target = Target("count", count)
+    window.document.solve.target = Target("count", count)
     QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
     document = window.document
     wait_for(
-        lambda: document.job is None and bool(document.spectrum and document.spectrum.complete)
+        lambda: document.work.job is None and bool(document.spectrum and document.spectrum.complete)
     )
     wait_for(lambda: window.controller.idle)
 
@@ -118,10 +118,10 @@ def ball(one_ball: MainWindow) -> MainWindow:
     document, first = one_ball.document, Display()
     for each in fields(Display):
         setattr(document.display, each.name, getattr(first, each.name))
-    document.clear_pins()
+    document.pins.clear()
     document.set_unit("nm")
-    document.operator = OperatorOptions()
-    document.target = Target("count", 30)
+    document.solve.operator = OperatorOptions()
+    document.solve.target = Target("count", 30)
     one_ball.stage.message_bar.dismiss()
     one_ball.activateWindow()
     one_ball.setFocus()
@@ -289,7 +289,7 @@ def test_faults_are_repaired_with_one_click_and_undone_with_another(
     assert not panel.findChild(QAbstractButton, "merge_coincident_vertices").isVisible()
     QTest.mouseClick(repair, LEFT)
     qtbot.waitUntil(lambda: window.document.can_undo_repair, timeout=PATIENCE)
-    qtbot.waitUntil(lambda: window.document.job is None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
     assert window.document.mesh.n_faces == len(mesh.faces)
     catch_up()
     assert not repair.isVisible()
@@ -311,12 +311,12 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     box.time_spin.selectAll()
     QTest.keyClicks(box.time_spin, f"{time:.6g}")
     catch_up()
-    assert document.target.kind == "time"
+    assert document.solve.target.kind == "time"
     assert box.eigenvalue_spin.value == pytest.approx(required_eigenvalue(time), rel=1e-4)
     assert box.count_spin.text().startswith("≈ ")
     QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
     qtbot.waitUntil(
-        lambda: document.job is None and document.spectrum is not None, timeout=PATIENCE
+        lambda: document.work.job is None and document.spectrum is not None, timeout=PATIENCE
     )
     catch_up()
     spectrum = document.spectrum
@@ -325,14 +325,14 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     assert spectrum.eigenvalues[-1] < spectrum.known_to
     assert spectrum.known_to == pytest.approx(required_eigenvalue(time), rel=1e-4)
     # a time that the mesh cannot resolve asks for all that it has
-    document.target = Target("time", area * 1e-6)
+    document.solve.target = Target("time", area * 1e-6)
     catch_up()
     assert box.count_spin.value == document.mesh.n_vertices
     assert "no more eigenpairs" in box.note.text()
     asked = []
-    document.job_requested.disconnect()
-    document.job_requested.connect(asked.append)
-    document.compute()
+    document.work.requested.disconnect()
+    document.work.requested.connect(asked.append)
+    document.solve.compute()
     assert asked[0].target == Target("count", document.mesh.n_vertices)
 
 
@@ -346,7 +346,7 @@ def test_the_targets_are_translated_into_each_other(
     spin.setFocus()
     spin.selectAll()
     QTest.keyClicks(spin, "40")
-    assert document.target == Target("count", 40)
+    assert document.solve.target == Target("count", 40)
     catch_up()
     assert box.eigenvalue_spin.value == pytest.approx(weyl_eigenvalue(area, 40), rel=1e-9)
     assert box.eigenvalue_spin.text().startswith("≈ ")
@@ -356,7 +356,7 @@ def test_the_targets_are_translated_into_each_other(
     eigenvalue.setFocus()
     eigenvalue.selectAll()
     QTest.keyClicks(eigenvalue, "2.5e-4")
-    assert document.target == Target("max_eigenvalue", 2.5e-4)
+    assert document.solve.target == Target("max_eigenvalue", 2.5e-4)
     catch_up()
     assert box.count_spin.value == round(area * 2.5e-4 / (4 * np.pi))
     assert box.count_spin.text().startswith("≈ ")
@@ -366,7 +366,7 @@ def test_the_targets_are_translated_into_each_other(
 def test_the_operator_is_chosen(window: MainWindow) -> None:
     check = window.mesh_panel.robust_check
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
-    assert not window.document.operator.robust
+    assert not window.document.solve.operator.robust
     catch_up()
     assert not window.mesh_panel.mollify_spin.isEnabled()
 
@@ -411,7 +411,7 @@ def test_quantities_are_typed_and_stepped_at_any_scale(qtbot: QtBot) -> None:
 
 def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWindow) -> None:
     bar = window.stage.message_bar
-    window.document.notify(Notice("It broke: do this.", Severity.ERROR, "Traceback of it"))
+    window.document.notices.show(Notice("It broke: do this.", Severity.ERROR, "Traceback of it"))
     assert bar.isVisible()
     assert bar.geometry().right() < window.stage.width()
     copy = bar.findChild(QAbstractButton, "copy_details")
@@ -427,39 +427,39 @@ def test_good_news_goes_and_what_can_be_undone_stays(
     bar = window.stage.message_bar
     monkeypatch.setattr("meshmash_viewer.app.controls.message_bar._STAY", 50)
     undone: list[bool] = []
-    window.document.notify(Notice("Unit changed.", action=lambda: undone.append(True)))
+    window.document.notices.show(Notice("Unit changed.", action=lambda: undone.append(True)))
     QTest.qWait(300)
     assert bar.isVisible()
     QTest.mouseClick(bar.findChild(QAbstractButton, "message_action"), LEFT)
     assert undone
     assert not bar.isVisible()
-    window.document.notify(Notice("Saved."))
+    window.document.notices.show(Notice("Saved."))
     assert bar.isVisible()
     qtbot.waitUntil(lambda: not bar.isVisible(), timeout=5000)
 
 
 def test_a_message_goes_with_its_cause(window: MainWindow, sphere_file: Path) -> None:
     bar, document = window.stage.message_bar, window.document
-    document.notify(Notice("Too many.", Severity.WARNING))
-    document.notify(Notice("The last one counts.", Severity.WARNING))
+    document.notices.show(Notice("Too many.", Severity.WARNING))
+    document.notices.show(Notice("The last one counts.", Severity.WARNING))
     open_file(window, sphere_file)
     assert bar.notice is None, "another mesh"
-    document.notify(Notice("The disk is full.", Severity.ERROR))
-    document.toggle_pin(3)
+    document.notices.show(Notice("The disk is full.", Severity.ERROR))
+    document.pins.toggle(3)
     assert bar.notice is not None, "a pin has nothing to do with it"
     compute(window, 5)
     assert bar.notice is None, "the next job"
     document.set_unit("mm")
     assert "Unit changed" in bar.notice.text
-    document.toggle_pin(4)
+    document.pins.toggle(4)
     assert bar.notice is None, "Undo would undo the pin"
     waits = [True]
-    document.notify(Notice("It runs.", Severity.WARNING, holds=lambda: waits[0]))
-    document.clear_pins()
+    document.notices.show(Notice("It runs.", Severity.WARNING, holds=lambda: waits[0]))
+    document.pins.clear()
     assert bar.notice is not None
     waits.clear()
     waits.append(False)
-    document.toggle_pin(5)
+    document.pins.toggle(5)
     assert bar.notice is None
 
 
@@ -467,9 +467,9 @@ def test_a_message_goes_with_its_cause(window: MainWindow, sphere_file: Path) ->
 def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: int) -> None:
     ball.resize(width, 800)
     document, bar = ball.document, ball.stage.message_bar
-    document.toggle_pin(3)
+    document.pins.toggle(3)
     document.display.change(Similarity, vertex=3)
-    document.notify(
+    document.notices.show(
         Notice("Something took longer than it should have: look there.", Severity.WARNING)
     )
     places = []
@@ -609,7 +609,7 @@ def test_lines_can_be_left_out_wherever_they_are_drawn(
     heights = document.mesh.vertices[:, 2]
     for name, values, signed in (("height.npy", heights, True), ("up.npy", heights + 500.0, False)):
         np.save(tmp_path / name, values)
-        document.open_maps([tmp_path / name])
+        document.maps.open([tmp_path / name])
         wait_for(lambda name=name: drawing.caption.title == name)
         assert lines.isEnabled() is signed
         assert not flip.isEnabled(), "the sign of a map is not free"
@@ -683,7 +683,7 @@ def test_exports_say_what_they_miss_before_and_after(
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
     assert "miss" not in dialog.remark_label.text()
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
-    document.request(dialog.job())
+    document.work.request(dialog.job())
     qtbot.waitUntil(lambda: (tmp_path / "ball_hks.npz").exists(), timeout=PATIENCE)
     qtbot.waitUntil(lambda: ball.stage.message_bar.notice is not None, timeout=PATIENCE)
     notice = ball.stage.message_bar.notice
@@ -785,11 +785,11 @@ def test_a_session_comes_back(
 ) -> None:
     document = ball.document
     for vertex in (3, 17, 42, 3):
-        document.toggle_pin(vertex)
+        document.pins.toggle(vertex)
     document.display.change(Eigenfunctions, index=7)
     document.display.limits = LockedLimits(-2.0, 3.0)
     document.display.nodal_lines = True
-    document.target = Target("count", 30)
+    document.solve.target = Target("count", 30)
     camera = ball.scene.camera()
     path = tmp_path / "now.meshmash.json"
     ball.opening.store_session(path)
@@ -797,14 +797,16 @@ def test_a_session_comes_back(
     other = MainWindow(fresh=True)
     other.show()
     other.opening.restore_session(path)
-    qtbot.waitUntil(lambda: len(other.document.pins) == 2, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: len(other.document.pins.placed) == 2, timeout=PATIENCE)
     assert other.document.path == sphere_file
-    assert other.document.pins == document.pins, "the same vertices, numbers and colours"
-    assert [(pin.vertex, pin.number) for pin in document.pins] == [(17, 2), (42, 3)]
+    assert other.document.pins.placed == document.pins.placed, (
+        "the same vertices, numbers and colours"
+    )
+    assert [(pin.vertex, pin.number) for pin in document.pins.placed] == [(17, 2), (42, 3)]
     assert other.document.display[Eigenfunctions].index == 7
     assert other.document.display.limits == LockedLimits(-2.0, 3.0)
     assert other.document.display.nodal_lines
-    assert other.document.target == Target("count", 30)
+    assert other.document.solve.target == Target("count", 30)
     assert other.scene.camera() == camera
     assert other.document.spectrum is not None, "its eigenpairs come from the store"
     other.close()
@@ -818,21 +820,21 @@ def test_a_session_repairs_what_was_repaired_and_interrupts_what_runs(
     source = tmp_path / "neuron.npz"
     np.savez(source, vertices=neuron.vertices, faces=neuron.faces)
     window.open_mesh(source, "8 nm")
-    wait_for(lambda: document.mesh is not None and document.job is None)
+    wait_for(lambda: document.mesh is not None and document.work.job is None)
     document.repair("keep_largest_component")
-    wait_for(lambda: document.ready.health.n_components == 1 and document.job is None)
-    document.toggle_pin(42)
+    wait_for(lambda: document.ready.health.n_components == 1 and document.work.job is None)
+    document.pins.toggle(42)
     path, place = tmp_path / "now.meshmash.json", document.mesh.vertices[42]
     window.opening.store_session(path)
     document.undo_repair()
-    document.target = Target("count", 1000)
-    document.compute()
+    document.solve.target = Target("count", 1000)
+    document.solve.compute()
     window.stage.message_bar.dismiss()
     window.opening.restore_session(path)
-    wait_for(lambda: len(document.pins) == 1 and document.job is None)
+    wait_for(lambda: len(document.pins.placed) == 1 and document.work.job is None)
     assert document.repairs == ("keep_largest_component",)
     assert document.unit_text == "8 nm"
-    np.testing.assert_array_equal(document.mesh.vertices[document.pins[0].vertex], place)
+    np.testing.assert_array_equal(document.mesh.vertices[document.pins.placed[0].vertex], place)
     assert window.stage.message_bar.notice is None, "nothing has changed since"
 
 
@@ -946,7 +948,7 @@ def test_nothing_of_a_mesh_is_held_once_another_is_open(
     open_file(window, sphere_file)
     compute(window)
     document, display = window.document, window.document.display
-    document.toggle_pin(3)
+    document.pins.toggle(3)
     for kind in FAMILIES:
         display.kind = kind
         wait_for(lambda: window.controller.idle)
@@ -968,7 +970,7 @@ def test_nothing_of_a_mesh_is_held_once_another_is_open(
 
 def test_a_shape_whose_mesh_is_gone_is_not_saved(window: MainWindow, tmp_path: Path) -> None:
     said = list[Notice]()
-    window.document.noticed.connect(said.append)
+    window.document.notices.shown.connect(said.append)
     window.shape_panel.save_requested.emit(tmp_path / "shape.ply")
     assert [each.severity for each in said] == [Severity.WARNING]
     assert not list(tmp_path.iterdir())

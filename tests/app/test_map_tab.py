@@ -23,7 +23,7 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
-from meshmash_viewer.model.document import Severity
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_number
 
@@ -53,7 +53,7 @@ def drop(window: MainWindow, *paths: Path) -> None:
 
 
 def rest(window: MainWindow) -> None:
-    wait_for(lambda: window.document.job is None and window.background_io.idle)
+    wait_for(lambda: window.document.work.job is None and window.background_io.idle)
     wait_for(lambda: window.controller.idle and not window.controller.field.draft)
 
 
@@ -101,7 +101,7 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
     assert document.spectrum is None
     assert document.display[OwnMaps] == OwnMaps(), "controls that are built choose nothing"
     np.testing.assert_array_equal(window.controller.field.values, DEPTH.astype(np.float32))
-    document.target = Target("count", 40)
+    document.solve.target = Target("count", 40)
     QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
     wait_for(lambda: bool(document.spectrum and document.spectrum.complete))
     rest(window)
@@ -115,7 +115,7 @@ def window(one_window: MainWindow) -> MainWindow:
     """With the map of its file, and no other."""
     document = one_window.document
     for each in document.mesh.maps[1:]:
-        document.remove_map(each.name)
+        document.maps.remove(each.name)
     document.display.show(OwnMaps(chosen="depth"))
     rest(one_window)
     one_window.stage.message_bar.dismiss()
@@ -278,7 +278,7 @@ def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], fold
     assert [each.name for each in window.document.mesh.maps] == ["depth", "more", "lh.thickness"]
     window.document.repair("keep_largest_component")
     rest(window)
-    window.document.remove_map("more")
+    window.document.maps.remove("more")
     window.document.undo_repair()
     rest(window)
     assert "lh.thickness" in names(window)
@@ -332,7 +332,7 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     dialog = ExportDialog(document, tmp_path, window)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
     assert kept.name in dialog.columns_label.text()
-    document.request(dialog.job())
+    document.work.request(dialog.job())
     rest(window)
     with np.load(dialog.path) as file:
         found = file["features"][:, list(file["columns"]).index(kept.name)]

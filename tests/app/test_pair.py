@@ -123,7 +123,7 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
     window.open_mesh(folder / "first.npz")
     wait_for(lambda: window.document.mesh is not None)
     rest(window)
-    window.document.target = Target("count", PAIRS)
+    window.document.solve.target = Target("count", PAIRS)
     QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
     wait_for(lambda: bool(window.document.spectrum and window.document.spectrum.complete))
     rest(window)
@@ -137,7 +137,7 @@ def window(one_window: MainWindow) -> Iterator[MainWindow]:
     """With nothing beside the first mesh."""
     yield one_window
     one_window.opening.end_comparison()
-    one_window.document.clear_pins()
+    one_window.document.pins.clear()
     one_window.document.display.kind = "eigenfunction"
     one_window.stage.message_bar.dismiss()
     rest(one_window)
@@ -391,9 +391,9 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened = beside(window, folder / "copy.npz", monkeypatch)
-    window.document.toggle_pin(100)
+    window.document.pins.toggle(100)
     catch_up()
-    assert [pin.vertex for pin in opened.document.pins] == [PLACE[100]]
+    assert [pin.vertex for pin in opened.document.pins.placed] == [PLACE[100]]
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     assert text(window, "pair_next_label").count("vertex") == 3
     combo = part(window, QComboBox, "pair_feature_combo")
@@ -514,8 +514,8 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     # on the first it is the first's, by the button the second's
     drop(window, folder / "height.npy", share=0.25)
     wait_for(lambda: bool(window.document.mesh.maps))
-    window.document.remove_map("height.npy")
-    opened.document.remove_map("height.npy")
+    window.document.maps.remove("height.npy")
+    opened.document.maps.remove("height.npy")
     ask = "meshmash_viewer.app.dialogs.files.ask_for_maps"
     monkeypatch.setattr(ask, lambda *_: [folder / "height.npy"])
     button = part(window, QPushButton, "second_map_button")

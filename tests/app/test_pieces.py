@@ -21,7 +21,7 @@ from meshmash_viewer.app.run import application
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
-from meshmash_viewer.model.document import Severity
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.weyl import Target
 
 LEFT = Qt.MouseButton.LeftButton
@@ -61,7 +61,7 @@ def one_window(
 def window(one_window: MainWindow) -> Iterator[MainWindow]:
     yield one_window
     for each in one_window.document.mesh.maps:
-        one_window.document.remove_map(each.name)
+        one_window.document.maps.remove(each.name)
     one_window.document.display.kind = "eigenfunction"
     one_window.stage.message_bar.dismiss()
     one_window.wait(60.0)
@@ -69,7 +69,7 @@ def window(one_window: MainWindow) -> Iterator[MainWindow]:
 
 def begin(window: MainWindow, path: Path, family: str, pieces: int) -> None:
     """Ask for features in pieces as a person does."""
-    window.document.target = Target("count", PAIRS)
+    window.document.solve.target = Target("count", PAIRS)
     window.actions_["compute_in_pieces"].trigger()
     (dialog,) = window.findChildren(QDialog, "pieces_dialog")
     part(dialog, QComboBox, "pieces_family_combo").setCurrentIndex(
@@ -122,7 +122,7 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
 
     window.document.spectrum_changed.connect(note)
     begin(window, path, kind, 3)
-    wait_for(lambda: window.document.job is None and path.exists())
+    wait_for(lambda: window.document.work.job is None and path.exists())
     window.wait(60.0)
     window.document.spectrum_changed.disconnect(note)
     assert len(grown) >= 3, "piece by piece"
@@ -154,7 +154,7 @@ def test_cancel_shows_what_was_there(window: MainWindow, tmp_path: Path) -> None
     begin(window, path, "band", 5)
     wait_for(lambda: bool(window.document.mesh.maps))
     window.actions_["cancel"].trigger()
-    wait_for(lambda: window.document.job is None)
+    wait_for(lambda: window.document.work.job is None)
     window.wait(60.0)
     assert not path.exists()
     assert not window.document.mesh.maps

@@ -36,7 +36,7 @@ def ask(qtbot: QtBot, window: MainWindow) -> None:
 
 
 def pinned(window: MainWindow) -> list[int]:
-    return [pin.vertex for pin in window.document.pins]
+    return [pin.vertex for pin in window.document.pins.placed]
 
 
 def test_what_is_no_index_is_refused_with_the_range(qtbot: QtBot, window: MainWindow) -> None:

@@ -146,7 +146,7 @@ def saved(path: Path, level: int) -> Path:
 
 def shows(window: MainWindow, path: Path) -> bool:
     ready = window.document.ready
-    return ready is not None and ready.path == path and window.document.job is None
+    return ready is not None and ready.path == path and window.document.work.job is None
 
 
 @pytest.mark.slow
@@ -160,7 +160,7 @@ def test_files_that_are_double_clicked_open(
             qtbot.waitUntil(lambda path=path: shows(window, path), timeout=PATIENCE)
     for handed in ("", QUrl("https://example.org/mesh.ply")):  # which are no files
         QApplication.sendEvent(qapp, QFileOpenEvent(handed))
-        assert window.document.job is None
+        assert window.document.work.job is None
     first, second = saved(tmp_path / "a.npz", 1), saved(tmp_path / "b.npz", 2)
     for path in (first, second):
         QApplication.postEvent(qapp, QFileOpenEvent(str(path)))
@@ -197,7 +197,8 @@ def test_a_pinch_zooms_about_its_place(qtbot: QtBot, window: MainWindow) -> None
     assert pinch(window, 0.1, QPointF(10.0, 10.0)), "nothing to zoom yet"
     window.document.take_mesh(shapes.icosphere(3))
     qtbot.waitUntil(
-        lambda: window.document.ready is not None and window.document.job is None, timeout=PATIENCE
+        lambda: window.document.ready is not None and window.document.work.job is None,
+        timeout=PATIENCE,
     )
     scene, canvas = window.scene, window.plotter
     qtbot.waitUntil(lambda: scene.renderer.view is not None, timeout=PATIENCE)

@@ -28,9 +28,9 @@ window = mv.view(mv.read_mesh(sample_path("two_components")), block=False)
 document = window.document
 until(lambda: window.loaded)
 print(*(each.text() for each in window.findChildren(QLabel) if "plug-in" in each.text()), sep="|")
-until(lambda: document.can_compute)
-document.compute()
-until(lambda: document.is_computed)
+until(lambda: document.solve.can_compute)
+document.solve.compute()
+until(lambda: document.solve.is_computed)
 families = window.findChild(QListWidget, "field_list")
 (row,) = families.findItems("Wavelets", Qt.MatchFlag.MatchExactly)
 QTest.mouseClick(families.viewport(), Qt.MouseButton.LeftButton,

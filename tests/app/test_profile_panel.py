@@ -37,23 +37,23 @@ def panel(qtbot, document: Document) -> ProfilePanel:
 
 def curves(panel: ProfilePanel, document: Document, qtbot) -> dict[int, tuple]:
     """Dots of each pinned vertex, once they have been read."""
-    qtbot.waitUntil(lambda: len(panel._curves) == len(document.pins), timeout=5000)
+    qtbot.waitUntil(lambda: len(panel._curves) == len(document.pins.placed), timeout=5000)
     return {pin.vertex: dots.getData() for pin, (_, dots) in panel._curves.items()}
 
 
 def test_says_what_to_do_until_something_is_pinned(panel: ProfilePanel, document, qtbot) -> None:
     assert panel.empty.isVisible()
     assert panel.empty.text() == "Click a vertex on the render to compare its profile."
-    document.toggle_pin(5)
+    document.pins.toggle(5)
     assert panel.plot.isVisible()
-    document.clear_pins()
+    document.pins.clear()
     assert panel.empty.isVisible()
 
 
 def test_hks_over_time_is_the_direct_sum(panel: ProfilePanel, document, qtbot) -> None:
     document.display.kind = "hks"
-    document.toggle_pin(5)
-    document.toggle_pin(300)
+    document.pins.toggle(5)
+    document.pins.toggle(300)
     spectrum = document.spectrum
     times = hks_times(spectrum.eigenvalues)
     for vertex, (x, y) in curves(panel, document, qtbot).items():
@@ -65,7 +65,7 @@ def test_hks_over_time_is_the_direct_sum(panel: ProfilePanel, document, qtbot) -
 
 
 def test_bands_and_coefficients(panel: ProfilePanel, document, qtbot) -> None:
-    document.toggle_pin(42)
+    document.pins.toggle(42)
     spectrum, display = document.spectrum, document.display
     values = spectrum.rows[:, 42]
     display.change(Eigenfunctions, flipped=frozenset({3}))
@@ -84,7 +84,7 @@ def test_current_time_is_marked_and_what_needs_more_pairs_hatched(
 ) -> None:
     display = document.display
     display.kind = "hks"
-    document.toggle_pin(5)
+    document.pins.toggle(5)
     curves(panel, document, qtbot)
     assert not panel._missing.isVisible()
     display.change(HeatKernelSignature, t_min=1e5)
@@ -100,7 +100,7 @@ def test_current_time_is_marked_and_what_needs_more_pairs_hatched(
 
 def test_a_click_puts_that_time_on_the_render(panel: ProfilePanel, document, qtbot) -> None:
     document.display.kind = "hks"
-    document.toggle_pin(5)
+    document.pins.toggle(5)
     curves(panel, document, qtbot)
     low, high = document.display[HeatKernelSignature].range(document.spectrum)
     QTest.qWait(80)
@@ -117,7 +117,7 @@ def test_profiles_grow_with_the_spectrum(qtbot) -> None:
     panel = ProfilePanel(document)
     qtbot.addWidget(panel)
     panel.show()
-    document.toggle_pin(7)
+    document.pins.toggle(7)
     assert len(curves(panel, document, qtbot)[7][0]) == 30
     document.accept_spectrum(rectangle_spectrum(document.mesh, 120))
     qtbot.waitUntil(lambda: len(curves(panel, document, qtbot)[7][0]) == 120, timeout=5000)
@@ -126,17 +126,17 @@ def test_profiles_grow_with_the_spectrum(qtbot) -> None:
 def test_legend_names_the_pins_in_their_colours_and_takes_them_away(
     panel: ProfilePanel, document, qtbot
 ) -> None:
-    document.toggle_pin(5)
-    document.toggle_pin(300)
+    document.pins.toggle(5)
+    document.pins.toggle(300)
     drawn = curves(panel, document, qtbot)
     assert set(drawn) == {5, 300}
     for pin, (_, dots) in panel._curves.items():
         assert dots.opts["brush"].color().name().upper() == pin.color
     cross = panel.findChild(QToolButton, "unpin_button_5")
     QTest.mouseClick(cross, LEFT)
-    assert [pin.vertex for pin in document.pins] == [300]
+    assert [pin.vertex for pin in document.pins.placed] == [300]
     assert set(curves(panel, document, qtbot)) == {300}
-    document.toggle_pin(7)  # the first again, as the second is there still
+    document.pins.toggle(7)  # the first again, as the second is there still
 
     def told(name: str) -> dict[str, str]:
         labels = panel.findChildren(QLabel, QRegularExpression(f"^{name}_"))
@@ -148,14 +148,14 @@ def test_legend_names_the_pins_in_their_colours_and_takes_them_away(
 
 def test_a_vertex_on_no_face_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:
     document.spectrum.rows[:, 9] = np.nan
-    document.toggle_pin(9)
+    document.pins.toggle(9)
     assert len(curves(panel, document, qtbot)[9][0]) == 0
 
 
 def test_bands_are_counted_in_whole_numbers(panel: ProfilePanel, document, qtbot) -> None:
     document.display.change(GeometryVectors, count=6)
     document.display.kind = "band"
-    document.toggle_pin(9)
+    document.pins.toggle(9)
     curves(panel, document, qtbot)
     axis = panel.plot.getAxis("bottom")
     ticks = [value for _, level in axis.tickValues(3.0, 6.0, 600.0) for value in level]
@@ -169,7 +169,7 @@ def test_few_enough_eigenfunctions_are_in_view_to_be_told_apart(qtbot) -> None:
     document = rectangle_document(300)
     panel = shown(qtbot, ProfilePanel(document), 700, 260)
     for vertex in (5, 42, 100, 200, 300):
-        document.toggle_pin(vertex)
+        document.pins.toggle(vertex)
     for index in (0, 130, 299):
         document.display.change(Eigenfunctions, index=index)
         curves(panel, document, qtbot)
@@ -189,8 +189,8 @@ def test_few_enough_eigenfunctions_are_in_view_to_be_told_apart(qtbot) -> None:
 
 def test_a_pin_that_is_pointed_at_is_brought_forward(panel: ProfilePanel, document, qtbot) -> None:
     document.display.kind = "hks"
-    document.toggle_pin(5)
-    document.toggle_pin(300)
+    document.pins.toggle(5)
+    document.pins.toggle(300)
     curves(panel, document, qtbot)
     told: list[int] = []
     panel.pin_pointed.connect(told.append)
@@ -228,7 +228,7 @@ def test_a_pin_that_is_pointed_at_is_brought_forward(panel: ProfilePanel, docume
 def test_a_spectrum_of_zeros_alone_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:
     """As when a mesh is being solved, and its first pair has come."""
     document.display.kind = "wks"
-    document.toggle_pin(5)
+    document.pins.toggle(5)
     assert np.isfinite(curves(panel, document, qtbot)[5][1]).all()
     whole = document.spectrum
     zeros = replace(

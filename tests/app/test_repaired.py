@@ -84,7 +84,7 @@ def read(qtbot: QtBot, window: MainWindow, path: Path) -> None:
 
 
 def rest(qtbot: QtBot, window: MainWindow) -> None:
-    qtbot.waitUntil(lambda: window.document.job is None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
     window.wait(PATIENCE / 1000)
     catch_up()
 
@@ -113,16 +113,16 @@ def test_the_largest_component_is_kept_and_computed_by_one_click(
     read(qtbot, window, path)
     button = part(window, "keep_largest_and_compute")
     assert not button.isVisible(), "2 of 100 pairs are zero"
-    window.document.target = Target("count", 10)
+    window.document.solve.target = Target("count", 10)
     catch_up()
     assert button.isVisible()
     assert button.toolTip().startswith("Drops 1 component with 42 vertices")
     QTest.mouseClick(button, LEFT)
-    qtbot.waitUntil(lambda: window.document.is_computed, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.document.solve.is_computed, timeout=PATIENCE)
     rest(qtbot, window)
     assert window.document.repairs == (LARGEST,)
     assert not button.isVisible()
-    window.document.undo()
+    window.document.history.undo()
     rest(qtbot, window)
     assert window.document.repairs == ()
 
@@ -134,7 +134,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
     document = window.document
     read(qtbot, window, path)
     for vertex in (7, 60):
-        document.toggle_pin(vertex)
+        document.pins.toggle(vertex)
     document.display.kind = "distance"
     click_repair(qtbot, window, LARGEST)
     assert part(window, "mesh_vertices_label").text() == "162 of 206 in the file"
@@ -196,16 +196,16 @@ def test_what_is_shown_and_written_counts_as_the_file(
 
     # one change at a time: first the pin, by its key, then the repair, by the link
     assert not part(window, "undo_repair_button").isVisible()
-    pins = [pin.number for pin in document.pins]
+    pins = [pin.number for pin in document.pins.placed]
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
-    assert [pin.number for pin in document.pins] == pins[:-1]
+    assert [pin.number for pin in document.pins.placed] == pins[:-1]
     while document.history.undo_label != "repair":
-        document.undo()
+        document.history.undo()
     qtbot.waitUntil(part(window, "undo_repair_button").isVisible, timeout=PATIENCE)
     QTest.mouseClick(part(window, "undo_repair_button"), LEFT)
     qtbot.waitUntil(lambda: document.repairs == (), timeout=PATIENCE)
     rest(qtbot, window)
-    assert {pin.number: pin.vertex for pin in document.pins} == {1: 7, 2: 60}
+    assert {pin.number: pin.vertex for pin in document.pins.placed} == {1: 7, 2: 60}
 
 
 @pytest.mark.slow
@@ -270,7 +270,7 @@ def test_the_second_mesh_is_repaired_as_it_was(
         window.opening.open_second(path)
         beside = window.opening.second_view
         qtbot.waitUntil(lambda: beside.document.path == path, timeout=PATIENCE)
-        qtbot.waitUntil(lambda: beside.document.job is None, timeout=PATIENCE)
+        qtbot.waitUntil(lambda: beside.document.work.job is None, timeout=PATIENCE)
         return beside
 
     beside = second()
@@ -333,8 +333,8 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     read(qtbot, window, path)
     click_repair(qtbot, window, LARGEST)
     document = window.document
-    document.toggle_pin(document.mesh.vertex_of(60))
-    document.toggle_pin(document.mesh.vertex_of(50))
+    document.pins.toggle(document.mesh.vertex_of(60))
+    document.pins.toggle(document.mesh.vertex_of(50))
     document.display.kind = "distance"
     document.display.change(type(document.display.family), vertex=document.mesh.vertex_of(60))
     session = tmp_path / "now.meshmash.json"
@@ -344,10 +344,10 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
 
     read(qtbot, window, save(shapes.icosphere(1), tmp_path / "ball.npz"))
     window.opening.restore_session(session)
-    qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: len(document.pins.placed) == 2, timeout=PATIENCE)
     rest(qtbot, window)
     assert document.repairs == (LARGEST,)
-    assert [document.mesh.file_index(pin.vertex) for pin in document.pins] == [60, 50]
+    assert [document.mesh.file_index(pin.vertex) for pin in document.pins.placed] == [60, 50]
     assert document.mesh.file_index(document.display.family.vertex) == 60
     assert isinstance(part(window, "undo_repair_button"), QAbstractButton)
     assert part(window, "undo_repair_button").isVisible()
@@ -356,9 +356,9 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     content |= {"version": 2, "pins": [16, 6], "n_vertices": 162}
     content["display"]["fields"]["distance"]["vertex"] = 16
     session.write_text(json.dumps(content))
-    document.clear_pins()
+    document.pins.clear()
     window.opening.restore_session(session)
-    qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: len(document.pins.placed) == 2, timeout=PATIENCE)
     rest(qtbot, window)
-    assert [document.mesh.file_index(pin.vertex) for pin in document.pins] == [60, 50]
+    assert [document.mesh.file_index(pin.vertex) for pin in document.pins.placed] == [60, 50]
     assert document.mesh.file_index(document.display.family.vertex) == 60

@@ -288,8 +288,8 @@ def inside():
     faces = numpy.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     window = meshmash_viewer.view((points, faces))
     def wait():
-        if window.document.spectrum is None and window.document.job is None:
-            window.document.compute()
+        if window.document.spectrum is None and window.document.work.job is None:
+            window.document.solve.compute()
         if window.controller.field is None or not window.controller.idle:
             return QTimer.singleShot(20, wait)
         for mode in ("theme_dark", "theme_light"):

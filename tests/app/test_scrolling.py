@@ -35,7 +35,8 @@ def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
     mesh = shapes.icosphere(5)
     window.document.take_mesh(mesh)
     qtbot.waitUntil(
-        lambda: window.document.mesh is not None and window.document.job is None, timeout=PATIENCE
+        lambda: window.document.mesh is not None and window.document.work.job is None,
+        timeout=PATIENCE,
     )
     rows = np.random.default_rng(0).standard_normal((PAIRS, mesh.n_vertices))
     values = np.arange(PAIRS, dtype=np.float64)

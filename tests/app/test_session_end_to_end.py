@@ -23,8 +23,8 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.model.document import Severity
 from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.samples import sample_path
 
 LEFT = Qt.MouseButton.LeftButton
@@ -74,7 +74,7 @@ def test_open_compute_scroll_tune_inspect_export(
 
     # open
     QTest.mouseClick(window.stage.welcome.sample_button, LEFT)
-    wait(lambda: document.mesh is not None and document.job is None)
+    wait(lambda: document.mesh is not None and document.work.job is None)
     assert document.mesh.n_vertices > 30_000
     assert document.mesh.unit == "nm"
     wait(lambda: window.scene.can_pick)
@@ -99,7 +99,7 @@ def test_open_compute_scroll_tune_inspect_export(
     wait(lambda: source.field.family.index == start + 4)
     assert not np.array_equal(source.field.values, values)
     assert part(window, "eigenvector_spin").value() == start + 4
-    assert isinstance(document.job.job, DecomposeJob), "it still computes"
+    assert isinstance(document.work.job.job, DecomposeJob), "it still computes"
     turn_wheel(canvas, -1, CONTROL)
     assert display[Eigenfunctions].index == start + 3
     before = window.scene.camera()
@@ -108,7 +108,7 @@ def test_open_compute_scroll_tune_inspect_export(
 
     # cancel in the middle, and ask for less
     QTest.mouseClick(part(window, "cancel_button"), LEFT)
-    wait(lambda: document.job is None)
+    wait(lambda: document.work.job is None)
     reached = len(document.spectrum)
     assert reached >= 14
     assert not document.spectrum.complete
@@ -116,7 +116,7 @@ def test_open_compute_scroll_tune_inspect_export(
     count = min(reached, 40)
     type_number(part(window, "target_count_spin"), str(count))
     QTest.mouseClick(part(window, "compute_button"), LEFT)
-    wait(lambda: document.job is None and document.spectrum.complete)
+    wait(lambda: document.work.job is None and document.spectrum.complete)
     assert len(document.spectrum) == count
     assert "complete" in part(window, "proof_label").text()
     assert not part(window, "compute_button").isEnabled(), "there is nothing left to compute"
@@ -158,8 +158,8 @@ def test_open_compute_scroll_tune_inspect_export(
     assert isinstance(hover, QLabel)
     wait(lambda: hover.text().startswith("Vertex "))
     QTest.mouseClick(canvas, LEFT, pos=place)
-    assert len(document.pins) == 1
-    pinned = document.pins[0].vertex
+    assert len(document.pins.placed) == 1
+    pinned = document.pins.placed[0].vertex
     apart = np.linalg.norm(document.mesh.vertices[pinned] - document.mesh.vertices[vertex])
     assert apart < 0.02 * np.ptp(document.mesh.vertices, axis=0).max()
     profile = window.profile_panel
@@ -179,7 +179,7 @@ def test_open_compute_scroll_tune_inspect_export(
     dialog.file_row.edit.setText(str(tmp_path / "out.npz"))
     assert dialog.kind == "hks"
     QTest.mouseClick(dialog.accept_button, LEFT)
-    wait(lambda: (tmp_path / "out.npz").exists() and document.job is None)
+    wait(lambda: (tmp_path / "out.npz").exists() and document.work.job is None)
     assert "written to" in window.stage.message_bar.notice.text
     with np.load(tmp_path / "out.npz") as archive:
         features, columns = archive["features"], archive["columns"]
@@ -215,7 +215,7 @@ def test_closing_in_the_middle_leaves_nothing(
 ) -> None:
     wait = waiter(qtbot)
     window.open_mesh(sample_path())
-    wait(lambda: window.document.mesh is not None and window.document.job is None)
+    wait(lambda: window.document.mesh is not None and window.document.work.job is None)
     type_number(part(window, "target_count_spin"), "3000")
     QTest.mouseClick(part(window, "compute_button"), LEFT)
     wait(lambda: window.document.spectrum is not None and len(window.document.spectrum) > 4)
@@ -268,16 +268,16 @@ def test_bad_files_are_one_sentence_and_the_open_mesh_stays(
     wait = waiter(qtbot)
     document, bar = window.document, window.stage.message_bar
     window.open_mesh(save_ball(tmp_path / "ball.npz"), "nm")
-    wait(lambda: document.mesh is not None and document.job is None)
+    wait(lambda: document.mesh is not None and document.work.job is None)
     type_number(part(window, "target_count_spin"), "20")
     QTest.mouseClick(part(window, "compute_button"), LEFT)
-    wait(lambda: document.job is None and document.spectrum is not None)
+    wait(lambda: document.work.job is None and document.spectrum is not None)
     mesh, spectrum = document.mesh, document.spectrum
     assert spectrum.complete
     for what, path in bad_files(tmp_path).items():
         bar.dismiss()
         window.open_mesh(path)
-        wait(lambda: bar.notice is not None and document.job is None)
+        wait(lambda: bar.notice is not None and document.work.job is None)
         text = bar.notice.text
         assert bar.notice.severity is Severity.ERROR, what
         assert "Traceback" not in text, what

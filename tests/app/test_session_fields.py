@@ -53,8 +53,8 @@ def read_again(document: Document, path: Path) -> None:
     display = Display()
     display_from_json(display, read_display(content["display"], path))
     assert json.dumps(display_to_json(display)) == json.dumps(display_to_json(document.display))
-    assert read._target == document.target
-    assert read._operator == document.operator
+    assert read._target == document.solve.target
+    assert read._operator == document.solve.operator
 
 
 @pytest.mark.slow
@@ -106,7 +106,9 @@ def test_what_is_typed_computed_and_saved_is_opened(
     window = open_window(size=(1300, 900))
     document = window.document
     window.open_mesh(path)
-    qtbot.waitUntil(lambda: document.ready is not None and document.job is None, timeout=PATIENCE)
+    qtbot.waitUntil(
+        lambda: document.ready is not None and document.work.job is None, timeout=PATIENCE
+    )
     give(part(window, "unit_combo").lineEdit(), "nm")
     window.wait(60.0)
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(saved), ""))
@@ -115,14 +117,14 @@ def test_what_is_typed_computed_and_saved_is_opened(
         give(part(window, name), text)
         QTest.mouseClick(part(window, "compute_button"), Qt.MouseButton.LeftButton)
         window.wait(60.0)
-        assert document.target == wanted
+        assert document.solve.target == wanted
         n_pairs = len(document.spectrum)
         QTest.keyClick(window, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
         assert json.loads(saved.read_text())["target"] == asdict(wanted)
-        document.target = Target("count", 7)
+        document.solve.target = Target("count", 7)
         window.opening.open_session()
         qtbot.waitUntil(
-            lambda wanted=wanted: document.target == wanted and document.job is None,
+            lambda wanted=wanted: document.solve.target == wanted and document.work.job is None,
             timeout=PATIENCE,
         )
         assert part(window, name).value == wanted.value

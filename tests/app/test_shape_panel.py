@@ -86,7 +86,7 @@ def one_window(
     wait_for(lambda: window.document.mesh is not None)
     rest(window)
     assert not part(window, QCheckBox, "shape_check").isEnabled()
-    window.document.target = Target("count", PAIRS)
+    window.document.solve.target = Target("count", PAIRS)
     QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
     wait_for(lambda: bool(window.document.spectrum and window.document.spectrum.complete))
     rest(window)

@@ -64,11 +64,11 @@ def test_there_are_no_more_eigenpairs_than_vertices(box: TargetBox, text: str) -
     field = type_in(box, "target_count_spin", text)
     enter(field)
     assert field.value == 642
-    assert box.document.target == Target("count", 642)
+    assert box.document.solve.target == Target("count", 642)
     assert reason(box) == "This mesh has 642 vertices, and so at most 642 eigenpairs."
     enter(type_in(box, "target_count_spin", "20"))
     assert reason(box) == ""
-    assert box.document.target == Target("count", 20)
+    assert box.document.solve.target == Target("count", 20)
 
 
 @pytest.mark.parametrize(
@@ -84,11 +84,11 @@ def test_what_no_mesh_has_goes_back_to_what_was(
     box: TargetBox, name: str, what: str, text: str
 ) -> None:
     enter(type_in(box, name, "1.5"))
-    before = box.document.target
+    before = box.document.solve.target
     field = type_in(box, name, text)
     enter(field)
     assert field.lineEdit().text() == "1.5"
-    assert box.document.target == before
+    assert box.document.solve.target == before
     assert reason(box).startswith(f"{what} of this mesh lie between")
 
 
@@ -102,18 +102,18 @@ def test_what_is_refused_leaves_the_target_as_it_was(box: TargetBox, text: str) 
     """Though what it begins with is a number, which is taken while one types."""
     enter(type_in(box, "target_count_spin", "50"))
     field = type_in(box, "target_wavelength_spin", text)
-    assert box.document.target == Target("count", 50)
+    assert box.document.solve.target == Target("count", 50)
     enter(field)
-    assert box.document.target == Target("count", 50)
+    assert box.document.solve.target == Target("count", 50)
     assert reason(box) != ""
 
 
 def test_escape_leaves_the_target_as_it_was(box: TargetBox) -> None:
     enter(type_in(box, "target_count_spin", "50"))
     field = type_in(box, "target_wavelength_spin", "1.5")
-    assert box.document.target == Target("wavelength", 1.5)
+    assert box.document.solve.target == Target("wavelength", 1.5)
     QTest.keyClick(field, Qt.Key.Key_Escape)
-    assert box.document.target == Target("count", 50)
+    assert box.document.solve.target == Target("count", 50)
 
 
 @pytest.mark.parametrize(
@@ -122,6 +122,6 @@ def test_escape_leaves_the_target_as_it_was(box: TargetBox) -> None:
 def test_a_count_is_a_whole_number(box: TargetBox, text: str, count: int | None) -> None:
     enter(type_in(box, "target_count_spin", "20"))
     enter(type_in(box, "target_count_spin", text))
-    value = box.document.target.value
+    value = box.document.solve.target.value
     assert value == (count or 20)
     assert isinstance(value, int)

@@ -15,9 +15,10 @@ from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.spectral.weyl import Target
 
 _PATIENCE = 30_000
@@ -36,7 +37,7 @@ class Session:
         self.qtbot.waitUntil(condition, timeout=_PATIENCE)
 
     def wait_until_idle(self) -> None:
-        self.wait(lambda: self.tasks.job is None and self.document.job is None)
+        self.wait(lambda: self.tasks.job is None and self.document.work.job is None)
 
     def last(self) -> Notice:
         return self.notices[-1]
@@ -46,7 +47,7 @@ class Session:
 def session(qtbot: QtBot) -> Iterator[Session]:
     document = Document()
     session = Session(document, Tasks(document), qtbot)
-    document.noticed.connect(session.notices.append)
+    document.notices.shown.connect(session.notices.append)
     yield session
     session.tasks.close()
     assert not session.tasks.worker.folder.exists()
@@ -62,18 +63,18 @@ def neuron_file(neuron: Mesh, tmp_path: Path) -> Path:
 def test_read_decompose_export_and_open_again(session: Session, neuron_file: Path) -> None:
     document = session.document
     document.open_mesh(neuron_file, "nm")
-    assert document.job is not None
+    assert document.work.job is not None
     session.wait_until_idle()
     assert document.mesh.unit == "nm"
     assert document.mesh.name == "neuron"
-    document.target = Target("count", 40)
-    document.compute()
+    document.solve.target = Target("count", 40)
+    document.solve.compute()
     session.wait_until_idle()
     assert len(document.spectrum) == 40
     assert document.spectrum.complete
     out = neuron_file.parent / "out.npz"
-    document.request(
-        ExportJob(document.mesh, document.operator, out, EXPORTS["hks"].exported(8), 40)
+    document.work.request(
+        ExportJob(document.mesh, document.solve.operator, out, EXPORTS["hks"].exported(8), 40)
     )
     session.wait_until_idle()
     with np.load(out) as file:
@@ -103,16 +104,16 @@ def test_cancelling_keeps_what_has_converged(session: Session) -> None:
     document = session.document
     document.take_mesh(shapes.icosphere(5))
     session.wait_until_idle()
-    document.target = Target("count", 1500)
-    document.compute()
+    document.solve.target = Target("count", 1500)
+    document.solve.compute()
     session.wait(lambda: document.spectrum is not None)
-    document.cancel()
-    assert document.job.cancelling
+    document.work.cancel()
+    assert document.work.job.cancelling
     session.wait_until_idle()
     assert 0 < len(document.spectrum) < 1500
     assert f" {len(document.spectrum)} eigenpairs that converged before stay" in session.last().text
-    document.target = Target("count", 10)
-    document.compute()
+    document.solve.target = Target("count", 10)
+    document.solve.compute()
     session.wait_until_idle()
     assert document.spectrum.complete
 
@@ -121,9 +122,9 @@ def test_cancelling_before_the_first_pair_says_that_there_is_none(session: Sessi
     document = session.document
     document.take_mesh(shapes.icosphere(5))
     session.wait_until_idle()
-    document.target = Target("count", 1500)
-    document.compute()
-    document.cancel()
+    document.solve.target = Target("count", 1500)
+    document.solve.compute()
+    document.work.cancel()
     session.wait_until_idle()
     assert document.spectrum is None
     assert session.last().text == "Cancelled before an eigenpair had converged."
@@ -141,7 +142,7 @@ def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -
     document = session.document
     session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     out = tmp_path / "pairs.npz"
-    document.request(ExportJob(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
+    document.work.request(ExportJob(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
     assert "waits for" in session.last().text
     session.wait(lambda: out.exists())
     session.wait_until_idle()
@@ -156,7 +157,7 @@ def test_every_kind_is_exported_as_the_command_line_has_it(
         out = tmp_path / f"{kind}.npz"
         given = {"vertices": [5], "measure": "biharmonic"} if kind == "distance" else {}
         chosen = family.exported(7 if family.counted else None, **given)
-        session.document.request(ExportJob(neuron, OperatorOptions(), out, chosen, 20))
+        session.document.work.request(ExportJob(neuron, OperatorOptions(), out, chosen, 20))
         session.wait_until_idle()
         with np.load(out) as file:
             assert json.loads(str(file["meta"]))["options"]["kind"] == kind
@@ -166,7 +167,7 @@ def test_every_kind_is_exported_as_the_command_line_has_it(
 
 
 def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_path: Path) -> None:
-    session.document.request(
+    session.document.work.request(
         ExportJob(neuron, OperatorOptions(), tmp_path / "x.npz", EXPORTS["eigenpairs"](), 20)
     )
     session.wait_until_idle()
@@ -177,7 +178,7 @@ def test_decomposing_while_a_mesh_is_read_is_refused(session: Session, neuron: M
     session.tasks.run(EndlessJob())
     session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     assert "not done yet" in session.last().text
-    session.document.cancel()
+    session.document.work.cancel()
     session.wait_until_idle()
 
 
@@ -185,8 +186,8 @@ def test_repair_scale_and_undo(session: Session, neuron: Mesh) -> None:
     document = session.document
     document.take_mesh(neuron)
     session.wait_until_idle()
-    document.target = Target("count", 20)
-    document.compute()
+    document.solve.target = Target("count", 20)
+    document.solve.compute()
     session.wait_until_idle()
     spectrum = document.spectrum
     document.repair("keep_largest_component")
@@ -234,14 +235,14 @@ def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
     assert document.can_undo_repair
     np.testing.assert_allclose(document.mesh.vertices, before.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)
-    document.undo()
+    document.history.undo()
     assert document.mesh is before
-    document.undo()
+    document.history.undo()
     assert document.repairs == ()
     assert not document.can_undo_repair
     assert document.mesh.vertices is neuron.vertices
-    document.redo()
-    document.redo()
+    document.history.redo()
+    document.history.redo()
     assert document.unit_text == "4 × 4 × 40 nm"
     assert document.ready.health.area == pytest.approx(document.mesh.area)
     np.testing.assert_allclose(document.ready.normals, document.mesh.vertex_normals, atol=1e-6)
@@ -253,23 +254,23 @@ def test_pins_stay_where_their_vertices_stay(session: Session, neuron: Mesh) -> 
     session.wait_until_idle()
     unreferenced = int(np.flatnonzero(~neuron.referenced)[0])
     for vertex in (0, unreferenced + 1, neuron.n_vertices - 1):
-        document.toggle_pin(vertex)
-    pins = document.pins
+        document.pins.toggle(vertex)
+    pins = document.pins.placed
     document.set_unit("4 x 4 x 40 nm")
     session.wait_until_idle()
-    assert document.pins == pins
+    assert document.pins.placed == pins
     document.set_unit("4 x 4 x 40 µm")
-    assert document.pins == pins
+    assert document.pins.placed == pins
     document.repair("keep_largest_component")  # which renumbers all but the first vertices
     session.wait_until_idle()
-    in_file = [document.mesh.file_index(pin.vertex) for pin in document.pins]
+    in_file = [document.mesh.file_index(pin.vertex) for pin in document.pins.placed]
     assert in_file == [pin.vertex for pin in pins]
-    assert document.pins[1].vertex != pins[1].vertex
+    assert document.pins.placed[1].vertex != pins[1].vertex
     document.undo_repair()
-    assert document.pins == pins
+    assert document.pins.placed == pins
     document.take_mesh(neuron)
     session.wait_until_idle()
-    assert document.pins == ()
+    assert document.pins.placed == ()
 
 
 def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: Mesh) -> None:
@@ -278,8 +279,8 @@ def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: 
     session.wait_until_idle()
     document.repair("keep_largest_component")
     session.wait_until_idle()
-    document.target = Target("count", 1000)
-    document.compute()
+    document.solve.target = Target("count", 1000)
+    document.solve.compute()
     document.undo_repair()
     session.wait_until_idle()
     assert document.mesh.n_vertices == neuron.n_vertices
@@ -315,7 +316,8 @@ def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
     mesh = shapes.icosphere(5)
     tasks.run(DecomposeJob(mesh, OperatorOptions(), Target("count", 1000)))
     qtbot.waitUntil(
-        lambda: document.job is not None and document.job.progress.total > 0, timeout=_PATIENCE
+        lambda: document.work.job is not None and document.work.job.progress.total > 0,
+        timeout=_PATIENCE,
     )
     tasks.close()
     assert not tasks.worker.folder.exists()
@@ -330,8 +332,8 @@ def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
     session.wait_until_idle()
     assert document.spectrum.preview
     assert not session.notices
-    document.target = Target("count", 60)
-    document.compute()
+    document.solve.target = Target("count", 60)
+    document.solve.compute()
     session.wait(lambda: document.spectrum.complete)
     session.wait_until_idle()
     assert not document.spectrum.preview
@@ -347,11 +349,13 @@ def test_compute_need_not_wait_for_a_preview_and_runs_once(
     submit = session.tasks.worker.submit
     monkeypatch.setattr(session.tasks.worker, "submit", lambda job: (runs.append(job), submit(job)))
     document.take_mesh(shapes.rectangle(250, 250))
-    session.wait(lambda: document.job is not None and isinstance(document.job.job, PreviewJob))
-    assert document.can_compute
-    document.target = Target("count", 10)
-    document.compute()
-    document.compute()
+    session.wait(
+        lambda: document.work.job is not None and isinstance(document.work.job.job, PreviewJob)
+    )
+    assert document.solve.can_compute
+    document.solve.target = Target("count", 10)
+    document.solve.compute()
+    document.solve.compute()
     session.wait(lambda: document.spectrum is not None and document.spectrum.complete)
     session.wait_until_idle()
     assert sum(isinstance(job, DecomposeJob) for job in runs) == 1

@@ -60,7 +60,9 @@ def open_file(qtbot: QtBot, window: MainWindow, files: dict[str, Path]) -> Open:
 
 def rested(qtbot: QtBot, window: MainWindow, condition: Callable[[], bool] = lambda: True) -> None:
     document, source = window.document, window.controller
-    qtbot.waitUntil(lambda: condition() and document.job is None and source.idle, timeout=PATIENCE)
+    qtbot.waitUntil(
+        lambda: condition() and document.work.job is None and source.idle, timeout=PATIENCE
+    )
     catch_up()
 
 
@@ -123,7 +125,7 @@ def test_return_takes_what_is_typed_and_gives_the_keys_back(
 ) -> None:
     open_file("ball")
     display, name_label = window.document.display, part(window, "mesh_name_label")
-    window.document.target = Target("count", 12)
+    window.document.solve.target = Target("count", 12)
     compute(qtbot, window)
     for kind, name, text in FIELDS:
         display.kind = kind
@@ -166,7 +168,7 @@ def test_what_is_refused_can_be_typed_over(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
     open_file("ball")
-    window.document.target = Target("count", 12)
+    window.document.solve.target = Target("count", 12)
     compute(qtbot, window)
     before = part(window, "limit_low_field").text()
     for name, text in (("limit_low_field", "nan"), ("target_count_spin", "0")):
@@ -185,7 +187,7 @@ def test_a_change_of_coordinates_is_announced_and_undone(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
     open_file("ball")
-    window.document.target = Target("count", 12)
+    window.document.solve.target = Target("count", 12)
     compute(qtbot, window)
     area = window.document.ready.health.area
     type_in(window, "unit_combo", "2 mm")
@@ -304,7 +306,7 @@ def test_a_proof_is_of_what_is_computed_and_not_of_a_preview(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
     open_file("ball")
-    window.document.target = Target("count", 5)
+    window.document.solve.target = Target("count", 5)
     compute(qtbot, window)
     exact = window.document.spectrum
     values = np.concatenate([[0.0], np.linspace(1.0, 2.0, 19)]) * exact.eigenvalues[-1]
@@ -327,10 +329,10 @@ def test_a_length_does_not_carry_over_to_another_mesh(
 ) -> None:
     open_file("ball")
     type_in(window, "target_wavelength_spin", "400")
-    assert window.document.target == Target("wavelength", 400.0)
+    assert window.document.solve.target == Target("wavelength", 400.0)
     compute(qtbot, window)
     open_file("bead")
-    assert window.document.target.kind == "count"
+    assert window.document.solve.target.kind == "count"
     assert part(window, "target_count_radio").isChecked()
     assert part(window, "target_count_spin").value == 100
 
@@ -340,7 +342,7 @@ def test_limits_are_locked_for_one_family(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
     open_file("ball")
-    window.document.target = Target("count", 12)
+    window.document.solve.target = Target("count", 12)
     compute(qtbot, window)
     type_in(window, "limit_high_field", "3e-4")
     assert part(window, "limits_combo").currentText() == "Locked"
@@ -364,7 +366,7 @@ def test_the_largest_eigenvalue_is_written_the_same_everywhere(
 ) -> None:
     """A small ball in no unit has eigenvalues of five digits, to be cut in one way."""
     open_file("bead")
-    window.document.target = Target("count", 40)
+    window.document.solve.target = Target("count", 40)
     compute(qtbot, window)
     largest = format_number(float(window.document.spectrum.eigenvalues[-1]))
     assert len(largest) == 5, "else it shows nothing"

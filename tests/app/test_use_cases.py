@@ -44,7 +44,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 def rest(window: MainWindow) -> None:
     QTest.qWait(20)  # for what listens to the model
-    wait_for(lambda: window.document.job is None and window.controller.idle)
+    wait_for(lambda: window.document.work.job is None and window.controller.idle)
     wait_for(lambda: not window.controller.field.draft)
 
 
@@ -128,7 +128,7 @@ def window(file: Path, module_cache: Path) -> Iterator[MainWindow]:
     place = QPointF(opened.stage.mapTo(opened, opened.stage.rect().center()))
     copy, none = Qt.DropAction.CopyAction, Qt.KeyboardModifier.NoModifier
     opened.dropEvent(QDropEvent(place, copy, data, LEFT, none))
-    wait_for(lambda: opened.document.mesh is not None and opened.document.job is None)
+    wait_for(lambda: opened.document.mesh is not None and opened.document.work.job is None)
     write(opened, "target_count_spin", PAIRS)
     QTest.mouseClick(part(opened, "compute_button"), LEFT)
     wait_for(lambda: bool(opened.document.spectrum and opened.document.spectrum.complete))
@@ -238,8 +238,8 @@ def test_heat_kernel_signatures_and_what_is_like_a_vertex(
     middle = canvas.rect().center()
     QTest.mouseMove(canvas, middle)
     QTest.mouseClick(canvas, LEFT, pos=middle)
-    wait_for(lambda: len(window.document.pins) == 1)
-    vertex = window.document.pins[0].vertex
+    wait_for(lambda: len(window.document.pins.placed) == 1)
+    vertex = window.document.pins.placed[0].vertex
     choose(part(window, "field_list"), "Similar")
     QTest.mouseClick(part(window, "similarity_basis_hks"), LEFT)
     distances = mv.feature_distance(wanted, vertex)

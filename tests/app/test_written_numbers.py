@@ -84,17 +84,17 @@ def test_what_may_be_two_numbers_changes_nothing(window: MainWindow) -> None:
     ):
         window.document.display.kind = kind
         window.wait(60.0)
-        before = str(window.document.display), window.document.target
+        before = str(window.document.display), window.document.solve.target
         enter(type_in(window, name, text))
-        assert (str(window.document.display), window.document.target) == before, (name, text)
+        assert (str(window.document.display), window.document.solve.target) == before, (name, text)
         assert part(window, name).hasFocus(), "to be typed over"
         window.stage.setFocus()
 
 
 def test_compute_does_not_begin_with_what_is_refused(window: MainWindow, qtbot: QtBot) -> None:
     document, jobs = window.document, list[object]()
-    document.job_requested.connect(jobs.append)
-    document.target = Target("count", 130)
+    document.work.requested.connect(jobs.append)
+    document.solve.target = Target("count", 130)
     catch_up()
     for press in (
         lambda field: QTest.keyClick(field, RETURN, CONTROL),
@@ -104,7 +104,7 @@ def test_compute_does_not_begin_with_what_is_refused(window: MainWindow, qtbot: 
         catch_up()
         assert jobs == []
         assert "18,800 may be 18800 or 18.8" in part(window, "target_fault").text()
-        assert document.target == Target("count", 130)
+        assert document.solve.target == Target("count", 130)
         window.stage.setFocus()
         QTest.qWait(1)
     QTest.mouseClick(part(window, "compute_button"), LEFT)
@@ -113,6 +113,6 @@ def test_compute_does_not_begin_with_what_is_refused(window: MainWindow, qtbot: 
 
 def test_a_session_has_what_is_being_typed(window: MainWindow) -> None:
     field = type_in(window, "mollify_spin", "1e-4")
-    assert window.document.operator.mollify_factor != 1e-4
+    assert window.document.solve.operator.mollify_factor != 1e-4
     QTest.keyClick(field, Qt.Key.Key_S, CONTROL)  # which says that this mesh is in no file
-    assert window.document.operator.mollify_factor == 1e-4
+    assert window.document.solve.operator.mollify_factor == 1e-4

@@ -71,20 +71,21 @@ def look():
             continue
         if "listening" not in done:
             done.add("listening")
-            document.noticed.connect(tell)
+            document.notices.shown.connect(tell)
         spectrum = document.spectrum
         if document.ready is None:
-            if said and document.job is None:
+            if said and document.work.job is None:
                 window.close()
-        elif document.target != Target("count", {WANTED}):
-            document.target = Target("count", {WANTED})
-            document.compute()
-        elif document.job is None:
+        elif document.solve.target != Target("count", {WANTED}):
+            document.solve.target = Target("count", {WANTED})
+            document.solve.compute()
+        elif document.work.job is None:
             complete = spectrum is not None and spectrum.complete and len(spectrum) >= {WANTED}
             if complete and "exported" not in done:
                 done.add("exported")
                 out, family = Path(sys.argv[2]), EXPORTS["hks"].exported(32)
-                document.request(ExportJob(document.mesh, document.operator, out, family, {WANTED}))
+                operator = document.solve.operator
+                document.work.request(ExportJob(document.mesh, operator, out, family, {WANTED}))
             else:
                 window.close()
 

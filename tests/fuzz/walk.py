@@ -64,7 +64,7 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Notice
+from meshmash_viewer.model.notices import Notice
 
 __all__ = ["Walk", "Weight", "make_files"]
 
@@ -212,7 +212,7 @@ class Walk:
         self.slowest = (0.0, "")
         self.window = MainWindow(fresh=True)
         self.window.settings.folder = folder
-        self.window.document.noticed.connect(self._hear)
+        self.window.document.notices.shown.connect(self._hear)
         self._process = psutil.Process()
         self._steps: tuple[tuple[int, Callable[[], str]], ...] = (
             (22, self._command),
@@ -335,18 +335,18 @@ class Walk:
         window.showNormal()
         window.resize(1400, 900)
         window.arrangement.reset()
-        document.cancel()
+        document.work.cancel()
         # a picture that is being drawn or written holds gigabytes where it is a large one
-        self._wait(lambda: document.job is None and not window.commands.pictures.painter.busy)
+        self._wait(lambda: document.work.job is None and not window.commands.pictures.painter.busy)
         document.display.playing = False
         home = self.folder / "home.meshmash.json"
         if not home.exists():
             self._at_home_first(home)
         window.opening.restore_session(home)
-        self._wait(lambda: document.job is None and document.path == self.files[0])
+        self._wait(lambda: document.work.job is None and document.path == self.files[0])
         QTest.qWait(20)
-        document.compute()
-        self._wait(lambda: document.job is None and bool(document.spectrum))
+        document.solve.compute()
+        self._wait(lambda: document.work.job is None and bool(document.spectrum))
         self._wait(lambda: window.controller.idle and window.scene.at_rest)
         self._wait(lambda: window.background_io.idle)
         window.stage.message_bar.dismiss()
@@ -355,9 +355,9 @@ class Walk:
     def _at_home_first(self, home: Path) -> None:
         window, document = self.window, self.window.document
         window.open_mesh(self.files[0], "nm")
-        self._wait(lambda: document.path == self.files[0] and document.job is None)
-        document.target = type(document.target)("count", 30)
-        document.compute()
+        self._wait(lambda: document.path == self.files[0] and document.work.job is None)
+        document.solve.target = type(document.solve.target)("count", 30)
+        document.solve.compute()
         self._wait(lambda: bool(document.spectrum) and document.spectrum.complete)
         window.opening.store_session(home)
         self.sessions.append(home)

@@ -11,7 +11,8 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document, Notice
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
@@ -28,18 +29,18 @@ def document(sphere: Mesh) -> Document:
 
 def test_a_second_click_takes_the_pin_away(document: Document) -> None:
     for vertex in (3, 5, 8):
-        document.toggle_pin(vertex)
-    document.toggle_pin(5)
-    assert [pin.vertex for pin in document.pins] == [3, 8]
-    document.toggle_pin(9)  # takes the colour that has become free
-    assert {pin.color for pin in document.pins} == set(PIN_COLORS[:3])
+        document.pins.toggle(vertex)
+    document.pins.toggle(5)
+    assert [pin.vertex for pin in document.pins.placed] == [3, 8]
+    document.pins.toggle(9)  # takes the colour that has become free
+    assert {pin.color for pin in document.pins.placed} == set(PIN_COLORS[:3])
 
 
 @pytest.mark.parametrize("vertex", [-1, 10**9])
 def test_a_vertex_that_is_not_there_cannot_be_pinned(document: Document, vertex: int) -> None:
     with pytest.raises(IndexError, match="not in the mesh"):
-        document.toggle_pin(vertex)
-    assert document.pins == ()
+        document.pins.toggle(vertex)
+    assert document.pins.placed == ()
 
 
 def ready_of(mesh: Mesh, path: str = "") -> MeshReady:
@@ -50,19 +51,19 @@ def ready_of(mesh: Mesh, path: str = "") -> MeshReady:
 @pytest.mark.parametrize("kind", ["wavelength", "max_eigenvalue"])
 def test_lengths_and_eigenvalues_do_not_carry_over(kind: str, sphere: Mesh) -> None:
     document = Document()
-    document.target = asked = Target(kind, 18.0)
+    document.solve.target = asked = Target(kind, 18.0)
     document.accept_mesh(ready_of(sphere, "a.ply"))
-    assert document.target == asked, "it was asked for this mesh"
+    assert document.solve.target == asked, "it was asked for this mesh"
     document.accept_mesh(ready_of(sphere, "a.ply"))
-    assert document.target == asked, "read again"
+    assert document.solve.target == asked, "read again"
     document.accept_mesh(replace(ready_of(sphere, "a.ply"), derived=True))
-    assert document.target == asked, "repaired"
+    assert document.solve.target == asked, "repaired"
     document.accept_mesh(ready_of(sphere, "b.ply"))
-    assert document.target == Target("count", 100)
-    document.target = asked
+    assert document.solve.target == Target("count", 100)
+    document.solve.target = asked
     scaled = sphere.in_voxels((8.0, 8.0, 8.0), "nm")
     document.accept_mesh(replace(ready_of(scaled, "b.ply"), derived=True))
-    assert document.target == Target("count", 100), "coordinates are other ones"
+    assert document.solve.target == Target("count", 100), "coordinates are other ones"
 
 
 def test_a_time_that_a_stored_spectrum_does_not_have_is_not_kept(sphere: Mesh) -> None:
@@ -77,9 +78,9 @@ def test_a_time_that_a_stored_spectrum_does_not_have_is_not_kept(sphere: Mesh) -
 
 
 def test_a_count_carries_over(document: Document, sphere: Mesh) -> None:
-    document.target = Target("count", 7)
+    document.solve.target = Target("count", 7)
     document.accept_mesh(ready_of(sphere, "b.ply"))
-    assert document.target == Target("count", 7)
+    assert document.solve.target == Target("count", 7)
 
 
 def approximate(spectrum: Eigenpairs) -> Eigenpairs:
@@ -126,8 +127,8 @@ def test_a_preview_is_not_replaced_by_less(
 def test_what_is_there_and_whole_need_not_be_computed_again(
     document: Document, sphere: Mesh
 ) -> None:
-    assert not document.is_computed
-    whole = replace(spectrum_of(sphere, 9), operator=document.operator)
+    assert not document.solve.is_computed
+    whole = replace(spectrum_of(sphere, 9), operator=document.solve.operator)
     for spectrum, count, there in (
         (approximate(whole), 9, False),
         (replace(whole, certificate=Certificate("none")), 9, False),  # nothing proves it yet
@@ -136,14 +137,14 @@ def test_what_is_there_and_whole_need_not_be_computed_again(
         (whole, 10, False),
     ):
         document.accept_spectrum(spectrum)
-        document.target = Target("count", count)
-        assert document.is_computed == there
-        assert document.can_compute != there
+        document.solve.target = Target("count", count)
+        assert document.solve.is_computed == there
+        assert document.solve.can_compute != there
 
 
 def test_a_change_of_unit_is_said_and_can_be_taken_back(document: Document) -> None:
     notices: list[Notice] = []
-    document.noticed.connect(notices.append)
+    document.notices.shown.connect(notices.append)
     before = document.unit_text
     document.set_unit("mm")
     assert document.unit_text == "mm"
@@ -157,7 +158,7 @@ def test_similarity_is_to_the_vertex_pinned_last(document: Document) -> None:
     document.similar()
     assert document.display.kind != "similarity", "to which vertex nobody has said"
     for vertex in (3, 17):
-        document.toggle_pin(vertex)
+        document.pins.toggle(vertex)
     document.similar()
     assert document.display.kind == "similarity"
     assert document.display[Similarity].vertex == 17

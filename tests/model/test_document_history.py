@@ -19,7 +19,7 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document, Notice
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     InspectJob,
@@ -30,6 +30,7 @@ from meshmash_viewer.model.jobs import (
     ScaleJob,
 )
 from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.pins import PIN_COLORS, distinct_name
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
@@ -53,7 +54,7 @@ def ready(mesh: Mesh, *repairs: str, derived: bool = False) -> MeshReady:
 def requested(document: Document) -> list[Job]:
     """Jobs that the document asks for."""
     jobs: list[Job] = []
-    document.job_requested.connect(jobs.append)
+    document.work.requested.connect(jobs.append)
     return jobs
 
 
@@ -64,7 +65,7 @@ def test_another_mesh_starts_without_what_was_chosen_on_the_last(
     display.change(Eigenfunctions, index=9)
     document.flip()
     assert display[Eigenfunctions].flipped == {9}
-    document.toggle_pin(3)
+    document.pins.toggle(3)
     display.change(Similarity, vertex=3)
     display.kind = "similarity"
     document.accept_mesh(ready(three_spheres))
@@ -72,7 +73,7 @@ def test_another_mesh_starts_without_what_was_chosen_on_the_last(
     assert display[Eigenfunctions].index == 3  # the first that is not constant on all three
     assert display[Similarity].vertex is None
     assert display.kind == "eigenfunction"
-    assert document.pins == ()
+    assert document.pins.placed == ()
     assert not document.can_undo_repair
 
 
@@ -112,14 +113,14 @@ def test_undo_and_redo_go_through_repairs_and_units_in_their_order(
     for at in reversed(range(4)):
         assert state() == states[at + 1]
         assert document.history.undo_label == labels[at]
-        document.undo()
+        document.history.undo()
     assert state() == states[0]
     assert document.history.undo_label == ""
-    document.undo()
+    document.history.undo()
     assert state() == states[0]
     for at in range(4):
         assert document.history.redo_label == labels[at]
-        document.redo()
+        document.history.redo()
         assert state() == states[at + 1]
     assert document.history.redo_label == ""
 
@@ -131,7 +132,7 @@ def test_pairs_computed_since_stay_where_undo_does_not_change_the_shape(
     document.set_unit("nm")
     assert document.mesh is not None
     document.accept_spectrum(spectrum_of(document.mesh, 20))
-    document.undo()
+    document.history.undo()
     assert document.unit == ""
     assert document.spectrum is not None
     assert len(document.spectrum) == 20
@@ -141,10 +142,10 @@ def test_pairs_computed_since_stay_where_undo_does_not_change_the_shape(
 def test_a_new_change_ends_what_can_be_redone_and_another_mesh_ends_all(
     document: Document, sphere: Mesh
 ) -> None:
-    document.toggle_pin(3)
-    document.undo()
+    document.pins.toggle(3)
+    document.history.undo()
     assert document.history.redo_label == "pin"
-    document.toggle_pin(4)
+    document.pins.toggle(4)
     assert document.history.redo_label == ""
     document.accept_mesh(ready(sphere))
     assert document.history.undo_label == ""
@@ -159,7 +160,7 @@ def test_pins_signs_colours_limits_and_maps_are_undone_and_redone(document: Docu
         assert document.mesh is not None
         maps = tuple(each.name for each in document.mesh.maps)
         colors = display.sequential_colormap, display.diverging_colormap, display.limits
-        return document.pins, display[Eigenfunctions].flipped, colors, maps
+        return document.pins.placed, display[Eigenfunctions].flipped, colors, maps
 
     def lock() -> None:
         display.limits = LockedLimits(0.0, 2.0)
@@ -169,13 +170,13 @@ def test_pins_signs_colours_limits_and_maps_are_undone_and_redone(document: Docu
 
     heights = VertexMap("height", mesh.vertices[:, 2])
     changes: dict[str, Callable[[], object]] = {
-        "pin": lambda: document.toggle_pin(7),
+        "pin": lambda: document.pins.toggle(7),
         "flip of a sign": document.flip,
         "colour limits": lock,
         "colour map": recolor,
-        "new map": lambda: document.accept_maps(mesh, [heights], shown=False),
-        "removal of a pin": lambda: document.toggle_pin(7),
-        "removal of a map": lambda: document.remove_map("height"),
+        "new map": lambda: document.maps.add(mesh, [heights], shown=False),
+        "removal of a pin": lambda: document.pins.toggle(7),
+        "removal of a map": lambda: document.maps.remove("height"),
     }
     states = [everything()]
     for label, change in changes.items():
@@ -184,16 +185,16 @@ def test_pins_signs_colours_limits_and_maps_are_undone_and_redone(document: Docu
         states.append(everything())
     assert len(set(map(repr, states))) > 6
     for state in reversed(states[:-1]):
-        document.undo()
+        document.history.undo()
         assert everything() == state
     for state in states[1:]:
-        document.redo()
+        document.history.redo()
         assert everything() == state
 
 
 def test_what_a_notice_offers_to_undo_is_that_change_alone(document: Document) -> None:
     notices: list[Notice | None] = []
-    document.noticed.connect(notices.append)
+    document.notices.shown.connect(notices.append)
     document.set_unit("nm")
     offer = notices[-1].action
     assert offer is not None
@@ -201,7 +202,7 @@ def test_what_a_notice_offers_to_undo_is_that_change_alone(document: Document) -
     assert document.unit == ""
     document.set_unit("nm")
     assert notices[-1] is not None
-    document.toggle_pin(3)
+    document.pins.toggle(3)
     assert notices[-1] is None, "it is withdrawn"
 
 
@@ -215,11 +216,11 @@ def test_undo_of_other_voxels_restores_mesh_and_spectrum(
     document.accept_mesh(ready(scaled.mesh.in_voxels(scaled.voxel, scaled.unit), derived=True))
     assert document.mesh is not None
     np.testing.assert_allclose(document.mesh.vertices, 8.0 * sphere.vertices)
-    document.undo()
+    document.history.undo()
     assert not requested
     assert document.mesh.vertices is sphere.vertices
     assert document.spectrum is not None
-    document.redo()
+    document.history.redo()
     np.testing.assert_allclose(document.mesh.vertices, 8.0 * sphere.vertices)
 
 
@@ -247,7 +248,7 @@ def repair(document: Document, *names: str) -> None:
 def pinned(document: Document) -> dict[int, int]:
     """The pins: of each number the index in the file."""
     assert document.mesh is not None
-    return {pin.number: document.mesh.file_index(pin.vertex) for pin in document.pins}
+    return {pin.number: document.mesh.file_index(pin.vertex) for pin in document.pins.placed}
 
 
 @pytest.fixture
@@ -264,12 +265,12 @@ def test_pins_follow_to_the_vertex_of_their_index_and_come_back(split: Document)
         42 + int(np.flatnonzero(which)[0]) for which in (one & ~other, one & other, other & ~one)
     )
     for vertex in (3, lower, seam, seam + 162, upper + 162):
-        split.toggle_pin(vertex)
+        split.pins.toggle(vertex)
     split.display.change(Similarity, vertex=lower)
     everything = pinned(split)
     assert list(everything) == [1, 2, 3, 4, 5]
     notices: list[Notice | None] = []
-    split.noticed.connect(notices.append)
+    split.notices.shown.connect(notices.append)
 
     repair(split, MERGE)
     # the two of the seam are one now, and the last is called as the one that it became
@@ -288,9 +289,9 @@ def test_pins_follow_to_the_vertex_of_their_index_and_come_back(split: Document)
     assert pinned(split) == everything
     assert split.display[Similarity].vertex == lower
     repair(split, LARGEST)
-    split.toggle_pin(5)
+    split.pins.toggle(5)
     split.accept_mesh(ready(halves()))  # opened, not repaired
-    assert split.pins == ()
+    assert split.pins.placed == ()
 
 
 def test_pins_made_after_a_repair_are_undone_before_it(split: Document) -> None:
@@ -298,19 +299,20 @@ def test_pins_made_after_a_repair_are_undone_before_it(split: Document) -> None:
     assert mesh is not None
     kept = int(np.flatnonzero(mesh.component_labels == 1)[5])
     for vertex in (3, kept):
-        split.toggle_pin(vertex)
+        split.pins.toggle(vertex)
     repair(split, LARGEST)
-    split.toggle_pin(split.mesh.vertex_of(kept))
-    split.clear_pins()
+    split.pins.toggle(0)
+    split.pins.clear()
+    split.pins.clear()  # of none, which is no step
     assert pinned(split) == {}
-    split.undo()
-    split.undo()
+    split.history.undo()
+    split.history.undo()
     assert pinned(split) == {2: kept}
-    split.undo()
+    split.history.undo()
     assert pinned(split) == {1: 3, 2: kept}
-    split.redo()
+    split.history.redo()
     assert pinned(split) == {2: kept}
-    split.toggle_pin(0)
+    split.pins.toggle(0)
     split.undo_repair()
     assert pinned(split) == {1: 3, 2: kept}
     assert not split.can_undo_repair
@@ -320,7 +322,7 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
     document: Document, requested: list[Job]
 ) -> None:
     notices: list[Notice | None] = []
-    document.noticed.connect(notices.append)
+    document.notices.shown.connect(notices.append)
     raw = halves()
     merged = repair_mesh(raw, MERGE)
     largest = repair_mesh(merged, LARGEST)
@@ -341,8 +343,8 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
         assert document.ready.source == "a"
         assert document.file_mesh is raw or document.file_mesh.content_hash == raw.content_hash
     assert not document.can_undo_repair
-    document.redo()
-    document.redo()
+    document.history.redo()
+    document.history.redo()
     assert document.repairs == (MERGE, LARGEST)
 
 
@@ -361,29 +363,35 @@ def test_exact_eigenvalues_translate_a_target_only_for_the_operator_they_belong_
     document: Document, sphere: Mesh
 ) -> None:
     fifth = Target("count", 5)
-    spectrum = replace(spectrum_of(sphere, 8), operator=document.operator)
+    spectrum = replace(spectrum_of(sphere, 8), operator=document.solve.operator)
     document.accept_spectrum(spectrum)
-    assert document.translation().eigenvalue(fifth) == (spectrum.eigenvalues[4], True)
-    document.operator = OperatorOptions(robust=not document.operator.robust)
-    assert not document.translation().eigenvalue(fifth)[1]
-    document.accept_spectrum(replace(spectrum, operator=document.operator, n_exact=0))
-    assert not document.translation().eigenvalue(fifth)[1]
+    assert document.solve.translation().eigenvalue(fifth) == (spectrum.eigenvalues[4], True)
+    document.solve.operator = OperatorOptions(robust=not document.solve.operator.robust)
+    assert not document.solve.translation().eigenvalue(fifth)[1]
+    document.accept_spectrum(replace(spectrum, operator=document.solve.operator, n_exact=0))
+    assert not document.solve.translation().eigenvalue(fifth)[1]
 
 
 def test_more_pins_than_colours_go_round_them(document: Document) -> None:
     assert len(set(PIN_COLORS)) == len(PIN_COLORS) >= 12
     for vertex in range(2 * len(PIN_COLORS) + 2):
-        document.toggle_pin(vertex)
-    assert [pin.color for pin in document.pins] == [*PIN_COLORS, *PIN_COLORS, *PIN_COLORS[:2]]
-    assert [pin.number for pin in document.pins] == [*range(1, len(document.pins) + 1)]
-    before = {pin.vertex: (pin.number, pin.color) for pin in document.pins}
-    document.toggle_pin(4)
-    after = {pin.vertex: (pin.number, pin.color) for pin in document.pins}
+        document.pins.toggle(vertex)
+    assert [pin.color for pin in document.pins.placed] == [
+        *PIN_COLORS,
+        *PIN_COLORS,
+        *PIN_COLORS[:2],
+    ]
+    assert [pin.number for pin in document.pins.placed] == [
+        *range(1, len(document.pins.placed) + 1)
+    ]
+    before = {pin.vertex: (pin.number, pin.color) for pin in document.pins.placed}
+    document.pins.toggle(4)
+    after = {pin.vertex: (pin.number, pin.color) for pin in document.pins.placed}
     assert after == {vertex: pin for vertex, pin in before.items() if vertex != 4}
-    document.toggle_pin(100)
-    assert document.pins[-1].number == 5, "the lowest that is free"
-    document.clear_pins()
-    assert document.pins == ()
+    document.pins.toggle(100)
+    assert document.pins.placed[-1].number == 5, "the lowest that is free"
+    document.pins.clear()
+    assert document.pins.placed == ()
 
 
 def test_a_mesh_that_comes_repaired_has_nothing_before_it(sphere: Mesh) -> None:
@@ -398,13 +406,13 @@ def test_a_mesh_that_comes_repaired_has_nothing_before_it(sphere: Mesh) -> None:
 def test_what_is_asked_for_carries_what_it_needs(
     document: Document, sphere: Mesh, requested: list[Job]
 ) -> None:
-    document.operator = OperatorOptions(robust=False)
-    document.target = Target("count", 33)
+    document.solve.operator = OperatorOptions(robust=False)
+    document.solve.target = Target("count", 33)
     document.accept_mesh(replace(ready(sphere, "one"), path=Path("a.ply")))
     document.open_mesh("b.ply", "8 nm")
     document.take_mesh(sphere)
     document.repair("drop_duplicate_faces")
-    document.compute()
+    document.solve.compute()
     read, taken, repaired, computed = requested
     assert isinstance(read, ReadJob)
     assert (read.path, read.unit) == (Path("b.ply").absolute(), "8 nm")
@@ -415,48 +423,47 @@ def test_what_is_asked_for_carries_what_it_needs(
     assert (repaired.mesh, repaired.path) == (sphere, Path("a.ply"))
     assert isinstance(computed, DecomposeJob)
     assert (computed.mesh, computed.target) == (sphere, Target("count", 33))
-    assert {job.operator for job in (read, taken, repaired, computed)} == {document.operator}
+    assert {job.operator for job in (read, taken, repaired, computed)} == {document.solve.operator}
 
 
 def test_settings_are_told_of_when_they_change(document: Document) -> None:
     told: list[str] = []
-    document.settings_changed.connect(lambda: told.append("settings"))
-    document.operator = OperatorOptions()
-    document.target = Target("count", 100)
+    document.solve.changed.connect(lambda: told.append("settings"))
+    document.solve.operator = OperatorOptions()
+    document.solve.target = Target("count", 100)
     assert not told
-    document.operator = OperatorOptions(robust=False)
-    document.target = Target("count", 7)
+    document.solve.operator = OperatorOptions(robust=False)
+    document.solve.target = Target("count", 7)
     assert told == ["settings", "settings"]
 
 
 def test_a_job_is_followed_from_start_to_end(document: Document, sphere: Mesh) -> None:
     told: list[Any] = []
-    document.job_changed.connect(lambda: told.append(document.job))
-    document.noticed.connect(told.append)
-    document.cancel_requested.connect(lambda: told.append("cancel"))
-    document.cancel()
-    document.job_progressed(Progress("slices"))
+    document.work.changed.connect(lambda: told.append(document.work.job))
+    document.work.cancel_requested.connect(lambda: told.append("cancel"))
+    document.work.cancel()
+    document.work.progressed(Progress("slices"))
     assert told == []
-    assert document.can_compute
-    document.job_started(PreviewJob(sphere))
-    assert document.can_compute  # it gives way
-    job = DecomposeJob(sphere, document.operator, document.target)
-    document.job_started(job)
-    assert not document.can_compute
-    document.job_progressed(Progress("slices", 0.5))
-    document.cancel()
-    document.job_ended(Notice("done"))
-    assert document.can_compute
+    assert document.solve.can_compute
+    document.work.started(PreviewJob(sphere))
+    assert document.solve.can_compute  # it gives way
+    job = DecomposeJob(sphere, document.solve.operator, document.solve.target)
+    document.work.started(job)
+    assert not document.solve.can_compute
+    document.work.progressed(Progress("slices", 0.5))
+    document.work.cancel()
+    document.work.ended()
+    assert document.solve.can_compute
     states, rest = told[1:4], told[4:]
     assert [(state.job, state.progress.fraction, state.cancelling) for state in states] == [
         (job, None, False),
         (job, 0.5, False),
         (job, 0.5, True),
     ]
-    assert rest == ["cancel", None, Notice("done")]
-    document.job_ended()
+    assert rest == ["cancel", None]
+    document.work.ended()
     assert told[-1] is None
-    assert not Document().can_compute
+    assert not Document().solve.can_compute
 
 
 def test_a_new_document_plays_nothing_and_takes_ranges_from_the_spectrum() -> None:
@@ -474,17 +481,17 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
 ) -> None:
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    document.seconds_rate = 10.0 / (sphere.n_vertices * (40 + 15))
+    document.solve.seconds_rate = 10.0 / (sphere.n_vertices * (40 + 15))
     target = Target("count", 40)
-    assert document.expected_seconds(target) == pytest.approx(10.0)
+    assert document.solve.expected_seconds(target) == pytest.approx(10.0)
     job = DecomposeJob(sphere, OperatorOptions(), target)
 
     def left(progress: Progress) -> float | None:
-        document.job_progressed(progress)
-        assert document.job is not None
-        return document.job.progress.remaining
+        document.work.progressed(progress)
+        assert document.work.job is not None
+        return document.work.job.progress.remaining
 
-    document.job_started(job)
+    document.work.started(job, document.solve.expected_of(job))
     now[0] += 4.0
     assert left(Progress("operator")) == pytest.approx(6.0)
     assert left(Progress("eigenpairs", 0.5, 4.0)) == 4.0, "the work knows better"
@@ -492,39 +499,39 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
     assert left(Progress("operator")) is None, "longer than was expected: nobody knows"
 
     document.accept_spectrum(spectrum_of(sphere, 40))
-    document.cancel()
-    document.job_ended()
-    assert document.expected_seconds(target) == pytest.approx(10.0), (
+    document.work.cancel()
+    document.work.ended()
+    assert document.solve.expected_seconds(target) == pytest.approx(10.0), (
         "what was stopped tells nothing"
     )
-    document.job_started(job)
+    document.work.started(job)
     now[0] += 30.0
-    document.job_ended()
-    assert document.expected_seconds(target) == pytest.approx(30.0)
-    document.job_started(PreviewJob(sphere))
+    document.work.ended()
+    assert document.solve.expected_seconds(target) == pytest.approx(30.0)
+    document.work.started(PreviewJob(sphere))
     assert left(Progress("preview")) is None
 
 
 def test_names_and_colours_of_pins_are_undone_and_follow_a_repair(split: Document) -> None:
     vertex = 50
-    split.toggle_pin(vertex)
-    before = split.pins
-    split.change_pin("name of a pin", vertex, name="soma")
-    split.change_pin("colour of a pin", vertex, own_color="#123456")
-    assert (split.pins[0].title, split.pins[0].color) == ("soma", "#123456")
+    split.pins.toggle(vertex)
+    before = split.pins.placed
+    split.pins.change("name of a pin", vertex, name="soma")
+    split.pins.change("colour of a pin", vertex, own_color="#123456")
+    assert (split.pins.placed[0].title, split.pins.placed[0].color) == ("soma", "#123456")
     assert split.history.undo_label == "colour of a pin"
-    split.undo()
-    assert split.pins[0].name == "soma"
-    split.undo()
-    assert split.pins == before
-    split.redo()
-    split.redo()
-    assert (split.pins[0].label, split.pins[0].color) == ("soma", "#123456")
-    split.change_pin("name of a pin", 10**6, name="none")
+    split.history.undo()
+    assert split.pins.placed[0].name == "soma"
+    split.history.undo()
+    assert split.pins.placed == before
+    split.history.redo()
+    split.history.redo()
+    assert (split.pins.placed[0].label, split.pins.placed[0].color) == ("soma", "#123456")
+    split.pins.change("name of a pin", 10**6, name="none")
     assert split.history.undo_label == "colour of a pin", "no such pin"
     repair(split, LARGEST)
     assert pinned(split) == {1: 50}
-    assert split.pins[0].name == "soma"
+    assert split.pins.placed[0].name == "soma"
 
 
 def test_doubled_names_get_a_number() -> None:

@@ -45,7 +45,7 @@ COUNT = 60
 def opened(mesh: Mesh) -> Document:
     """A document that decomposes its mesh at once when it is asked to."""
     document = Document()
-    document.job_requested.connect(lambda job: answer(document, job))
+    document.work.requested.connect(lambda job: answer(document, job))
     document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
     return document
 
@@ -82,8 +82,8 @@ def meshes() -> tuple[Mesh, Mesh, np.ndarray]:
 def pair(meshes: tuple[Mesh, Mesh, np.ndarray]) -> Pair:
     first, second = (opened(mesh) for mesh in meshes[:2])
     pair = paired(first, second)
-    first.target = Target("count", COUNT)
-    first.compute()
+    first.solve.target = Target("count", COUNT)
+    first.solve.compute()
     return pair
 
 
@@ -118,7 +118,7 @@ def test_the_copy_shows_what_the_mesh_shows(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray], name: str
 ) -> None:
     first, place = pair.first, meshes[2]
-    first.toggle_pin(40)
+    first.pins.toggle(40)
     first.display.change(Eigenfunctions, index=7)
     first.display.change(HeatKernelSignature, time=0.2)
     first.display.change(GeometryVectors, index=5)
@@ -138,10 +138,10 @@ def test_a_function_that_was_turned_round_and_moved_is_the_same_one(
 ) -> None:
     first, second = (opened(mesh) for mesh in meshes[:2])
     pair = paired(first, second)
-    second.job_requested.disconnect()
-    second.job_requested.connect(lambda job: swapped(second, job))
-    first.target = Target("count", COUNT)
-    first.compute()
+    second.work.requested.disconnect()
+    second.work.requested.connect(lambda job: swapped(second, job))
+    first.solve.target = Target("count", COUNT)
+    first.solve.compute()
     functions, one = pair.comparison.functions, nearest_neighbours(first.spectrum)
     assert functions.indices[one] == one + 1
     assert functions.indices[one + 1] == one
@@ -187,8 +187,8 @@ def test_a_pin_is_on_both_with_the_next_best(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
 ) -> None:
     place = meshes[2]
-    pair.first.toggle_pin(100)
-    (pin,) = pair.second.pins
+    pair.first.pins.toggle(100)
+    (pin,) = pair.second.pins.placed
     assert (pin.vertex, pin.number) == (place[100], 1)
     best, *others = pair.best_matches(100)
     assert best[0] == place[100]
@@ -197,9 +197,9 @@ def test_a_pin_is_on_both_with_the_next_best(
     assert scores == sorted(scores)
     assert best[1] == pytest.approx(0.0, abs=1e-3)
     pair.pin_second(int(place[7]))
-    assert [each.vertex for each in pair.first.pins] == [100, 7]
+    assert [each.vertex for each in pair.first.pins.placed] == [100, 7]
     pair.pin_second(int(place[7]))
-    assert [each.vertex for each in pair.first.pins] == [100]
+    assert [each.vertex for each in pair.first.pins.placed] == [100]
 
 
 def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
@@ -207,7 +207,7 @@ def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
     vertices = np.concatenate([debris.vertices * 1e-3 + blob.bounds[1], blob.vertices])
     pair = solved(blob, Mesh(vertices, np.concatenate([debris.faces, blob.faces + 42])))
     pair.pin_second(60)
-    assert [pin.vertex for pin in pair.second.pins] == [60]
+    assert [pin.vertex for pin in pair.second.pins.placed] == [60]
     second, repair = pair.second, "keep_largest_component"
     before = second.mesh
     assert before is not None
@@ -215,9 +215,9 @@ def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
     second.accept_mesh(
         MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, repairs=(repair,), derived=True)
     )
-    assert [mesh.file_index(pin.vertex) for pin in second.pins] == [60]
+    assert [mesh.file_index(pin.vertex) for pin in second.pins.placed] == [60]
     second.undo_repair()
-    assert [pin.vertex for pin in second.pins] == [60]
+    assert [pin.vertex for pin in second.pins.placed] == [60]
 
 
 def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
@@ -232,11 +232,11 @@ def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
 def test_more_pairs_than_needed_are_compared_too(meshes: tuple[Mesh, Mesh, np.ndarray]) -> None:
     # as after a visit in which more were stored
     first, second = (opened(mesh) for mesh in meshes[:2])
-    second.target = Target("count", COUNT + 30)
-    second.compute()
+    second.solve.target = Target("count", COUNT + 30)
+    second.solve.compute()
     pair = paired(first, second)
-    first.target = Target("count", COUNT)
-    first.compute()
+    first.solve.target = Target("count", COUNT)
+    first.solve.compute()
     assert pair.comparison is not None
     assert len(pair.comparison.spectra[1]) == COUNT
 
@@ -244,8 +244,8 @@ def test_more_pairs_than_needed_are_compared_too(meshes: tuple[Mesh, Mesh, np.nd
 def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
     tetrahedron = mv.Mesh(np.eye(4)[:, :3], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     small = opened(tetrahedron)
-    small.target = Target("count", 2)
-    small.compute()
+    small.solve.target = Target("count", 2)
+    small.solve.compute()
     request = ComparisonRequest(small.spectrum, pair.second.spectrum, pair.matched_in)
     with pytest.raises(InputError, match="eigenvalue above zero"):
         request.answered()
@@ -254,11 +254,11 @@ def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
 def solved(first: Mesh, second: Mesh, disturb=lambda document, job: answer(document, job)) -> Pair:
     """Both meshes decomposed and compared; `disturb` answers for the second."""
     one, other = opened(first), opened(second)
-    other.job_requested.disconnect()
-    other.job_requested.connect(lambda job: disturb(other, job))
+    other.work.requested.disconnect()
+    other.work.requested.connect(lambda job: disturb(other, job))
     pair = paired(one, other)
-    one.target = Target("count", COUNT)
-    one.compute()
+    one.solve.target = Target("count", COUNT)
+    one.solve.compute()
     return pair
 
 
@@ -342,11 +342,11 @@ def test_as_many_vertices_alone_are_no_correspondence(
 
 def test_pins_of_one_template_are_at_the_same_vertex() -> None:
     pair = solved(stretched(1.02, 1.0, 1.6), stretched(1.0, 1.02, 1.6))
-    pair.first.toggle_pin(17)
-    assert [pin.vertex for pin in pair.second.pins] == [17]
+    pair.first.pins.toggle(17)
+    assert [pin.vertex for pin in pair.second.pins.placed] == [17]
     assert pair.best_matches(17)[0][0] == 17
     pair.pin_second(40)
-    assert [pin.vertex for pin in pair.first.pins] == [17, 40]
+    assert [pin.vertex for pin in pair.first.pins.placed] == [17, 40]
 
 
 @pytest.mark.parametrize(
@@ -400,18 +400,18 @@ def test_a_map_of_the_second_is_looked_at_on_it() -> None:
     first = stretched(1.0, 1.1, 1.6)
     pair = solved(first, stretched(1.0, 1.2, 1.6))
     mesh = pair.second.mesh
-    pair.second.accept_maps(mesh, [VertexMap("thickness", mesh.vertices[:, 0])])
+    pair.second.maps.add(mesh, [VertexMap("thickness", mesh.vertices[:, 0])])
     assert pair.first.display.kind == "map"
     assert shown(pair.second).title == "thickness"
-    pair.first.toggle_pin(3)
+    pair.first.pins.toggle(3)
     pair.link("camera", False)
     assert shown(pair.second).title == "thickness"
     pair.first.display.change(OwnMaps, chosen="Gaussian curvature")
     assert shown(pair.second).title == "Gaussian curvature"
     # the first has one of the same name: both show theirs, a pair that comes later too
-    pair.first.accept_maps(first, [VertexMap("thickness", first.vertices[:, 1])])
+    pair.first.maps.add(first, [VertexMap("thickness", first.vertices[:, 1])])
     assert (shown(pair.first).title, shown(pair.second).title) == ("thickness",) * 2
     third = opened(first)
     paired(pair.first, third)
-    third.accept_maps(first, [VertexMap("height", first.vertices[:, 1])], shown=False)
+    third.maps.add(first, [VertexMap("height", first.vertices[:, 1])], shown=False)
     assert third.display[OwnMaps].chosen == "thickness"

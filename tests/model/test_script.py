@@ -97,7 +97,7 @@ def test_script_reads_the_maps_that_were_added(
 ) -> None:
     path, mesh = tmp_path / "depth.npy", document.mesh
     np.save(path, mesh.vertices[:, 0])
-    document.accept_maps(mesh, read_maps(path, mesh))
+    document.maps.add(mesh, read_maps(path, mesh))
     document.display.change(OwnMaps, view=view, pairs=7)
     live, request = LiveFeatures(), request_of(document)
     live.prepare(request)
@@ -111,7 +111,7 @@ def test_script_reads_the_maps_that_were_added(
         assert np.mean(values == shown) > 0.98
     else:
         np.testing.assert_allclose(shown, values, atol=3e-3 * np.nanmax(np.abs(values)))
-    document.remove_map("depth.npy")
+    document.maps.remove("depth.npy")
     assert "read_maps" not in reproduction_script(document)
 
 
@@ -204,11 +204,11 @@ def test_script_writes_the_columns_of_the_export_and_overwrites_nothing(
     document: Document, tmp_path: Path, family: Family, mapped: bool
 ) -> None:
     for vertex in (11, 40, 7):
-        document.toggle_pin(vertex)
+        document.pins.toggle(vertex)
     if mapped:
         path, mesh = tmp_path / "depth.npy", document.mesh
         np.save(path, mesh.vertices[:, 0])
-        document.accept_maps(mesh, read_maps(path, mesh))
+        document.maps.add(mesh, read_maps(path, mesh))
     if isinstance(family, Distances):
         family = replace(family, vertex=40)
     document.display.show(family)

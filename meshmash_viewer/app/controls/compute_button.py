@@ -15,9 +15,9 @@ from meshmash_viewer.units import counted
 def written_cost(document: Document, target: Target) -> str:
     """Estimate what a decomposition takes: "about 1.2 GB of memory and 12 s"."""
     assert document.ready is not None
-    health, (pairs, _) = document.ready.health, document.translation().count(target)
+    health, (pairs, _) = document.ready.health, document.solve.translation().count(target)
     n_bytes = cost.decomposition_bytes(health.n_vertices, pairs, health.n_components)
-    time = cost.written_duration(document.expected_seconds(target))
+    time = cost.written_duration(document.solve.expected_seconds(target))
     return f"about {cost.written_bytes(n_bytes)} of memory and {time}"
 
 
@@ -31,7 +31,7 @@ class ComputeButton(QPushButton):
         self._target: Target | None = None
         self.hide()
         self.clicked.connect(self._compute)
-        follow(document.job_changed, self._refresh)
+        follow(document.work.changed, self._refresh)
 
     def show_target(self, target: Target | None) -> None:
         """Offer to compute a part of the spectrum, or nothing."""
@@ -42,16 +42,16 @@ class ComputeButton(QPushButton):
         target, document = self._target, self._document
         offered = target is not None and document.ready is not None
         if offered and target is not None:
-            count, exact = document.translation().count(target)
-            which = "all" if count >= document.translation().n_vertices else "these"
+            count, exact = document.solve.translation().count(target)
+            which = "all" if count >= document.solve.translation().n_vertices else "these"
             about = "" if exact or which == "all" else "≈ "
             self.setText(f"Compute {which} {about}{counted(count, 'pair')}")
             self.setAccessibleName(self.text())
             self.setToolTip(f"Takes {written_cost(document, target)}")
-            self.setEnabled(document.job is None)
+            self.setEnabled(document.work.job is None)
         self.setVisible(offered)
 
     def _compute(self) -> None:
         if self._target is not None:
-            self._document.target = self._target
-            self._document.compute()
+            self._document.solve.target = self._target
+            self._document.solve.compute()

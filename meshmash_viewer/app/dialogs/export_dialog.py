@@ -198,11 +198,11 @@ class ExportDialog(SaveDialog):
         """The chosen export."""
         return ExportJob(
             self._mesh,
-            self._spectrum.operator or self._document.operator,
+            self._spectrum.operator or self._document.solve.operator,
             self.path,
             self._family(self._used()),
             self.pairs_spin.value(),
-            self._document.target,
+            self._document.solve.target,
             self._document.repairs,
             self.maps_check.isChecked(),
             self._whole if self.whole_check.isChecked() else None,
@@ -212,7 +212,7 @@ class ExportDialog(SaveDialog):
         """The family to export, with the parameters shown in the window."""
         family = EXPORTS[self.kind]
         chosen = self._document.display.fields.get(family.name) or family()
-        return chosen.measured_from([pin.vertex for pin in self._document.pins])
+        return chosen.measured_from([pin.vertex for pin in self._document.pins.placed])
 
     def _family(self, used: Eigenpairs) -> Family:
         """The family with its ranges resolved for the eigenpairs that are used."""

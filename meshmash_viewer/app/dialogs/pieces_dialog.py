@@ -34,7 +34,7 @@ class PiecesDialog(SaveDialog):
         self._families: dict[str, Family] = {}
         for name in FEATURES:
             try:
-                found = in_pieces(document.display.fields[name], mesh, document.target)
+                found = in_pieces(document.display.fields[name], mesh, document.solve.target)
             except InputError:
                 continue  # needs the spectrum of the whole mesh
             self._families[name] = found
@@ -70,7 +70,7 @@ class PiecesDialog(SaveDialog):
     def _show_size(self) -> None:
         document, count = self._document, self.count_spin.value()
         size = round(self._mesh.n_vertices / count)
-        top, _ = document.translation().eigenvalue(document.target)
+        top, _ = document.solve.translation().eigenvalue(document.solve.target)
         self.size_label.setText(
             f"About {counted(size, 'vertex')} each, plus the overlap, up to"
             f" λ = {format_quantity(top, document.unit, -2)}, the target of the Mesh panel."
@@ -81,6 +81,6 @@ class PiecesDialog(SaveDialog):
         document = self._document
         family = self._families[self.family_combo.currentData()]
         return PiecesJob(
-            self._mesh, self.path, family, self.count_spin.value(), document.target,
-            document.operator, document.repairs,
+            self._mesh, self.path, family, self.count_spin.value(), document.solve.target,
+            document.solve.operator, document.repairs,
         )  # fmt: skip

@@ -98,7 +98,7 @@ class HealthTable(QWidget):
             rows.append((mark, row(text, None, *([] if button is None else [button])), count))
         self.setLayout(grid(*rows, spacing=(theme.GAP, 1)))
         follow(document.mesh_changed, self.refresh)
-        follow(document.job_changed, self._refresh_buttons)
+        follow(document.work.changed, self._refresh_buttons)
         theme.notifier().changed.connect(self.refresh)
         self.refresh()
 
@@ -140,7 +140,7 @@ class HealthTable(QWidget):
         self._refresh_buttons()
 
     def _refresh_buttons(self) -> None:
-        ready, idle = self._document.ready, self._document.job is None
+        ready, idle = self._document.ready, self._document.work.job is None
         for each, _, _, button in self._rows:
             if button is not None:
                 todo = REPAIRS[each.repair].count(ready.health) if ready else 0

@@ -28,8 +28,9 @@ from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model.document import Document, Severity
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import expected_bytes
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral import cost
 from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
 
@@ -81,11 +82,11 @@ class MeshPanel(QWidget):
         self._content.installEventFilter(self)
 
         follow(document.mesh_changed, self._refresh_facts)
-        follow(document.settings_changed, self._refresh_operator)
+        follow(document.solve.changed, self._refresh_operator)
         follow(document.history.changed, self._refresh_undo)
-        signals = document.mesh_changed, document.settings_changed, document.spectrum_changed
+        signals = document.mesh_changed, document.solve.changed, document.spectrum_changed
         follow(signals, self._refresh_cost)
-        follow((*signals, document.job_changed), self._refresh_job)
+        follow((*signals, document.work.changed), self._refresh_job)
         self._refresh_facts()
         self._refresh_operator()
         self._refresh_undo()
@@ -152,7 +153,7 @@ class MeshPanel(QWidget):
         try:
             self._document.set_unit(text)
         except InputError as fault:
-            self._document.say(str(fault), Severity.ERROR)
+            self._document.notices.say(str(fault), Severity.ERROR)
         self._refresh_facts()
 
     def _refresh_undo(self) -> None:
@@ -221,10 +222,10 @@ class MeshPanel(QWidget):
     def _choose_operator(self) -> None:
         robust, factor = self.robust_check.isChecked(), self.mollify_spin.value
         assert factor is not None  # it shows one from the beginning
-        self._document.operator = OperatorOptions(robust, factor)
+        self._document.solve.operator = OperatorOptions(robust, factor)
 
     def _refresh_operator(self) -> None:
-        operator = self._document.operator
+        operator = self._document.solve.operator
         show_quietly(self.robust_check, operator.robust)
         self.mollify_spin.show_value(operator.mollify_factor)
         self.mollify_spin.setEnabled(operator.robust)
@@ -233,14 +234,14 @@ class MeshPanel(QWidget):
     # -- cost, progress and proof -------------------------------------------------------------
 
     def _refresh_cost(self) -> None:
-        ready, target = self._document.ready, self._document.target
+        ready, target = self._document.ready, self._document.solve.target
         if ready is None or not ready.health.area > 0.0:
             self.cost_label.setText("")
             return
         n = ready.health.n_vertices
-        translation = self._document.translation()
+        translation = self._document.solve.translation()
         known, (wanted, exact) = len(translation.eigenvalues), translation.count(target)
-        if self._document.is_computed:
+        if self._document.solve.is_computed:
             asked = f", of which {wanted:,} are asked for" if wanted < known else ""
             self.cost_label.setText(f"Computed: {counted(known, 'pair')}{asked}.")
             return
@@ -269,7 +270,7 @@ class MeshPanel(QWidget):
             "Cancel",
             "cancel_button",
             "Cancel what runs",
-            self._document.cancel,
+            self._document.work.cancel,
             tip=f"Stop; eigenpairs that have converged stay ({native_keys('Esc')})",
         )
         buttons = row(self.compute_button, self.cancel_button)
@@ -302,12 +303,12 @@ class MeshPanel(QWidget):
 
     def _compute(self) -> None:
         if not self._refused:  # else that is said, and what is there instead has not been seen yet
-            self._document.compute()
+            self._document.solve.compute()
 
     def _refresh_job(self) -> None:
-        state = self._document.job
+        state = self._document.work.job
         for button, usable in (
-            (self.compute_button, self._document.can_compute),
+            (self.compute_button, self._document.solve.can_compute),
             (self.cancel_button, state is not None and not state.cancelling),
         ):
             if not usable and button.hasFocus():
@@ -328,7 +329,7 @@ class MeshPanel(QWidget):
         self._refresh_proof()
 
     def _refresh_proof(self) -> None:
-        spectrum, state = self._document.spectrum, self._document.job
+        spectrum, state = self._document.spectrum, self._document.work.job
         text, role, mesh = "", "muted", self._document.mesh
         if mesh is not None and spectrum is not None and spectrum.certificate.method != "none":
             exact = len(spectrum.exact)

@@ -50,7 +50,7 @@ class PairPanel(QWidget):
         self._pair: Pair | None = None
         self._build()
         for signal in (
-            document.display.events.fields, document.display.events.kind, document.pins_changed,
+            document.display.events.fields, document.display.events.kind, document.pins.changed,
             document.mesh_changed,
         ):  # fmt: skip
             follow(signal, self.refresh)
@@ -187,7 +187,7 @@ class PairPanel(QWidget):
             self._second.addWidget(self._health)
             follow(pair.changed, self.refresh)
             follow(pair.second.mesh_changed, self.refresh)
-            follow(pair.second.job_changed, self.refresh)
+            follow(pair.second.work.changed, self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
@@ -228,7 +228,7 @@ class PairPanel(QWidget):
             if isinstance(shown, Eigenfunctions):
                 text = shown.correspondence_text(pair.correspondence)
                 figures["pair_function_label"] = text
-            if pair.first.pins:
+            if pair.first.pins.placed:
                 best, *others = self._matches_of(pair)
                 figures["pair_best_label"] = best
                 figures["pair_next_label"] = "\n".join(others)
@@ -255,7 +255,7 @@ class PairPanel(QWidget):
 
     def _matches_of(self, pair: Pair) -> list[str]:
         """The matches of the pin that was set last."""
-        pin = pair.first.pins[-1]
+        pin = pair.first.pins.placed[-1]
         found = pair.best_matches(pin.vertex)
         mesh = pair.second.mesh
         assert mesh is not None or not found

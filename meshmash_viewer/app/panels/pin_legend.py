@@ -34,11 +34,11 @@ class PinLegend(QScrollArea):
         self.setWidget(content)
         #: By pin, and what its vertex is called: after a repair another may have its index.
         self._rows: dict[tuple[Pin, str], QWidget] = {}
-        follow(document.pins_changed, self._refresh)
+        follow(document.pins.changed, self._refresh)
         self._refresh()
 
     def _refresh(self) -> None:
-        pins = sorted(self._document.pins, key=lambda pin: pin.number)
+        pins = sorted(self._document.pins.placed, key=lambda pin: pin.number)
         lines = [(pin, self._document.named_vertex(pin.vertex)) for pin in pins]
         for line in [line for line in self._rows if line not in lines]:
             row = self._rows.pop(line)
@@ -82,7 +82,7 @@ class PinLegend(QScrollArea):
         cross = make.icon_button(
             f"unpin_button_{pin.vertex}",
             take,
-            lambda: self._document.toggle_pin(pin.vertex),
+            lambda: self._document.pins.toggle(pin.vertex),
             tip=take,
         )
         cross.setText("×")

@@ -76,7 +76,7 @@ class ProfilePanel(PlotPanel):
         self._requested: _Request | None = None
         self._reader = LatestThread(_values_at, self._take, parent=self)
         self._build()
-        follow((document.spectrum_changed, document.pins_changed), self._refresh)
+        follow((document.spectrum_changed, document.pins.changed), self._refresh)
         follow(document.display.events, self._refresh_display)
         follow(document.display.events.kind, self._follow_kind)
         theme.notifier().changed.connect(self._dress)
@@ -189,7 +189,7 @@ class ProfilePanel(PlotPanel):
 
     def _refresh(self) -> None:
         """Draw all profiles whose values are read, and request the others."""
-        pins, spectrum = self._document.pins, self._document.spectrum
+        pins, spectrum = self._document.pins.placed, self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
         self._show_plot(there)
         self.empty.setText(

@@ -85,7 +85,7 @@ class TargetBox(QWidget):
         super().__init__()
         self.setObjectName("target_box")
         self._document = document
-        self._kept = document.target
+        self._kept = document.solve.target
         self._fields: dict[str, NumberField] = {}
         self._radios: dict[str, QRadioButton] = {}
         group = QButtonGroup(self)
@@ -135,13 +135,13 @@ class TargetBox(QWidget):
         below = (self._note_stack,), (self.keep_button,)
         self.setLayout(grid(*rows, *below, spacing=(theme.GAP, 6)))
         follow(document.mesh_changed, self._forgive)
-        signals = document.mesh_changed, document.settings_changed, document.spectrum_changed
-        follow((*signals, document.job_changed), self.refresh)
+        signals = document.mesh_changed, document.solve.changed, document.spectrum_changed
+        follow((*signals, document.work.changed), self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
         """Show the document's target, and its translations where there is a mesh."""
-        target, ready = self._document.target, self._document.ready
+        target, ready = self._document.solve.target, self._document.ready
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
         self.keep_button.setVisible(False)
@@ -150,7 +150,7 @@ class TargetBox(QWidget):
             self.count_spin.show_value(max(1, int(Translation(1.0).count(target)[0])))
             self.note.setText("All four say the same thing: each is translated into the others.")
             return
-        translation = self._document.translation()
+        translation = self._document.solve.translation()
         low, high = translation.bounds
         self.count_spin.bounds = 1, self._most
         self.eigenvalue_spin.bounds = low, high
@@ -187,7 +187,7 @@ class TargetBox(QWidget):
         self.keep_button.setToolTip(f"Drops {what}, and computes the rest; can be undone")
         offered = others > 0 and others >= _MANY_ZEROS * count
         self.keep_button.setVisible(offered and left < health.largest_component)
-        self.keep_button.setEnabled(self._document.job is None)
+        self.keep_button.setEnabled(self._document.work.job is None)
 
     def _show(self, shown: Mapping[str, tuple[float | None, bool]]) -> None:
         """Show numbers, of which those that are not exact are estimates."""
@@ -234,10 +234,10 @@ class TargetBox(QWidget):
             area.ensureWidgetVisible(self.fault, 0, theme.GAP)
 
     def _keep(self) -> None:
-        self._kept = self._document.target
+        self._kept = self._document.solve.target
 
     def _restore(self) -> None:
-        self._document.target = self._kept
+        self._document.solve.target = self._kept
 
     def _forgive(self) -> None:
         self._say("")
@@ -251,7 +251,7 @@ class TargetBox(QWidget):
         if value is None:
             return
         try:
-            self._document.target = Target(kind, value)
+            self._document.solve.target = Target(kind, value)
         except InputError:
             # incomplete; the next digit may correct it
             return

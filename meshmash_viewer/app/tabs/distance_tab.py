@@ -98,7 +98,7 @@ class DistanceTab(PinChooser):
         far = [
             f"{pin.number}: {format_quantity(float(field.values[pin.vertex]), '', digits=4)}"
             f" {field.unit}".rstrip()
-            for pin in self._document.pins
+            for pin in self._document.pins.placed
             if pin.vertex != family.vertex and np.isfinite(field.values[pin.vertex])
         ]
         self.facts.show_value("distance_pins_label", "\n".join(far))

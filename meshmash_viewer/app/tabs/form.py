@@ -341,7 +341,7 @@ class FamilyForm(FamilyTab):
         assert self.family.ordered is not None
         chosen: Any = self._document.display[self.family]
         power = self.family.declared()[self.family.ordered[0]].power
-        low, high = self._document.translation().bounds
+        low, high = self._document.solve.translation().bounds
         bounds = (resolved_time(high), resolved_time(low)) if power > 0 else (0.0, high)
         unit = power_unit(self._document.unit, power)
         self.range_box.show_range(self._range(), unit, bounds, automatic=chosen.automatic)
@@ -353,7 +353,7 @@ class PinChooser(FamilyTab):
     def __init__(self, document: Document, family: type[Family]) -> None:
         self._pins: tuple[Pin, ...] = ()
         super().__init__(document, family)
-        listen(document.pins_changed, self._follow_pins)
+        listen(document.pins.changed, self._follow_pins)
         self._follow_pins()
 
     def _make_pin_choice(self) -> tuple[Part, ...]:
@@ -367,11 +367,11 @@ class PinChooser(FamilyTab):
         return above, self.combo
 
     def _choose_pin(self, row: int) -> None:
-        self._change(vertex=self._document.pins[row].vertex)
+        self._change(vertex=self._document.pins.placed[row].vertex)
 
     def _follow_pins(self) -> None:
         """Measure from the newest pin; from the last one left where its pin was taken away."""
-        pins = self._document.pins
+        pins = self._document.pins.placed
         vertex: int | None = getattr(self._document.display[self.family], "vertex")  # noqa: B009
         before = {pin.number for pin in self._pins}
         self._pins = pins
@@ -389,7 +389,7 @@ class PinChooser(FamilyTab):
 
     def _show_pin(self, vertex: int | None) -> str:
         """Show from which pin is measured, and say which vertex that is."""
-        pins = self._document.pins
+        pins = self._document.pins.placed
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))

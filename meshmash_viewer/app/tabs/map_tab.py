@@ -23,8 +23,8 @@ from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.maps import CURVATURES, VIEWS, OwnMaps
 from meshmash_viewer.io.write import write_map_spectrum
 from meshmash_viewer.io.writers import SPECTRUM_WRITERS
-from meshmash_viewer.model.document import Severity
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted, format_number
 from meshmash_viewer.vertex_map import Label, VertexMap
@@ -129,7 +129,7 @@ class MapTab(FamilyTab):
 
     def _add(self) -> None:
         path = self._document.path
-        self._document.open_maps(ask_for_maps(self, path.parent if path else Path()))
+        self._document.maps.open(ask_for_maps(self, path.parent if path else Path()))
 
     def _save(self) -> None:
         """Write the coefficients; a few hundred rows take no time."""
@@ -151,7 +151,7 @@ class MapTab(FamilyTab):
         try:
             write_map_spectrum(path, found, mesh, name)
         except InputError as fault:
-            document.say(f"The coefficients were not saved: {fault}", Severity.ERROR)
+            document.notices.say(f"The coefficients were not saved: {fault}", Severity.ERROR)
         else:
             text = f"Coefficients of {name} on {counted(len(found), 'pair')} written to {path}."
             say_saved(document, text, Path(path))
@@ -160,7 +160,7 @@ class MapTab(FamilyTab):
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
             made = VertexMap(f"{field.title} {field.quantity}", field.values, unit=field.unit)
-            document.accept_maps(document.mesh, [made])
+            document.maps.add(document.mesh, [made])
 
     def _can_keep(self) -> bool:
         """Whether the render has the very sum that is chosen: no draft, no approximate pairs."""
@@ -171,7 +171,7 @@ class MapTab(FamilyTab):
         return field.family == document.display[OwnMaps].resolved(spectrum, fields)
 
     def _remove(self) -> None:
-        self._document.remove_map(self._document.display[OwnMaps].chosen)
+        self._document.maps.remove(self._document.display[OwnMaps].chosen)
 
     # -- from the model ---------------------------------------------------------------------
 

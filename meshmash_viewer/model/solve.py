@@ -1,0 +1,118 @@
+"""The next solve of a document: of which Laplacian, and how many eigenpairs."""
+
+from __future__ import annotations
+
+import time
+
+from psygnal import Signal
+
+from meshmash_viewer.features.truncation import sufficient_target
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob
+from meshmash_viewer.model.open_mesh import OpenMesh
+from meshmash_viewer.model.work import Work
+from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
+from meshmash_viewer.spectral.weyl import Target, Translation
+from meshmash_viewer.work.job import Job
+
+#: Default of `Solve.target`.
+DEFAULT_TARGET = Target("count", 100)
+
+
+class Solve:
+    """What the next solve computes of the open mesh, and what of that is known."""
+
+    changed = Signal()
+
+    def __init__(self, opened: OpenMesh, work: Work) -> None:
+        self._opened, self._work = opened, work
+        self._operator = OperatorOptions()
+        self._target = DEFAULT_TARGET
+        #: Seconds per vertex and pair of the last decomposition on this machine, if any.
+        self.seconds_rate: float | None = None
+        work.finished.connect(self._measure)
+
+    @property
+    def operator(self) -> OperatorOptions:
+        """Options of the Laplacian."""
+        return self._operator
+
+    @operator.setter
+    def operator(self, operator: OperatorOptions) -> None:
+        if operator != self._operator:
+            self._operator = operator
+            self.changed.emit()
+
+    @property
+    def target(self) -> Target:
+        """How much of the spectrum is computed."""
+        return self._target
+
+    @target.setter
+    def target(self, target: Target) -> None:
+        if target != self._target:
+            self._target = target
+            self.changed.emit()
+
+    def translation(self) -> Translation:
+        """Return the conversion of targets for the open mesh; for unit area without a mesh."""
+        opened = self._opened
+        if opened.ready is None:
+            return Translation(1.0)
+        health = opened.ready.health
+        n_vertices = health.n_vertices - health.unreferenced_vertices
+        spectrum = None if opened.spectrum is None else opened.spectrum.exact
+        if spectrum is None or not len(spectrum) or spectrum.operator != self._operator:
+            return Translation(health.area, n_vertices=n_vertices)
+        return Translation(
+            health.area, spectrum.eigenvalues, n_vertices, known_to=spectrum.known_to
+        )
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether all pairs of the target are computed and certified."""
+        spectrum, translation = self._opened.spectrum, self.translation()
+        if spectrum is None or not spectrum.complete:
+            return False
+        wanted, exact = translation.count(self.target)
+        return exact and wanted <= len(translation.eigenvalues)
+
+    @property
+    def can_compute(self) -> bool:
+        """Whether there is a mesh with pairs left to compute, and no other job runs."""
+        # a preview ends within seconds
+        waits = self._work.job is None or isinstance(self._work.job.job, PreviewJob)
+        return self._opened.ready is not None and waits and not self.is_computed
+
+    def compute(self) -> None:
+        """Request the decomposition of the open mesh."""
+        ready = self._opened.ready
+        if ready is not None:
+            target = self.target
+            if target.kind == "time":
+                # at most the whole spectrum
+                n_vertices = int(self.translation().n_vertices)
+                target = sufficient_target(target.value, ready.health.area, n_vertices)
+            self._work.request(DecomposeJob(ready.mesh, self.operator, target))
+
+    def expected_seconds(self, target: Target) -> float:
+        """Estimate the seconds that a decomposition of the open mesh takes."""
+        assert self._opened.ready is not None
+        pairs = self.translation().count(target)[0]
+        n_vertices = self._opened.ready.health.n_vertices
+        return decomposition_seconds(n_vertices, pairs, self.seconds_rate)
+
+    def expected_of(self, job: Job) -> float | None:
+        """Return the seconds that a job is expected to take; None if that is not estimated."""
+        if isinstance(job, DecomposeJob) and job.mesh is self._opened.mesh:
+            return self.expected_seconds(job.target)
+        return None
+
+    def _measure(self, job: JobState) -> None:
+        """Measure the speed of the machine by a job that has ended."""
+        spectrum = self._opened.spectrum
+        decomposed = isinstance(job.job, DecomposeJob) and not job.cancelling
+        if decomposed and spectrum is not None and spectrum.complete:
+            took = time.monotonic() - job.began
+            rate = measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
+            self.seconds_rate = rate or self.seconds_rate
