@@ -189,6 +189,8 @@ class Family(Parameters):
     required: ClassVar[str] = ""
     #: Label of the left axis of the response plot.
     response_label: ClassVar[str] = "Response"
+    #: What the response plot shows.
+    response_noun: ClassVar[str] = "Filters"
     #: Powers of ten from 0 to 1 on that axis; 0 for a linear axis.
     response_decades: ClassVar[int] = 0
     #: Whether contour lines are drawn at round values.
@@ -320,6 +322,13 @@ class Family(Parameters):
     def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
         """Return the texts of its controls, if these are made from the declarations."""
         return Reading(self.describe(spectrum, unit).quantity)
+
+    def limits_of(self, spectrum: Eigenpairs) -> tuple[ColumnArray, bool] | None:
+        """Return the values that automatic limits are taken from, and whether these are signed.
+
+        None for those of the field itself.
+        """
+        return None
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute values at every vertex, with a table if possible; None if one is required."""

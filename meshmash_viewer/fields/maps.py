@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -46,7 +47,15 @@ CURVATURES: dict[str, tuple[int, str]] = {
     "Gaussian curvature": (-2, "gaussian_curvature"),
 }
 #: Views of a map.
-VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
+VIEWS = {
+    "map": "Map",
+    "pairs": "From pairs",
+    "residual": "Residual",
+    "filter": "Filtered",
+    "band": "Band",
+}
+#: Views that depend on the number of pairs.
+SUMS = ("pairs", "residual")
 #: Key of the means of maps in `Mesh.derived`.
 _MEANS = "means of maps"
 #: Key of the spectra of maps in `Mesh.derived`, with their pairs.
@@ -62,9 +71,10 @@ class OwnMaps(Family):
     short = "Own maps"
     tip = "Values per vertex from a file, and the curvature of the mesh"
     icon = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
-    position = ("pairs", "view", "filter")
+    position = ("pairs", "view", "filter", "centred")
     own = ("chosen",)
     response_label = "Relative energy"
+    response_noun = "Map"
     response_decades = 6
     tailed = True
     interval = 250
@@ -93,6 +103,8 @@ class OwnMaps(Family):
     shown: VertexMap | None = None
     #: The filter, once resolved.
     filter: Filters | None = None
+    #: Whether the mean of the map is not in the values, once resolved.
+    centred: bool = False
 
     # -- choices ------------------------------------------------------------------------------
 
@@ -108,7 +120,16 @@ class OwnMaps(Family):
     def signed(self) -> bool:
         if self.view == "band":
             return False
+        return self.centred or self._map_signed
+
+    @property
+    def _map_signed(self) -> bool:
         return self.chosen in CURVATURES if self.shown is None else self.shown.signed
+
+    def limits_of(self, spectrum: Eigenpairs) -> tuple[ColumnArray, bool] | None:
+        """Return the values of the map, so that all its views but the bands share limits."""
+        shown = self.vertex_map(spectrum) if self.view in (*SUMS, "filter") else None
+        return None if shown is None else (shown.shown, self._map_signed)
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         maps = {} if spectrum.mesh is None else {each.name: each for each in spectrum.mesh.maps}
@@ -117,17 +138,29 @@ class OwnMaps(Family):
         shown = maps.get(name)
         # labels have no spectrum, nor has a map without pairs
         view = self.view if len(spectrum) and not (shown and shown.labels) else "map"
-        pairs = self.within(spectrum).pairs if view == "pairs" else 1
+        pairs = self.within(spectrum).pairs if view in SUMS else 1
         passed = chosen.get(Filters.name) if view == "filter" else None
         through = passed.resolved(spectrum, chosen) if isinstance(passed, Filters) else None
-        return replace(self, chosen=name, view=view, pairs=pairs, shown=shown, filter=through)
+        # a filter that leaves less than half of the constant leaves the differences
+        centred = view == "residual" or (
+            through is not None and bool(abs(through.weights(spectrum)[0]) < 0.5)
+        )
+        return replace(
+            self,
+            chosen=name,
+            view=view,
+            pairs=pairs,
+            shown=shown,
+            filter=through,
+            centred=centred,
+        )
 
     def within(self, spectrum: Eigenpairs) -> Self:
         return replace(self, pairs=min(max(self.pairs, 1), max(len(spectrum), 1)))
 
     def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         """Step through the number of pairs in the sum; otherwise through maps."""
-        if self.view == "pairs" and len(spectrum):
+        if self.view in SUMS and len(spectrum):
             return replace(self, pairs=self.within(spectrum).pairs + steps).within(spectrum)
         own = () if spectrum.mesh is None else spectrum.mesh.maps
         names = [*(each.name for each in own), *CURVATURES]
@@ -138,7 +171,7 @@ class OwnMaps(Family):
 
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         quantity = self._quantity(spectrum, unit)
-        caption = quantity if self.view == "pairs" else self.chosen
+        caption = quantity if self.view in SUMS else self.chosen
         if self.view == "band":
             title, labels = (
                 f"{self.chosen}, dominant band",
@@ -152,9 +185,13 @@ class OwnMaps(Family):
 
     def _quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         known = self.map_spectrum(spectrum)
-        if self.view == "pairs":
-            left = "" if known is None else f", residual {100.0 * known.residual(self.pairs):.3g} %"
-            return f"from its lowest {self.pairs:,} pairs{left}"
+        if self.view in SUMS:
+            share = math.nan if known is None else 100.0 * known.varying_share(self.pairs)
+            word = "from"
+            if self.view == "residual":
+                share, word = 100.0 - share, "without"
+            text = f"{word} its lowest {self.pairs:,} pairs"
+            return text if known is None else f"{text}, {share:.3g} % of what varies"
         if self.filter is not None:
             return f"through {self.filter.describe(spectrum, unit).quantity}"
         if self.view == "band":
@@ -190,9 +227,10 @@ class OwnMaps(Family):
                 answer = content.near.answer(weights, spectrum.rows)
                 return replace(answer, draft=answer.draft or not ready)
             return Answer(summed(weights, spectrum.rows, content.spectrum.coefficients), not ready)
-        return Answer(
-            content.up_to(min(self.pairs, len(content.spectrum)), spectrum.rows), not ready
-        )
+        total = content.up_to(min(self.pairs, len(content.spectrum)), spectrum.rows)
+        if self.view == "residual":
+            total = self._shown_map(spectrum).shown - total
+        return Answer(total, not ready)
 
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         if not len(spectrum) or self._labelled:
@@ -299,13 +337,16 @@ class OwnMaps(Family):
     def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
         """Select the number of pairs up to an eigenvalue."""
         count = int(np.searchsorted(spectrum.eigenvalues, value * (1.0 + 1e-9), side="right"))
-        return replace(self, view="pairs", pairs=count).within(spectrum)
+        return self._summed(count).within(spectrum)
 
     def place(self, spectrum: Eigenpairs) -> float:
         return float(self.within(spectrum).pairs - 1)
 
     def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
-        return replace(self, view="pairs", pairs=round(place) + 1).within(spectrum)
+        return self._summed(round(place) + 1).within(spectrum)
+
+    def _summed(self, pairs: int) -> Self:
+        return replace(self, view=self.view if self.view in SUMS else "pairs", pairs=pairs)
 
     def profile(self, spectrum: Eigenpairs, unit: str) -> Profile | None:
         """Return the profile: the contribution of each pair at a vertex."""
@@ -347,11 +388,12 @@ class OwnMaps(Family):
                 " * spectrum.coefficients",
                 "values = mv.reconstruct(decomposition.eigenvectors, filtered)",
             ]
+        left = "values - " if self.view == "residual" else ""
         return [
             *lines,
             f"print(spectrum.share({self.pairs}), spectrum.residual({self.pairs}))",
             f"lowest = spectrum.coefficients[:{self.pairs}]",
-            "values = mv.reconstruct(decomposition.eigenvectors, lowest)",
+            f"values = {left}mv.reconstruct(decomposition.eigenvectors, lowest)",
         ]
 
 

@@ -57,7 +57,7 @@ class Similarity(Family):
         quantity = (
             ""
             if self.vertex is None
-            else f"from {spectrum.named_vertex(self.vertex)}: 0, bright, is alike"
+            else f"from {spectrum.named_vertex(self.vertex)} · bright is alike"
         )
         return Description(quantity, f"Distance in {self._features().label.lower()}", power=0)
 

@@ -79,22 +79,39 @@ class Field:
     draft: bool = False
     #: Length unit of the first mesh, where values are scaled to its area (`at_size`).
     first_unit: str | None = None
-    _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
+    _limits: dict[LimitPolicy | None, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
         """Return the colour limits under a policy, by default `automatic_limits`; cached."""
         if self.labels:  # each has a colour, with its value in the middle
             return -0.5, len(self.labels) - 0.5
-        policy = policy or automatic_limits(signed=self.signed, tailed=self.family.tailed)
         known = self._limits.get(policy)
         if known is None:
-            known = self._limits[policy] = policy.limits(self.values, self.request.sample)
+            known = self._limits[policy] = self._find_limits(policy)
         return known
+
+    def _find_limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
+        sample = self.request.sample
+        if policy is not None:
+            return policy.limits(self.values, sample)
+        values, signed = self._basis
+        low, high = automatic_limits(signed=signed, tailed=self.family.tailed).limits(
+            values, sample
+        )
+        if self.signed and not signed:  # differences from a mean, on the scale of the values
+            return -0.5 * (high - low), 0.5 * (high - low)
+        return low, high
+
+    @cached_property
+    def _basis(self) -> tuple[npt.NDArray[np.float32], bool]:
+        """Values that automatic limits are taken from, and whether these are signed."""
+        shared = self.family.limits_of(self.request.spectrum)
+        return (self.values, self.signed) if shared is None else shared
 
     @cached_property
     def spans_decades(self) -> bool:
         """Whether colours follow the logarithm of the values by default."""
-        return self.has_log_scale and spans_decades(self.values, self.request.sample)
+        return self.has_log_scale and spans_decades(self._basis[0], self.request.sample)
 
     @property
     def has_log_scale(self) -> bool:
@@ -106,7 +123,7 @@ class Field:
         wanted = self.spans_decades if logarithmic is None else logarithmic
         if not (wanted and self.has_log_scale):
             return Limits(*ends)
-        return logarithmic_limits(ends, self.values, self.request.sample)
+        return logarithmic_limits(ends, self._basis[0], self.request.sample)
 
     @cached_property
     def _extremes(self) -> tuple[float, float]:

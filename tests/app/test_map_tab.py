@@ -13,7 +13,15 @@ from nibabel.freesurfer import write_annot, write_morph_data
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog, QLabel, QListWidget, QPushButton, QSpinBox, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFileDialog,
+    QLabel,
+    QListWidget,
+    QPushButton,
+    QSpinBox,
+    QWidget,
+)
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.controls.step_slider import StepSlider
@@ -179,6 +187,11 @@ def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
         assert left == pytest.approx(np.sqrt(rest_of_it / whole), rel=1e-3, abs=1e-6)
         share = float(part(window, QLabel, "map_share_label").text().removesuffix(" %"))
         assert share == pytest.approx(100.0 - 100.0 * rest_of_it / whole, rel=1e-3)
+        varying = np.sum(mass * (DEPTH - np.average(DEPTH, weights=mass)) ** 2)
+        said, of = part(window, QLabel, "map_varying_label").text().split(" % of what varies: ")
+        assert float(said) == pytest.approx(100.0 - 100.0 * rest_of_it / varying, abs=0.1)
+        assert f"these {counts[-1]} pairs" in of
+        assert f"{said} % of what varies" in field.quantity
     assert counts[0] == 2
     assert counts[1] > counts[2] > 2
     assert counts[3] == 40
@@ -186,8 +199,33 @@ def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
     assert (spin.value(), spin.minimum(), spin.maximum()) == (40, 1, 40)
 
 
+def test_the_views_of_a_map_share_limits_unless_others_are_asked_for(window: MainWindow) -> None:
+    combo = part(window, QComboBox, "limits_combo")
+    found = {}
+    for view in ("map", "pairs", "residual"):
+        QTest.mouseClick(part(window, QPushButton, f"map_view_{view}"), LEFT)
+        part(window, StepSlider, "map_pairs_slider").setValue(5)
+        if view == "map":
+            QTest.mouseClick(part(window, QPushButton, "map_view_map"), LEFT)
+        rest(window)
+        found[view] = window.controller.field
+    np.testing.assert_allclose(
+        found["residual"].values, found["map"].values - found["pairs"].values, atol=1e-6
+    )
+    assert len({field.limits(None) for field in found.values()}) == 1
+    QTest.keyClick(combo, Qt.Key.Key_Down)
+    QTest.keyClick(combo, Qt.Key.Key_Down)
+    asked = window.document.display.limits
+    assert asked is not None
+    assert len({field.limits(asked) for field in found.values()}) == 3
+    window.document.undo()
+    QTest.mouseClick(part(window, QPushButton, "map_view_pairs"), LEFT)
+    rest(window)
+
+
 def test_the_spectrum_of_the_map_is_on_its_panel(window: MainWindow) -> None:
     panel = window.spectrum_panel
+    assert part(window, QPushButton, "spectrum_view_responses").text() == "Map"
     wait_for(lambda: len(panel.view.response.getData()[0]) == 3 * 40)
     heights = panel.view.response.getData()[1].reshape(-1, 3)[:, 1]
     squares = mv.spectral_coefficients(*library(window), DEPTH) ** 2

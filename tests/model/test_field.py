@@ -8,6 +8,7 @@ from solved import spectrum_of
 
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
@@ -134,6 +135,30 @@ def test_labels_have_the_colours_of_their_own(rectangle: Mesh) -> None:
     document.display.change(OwnMaps, chosen="parts")
     field = compute_field(request_of(document), LiveFeatures())
     assert field.colors(document.display) == ((-0.5, 1.5, False), ("#ff0000", "#00ff00"))
+
+
+@pytest.mark.parametrize(
+    ("view", "text"), [("residual", "1"), ("filter", "x >= c"), ("pairs", "1")]
+)
+def test_differences_from_the_mean_have_limits_as_far_apart_as_the_map(
+    rectangle: Mesh, view: str, text: str
+) -> None:
+    height = 5.0 + np.cos(2.0 * rectangle.vertices[:, 0])
+    mesh = rectangle.with_maps(VertexMap("height", height))
+    document = Document()
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    document.accept_spectrum(replace(spectrum_of(rectangle, 40), mesh=mesh))
+    document.display.put(Filters().with_text(text))
+    document.display.show(OwnMaps(chosen="height", view="map"))
+    whole = compute_field(request_of(document), LiveFeatures())
+    document.display.show(OwnMaps(chosen="height", view=view, pairs=3))
+    live = LiveFeatures()
+    live.prepare(request_of(document))
+    field = compute_field(request_of(document), live)
+    low, high = whole.limits(None)
+    assert field.signed == (view != "pairs")
+    half = 0.5 * (high - low)
+    assert field.limits(None) == ((-half, half) if field.signed else (low, high))
 
 
 @pytest.mark.parametrize(

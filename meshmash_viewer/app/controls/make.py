@@ -157,6 +157,11 @@ class Segments(QWidget):
             group.addButton(self._buttons[key])
         self.setLayout(row(*self._buttons.values(), spacing=4))
 
+    def set_text(self, key: str, text: str) -> None:
+        """Change the text of a key."""
+        self._buttons[key].setText(text)
+        self._buttons[key].setAccessibleName(f"{self.accessibleName()}: {text}")
+
     def show_key(self, key: str) -> None:
         """Turn a key on without emitting `chosen`."""
         self._buttons[key].setChecked(True)

@@ -19,7 +19,7 @@ from meshmash_viewer.app.controls.spin import DecimalField
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.app.view.colors import color_table
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.field import Field, reversed_map
 from meshmash_viewer.model.limits import (
     Limits,
     LockedLimits,
@@ -86,7 +86,7 @@ class ColorSection(QWidget):
         self._signed: bool | None = None
         self._limits: Limits | None = None
         self._unit = ""
-        self._labelled = False
+        self._labelled = self._bright_low = False
         self._build()
         follow(document.display.events, self.refresh)
         listen(document.spectrum_changed, self._forget)
@@ -207,10 +207,14 @@ class ColorSection(QWidget):
         names = DIVERGING if signed else SEQUENTIAL
         chosen = display.diverging_colormap if signed else display.sequential_colormap
         wanted = [*names, *([] if chosen in names else [chosen])]
-        if [self.map_combo.itemData(row) for row in range(self.map_combo.count())] != wanted:
+        bright_low = display.family.bright_low and not signed
+        listed = [self.map_combo.itemData(row) for row in range(self.map_combo.count())]
+        if (listed, self._bright_low) != (wanted, bright_low):
+            self._bright_low = bright_low
             self.map_combo.clear()
             for name in wanted:
-                self.map_combo.addItem(swatch_icon(name), names.get(name, name), name)
+                shown = reversed_map(name) if bright_low else name
+                self.map_combo.addItem(swatch_icon(shown), names.get(name, name), name)
         self.map_combo.setCurrentIndex(wanted.index(chosen))
         policy = display.limits
         known = type(policy) in _KINDS

@@ -15,6 +15,7 @@ from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.plots.response_view import ResponseView
 from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import format_quantity, subscript
@@ -84,7 +85,10 @@ class SpectrumPanel(PlotPanel):
         return self.view.family.name
 
     def _follow_kind(self) -> None:
-        responds = self._document.display.response_family is not None
+        family = self._document.display.response_family
+        responds = family is not None
+        noun = Family.response_noun if family is None else family.response_noun
+        self.view_choice.set_text("responses", noun)
         self._show_view("responses" if responds else "eigenvalues")
 
     def follow_field(self) -> None:

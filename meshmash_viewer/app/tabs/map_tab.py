@@ -20,7 +20,7 @@ from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import MapSpectrum
 from meshmash_viewer.fields.filters import READY, Filters
-from meshmash_viewer.fields.maps import CURVATURES, VIEWS, OwnMaps
+from meshmash_viewer.fields.maps import CURVATURES, SUMS, VIEWS, OwnMaps
 from meshmash_viewer.io.write import write_map_spectrum
 from meshmash_viewer.io.writers import SPECTRUM_WRITERS
 from meshmash_viewer.model.field import Field
@@ -37,7 +37,6 @@ _FACTS = {
 _SHARES = {
     "map_residual_label": "Residual",
     "map_share_label": "Energy in them",
-    "map_varying_label": "Without its mean",
 }
 #: Lines of the list of maps that are in view, and of the labels.
 _LINES, _LABEL_LINES = 6, 8
@@ -59,6 +58,7 @@ class MapTab(FamilyTab):
         self.views = make.Segments("map_view", "What is shown of the map", VIEWS)
         self.views.chosen.connect(lambda key: self._change(view=key))
         self.shares = Facts(_SHARES)
+        self.meaning = note("map_varying_label")
         self.hint = note("map_hint")
         self.labels = _list("map_label_list", "Labels and their colours")
         self.labels.setSelectionMode(QListWidget.SelectionMode.NoSelection)
@@ -74,7 +74,9 @@ class MapTab(FamilyTab):
             tip="Eigenvalue, coefficient and share of the energy of each pair, as a table",
         )
         self._sum, self._on_pairs = QWidget(), QWidget()
-        self._sum.setLayout(column(slider, pairs, self.shares, row(self.save_button, None)))
+        self._sum.setLayout(
+            column(slider, pairs, self.shares, self.meaning, row(self.save_button, None))
+        )
         self.filter_combo = make.combo(
             "map_filter_combo",
             "Filter that the map is passed through",
@@ -114,7 +116,8 @@ class MapTab(FamilyTab):
     # -- from the person --------------------------------------------------------------------
 
     def _choose(self, value: int) -> None:
-        self._change(pairs=value, view="pairs")
+        view = self._document.display[OwnMaps].view
+        self._change(pairs=value, view=view if view in SUMS else "pairs")
 
     def _choose_map(self, item: QListWidgetItem | None) -> None:
         if item is not None:
@@ -218,7 +221,7 @@ class MapTab(FamilyTab):
         for control in (self.slider, self.spin):
             show_quietly(control, count, most=last, least=1)
         self._on_pairs.setVisible(usable)
-        self._sum.setVisible(resolved.view in ("map", "pairs"))
+        self._sum.setVisible(resolved.view in ("map", *SUMS))
         self._filter.setVisible(resolved.view == "filter")
         self._refresh_filter()
         self.keep_button.setEnabled(self._can_keep())
@@ -227,6 +230,7 @@ class MapTab(FamilyTab):
         known = resolved.map_spectrum(spectrum) if usable else None
         self.save_button.setEnabled(known is not None)
         self.shares.show_values({} if known is None else _shares(known, count))
+        show_note(self.meaning, "" if known is None else _meaning(known, count))
         hint = ""
         if labelled:
             hint = "Labels are names, not numbers: they have no spectrum."
@@ -287,5 +291,13 @@ def _shares(known: MapSpectrum, count: int) -> dict[str, str]:
     return {
         "map_residual_label": f"{known.residual(count):.4g}",
         "map_share_label": f"{100.0 * known.share(count):.4g} %",
-        "map_varying_label": f"{100.0 * known.varying_share(count):.4g} %",
     }
+
+
+def _meaning(known: MapSpectrum, count: int) -> str:
+    share = 100.0 * known.varying_share(count)
+    left = f"; the other {100.0 - share:.3g} % is finer detail" if share < 99.95 else ""
+    return (
+        f"{share:.3g} % of what varies: of the differences from the mean, squared and summed over"
+        f" the area, is in {'this pair' if count == 1 else f'these {count:,} pairs'}{left}."
+    )

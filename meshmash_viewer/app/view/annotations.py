@@ -225,7 +225,7 @@ class _Painter:
             up = below + tall * share
             self._text(label, _LABEL, theme.ink, next_to, up, along=_MIDDLE, edge=_PAD)
         # arrows say that there are values beyond the limits, in the colours of these
-        for end, side, up, tip in ((0, 0, below, -8), (-1, 1, below + tall, 8)):
+        for end, side, up, tip in ((0, 0, below + 1, -9), (-1, 1, below + tall - 1, 9)):
             if caption.beyond[side]:
                 self._brush("#" + bytes(caption.table[end, :3]).hex())
                 corners = left, up, left + _BAR, up, left + _BAR / 2, up + tip
