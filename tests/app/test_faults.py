@@ -104,7 +104,7 @@ def test_what_a_listener_of_the_model_raised_is_told_as_itself() -> None:
 
     document.pins.changed.connect(listener)
     with pytest.raises(EmitLoopError) as caught:
-        document.pins.clear()
+        document.pins.put(())
     assert failure_of(caught.value).text == "Give a mesh."
 
 
