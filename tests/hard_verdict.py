@@ -32,9 +32,10 @@ from meshmash_viewer.decompose import compute_hks, decompose_laplacian_by_bands
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral import cost
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine import computation, workers
+from meshmash_viewer.spectral.engine import computation
 
 __all__ = ["Verdict", "judge", "judge_seed", "through"]
 
@@ -124,13 +125,13 @@ def through(path: str) -> Iterator[None]:
 
     changed: list[tuple[Any, str, Any]] = [
         (computation, "is_dense", is_dense),
-        (workers, "is_dense", is_dense),
+        (cost, "is_dense", is_dense),
     ]
     if path == "thin slices":
         changed += [
-            (workers, "_INDIVISIBLE", 8),
-            (workers, "_SLICE_PAIRS", 12),
-            (workers, "_LEAN_SLICE_PAIRS", 6),
+            (cost, "_INDIVISIBLE", 8),
+            (cost, "_SLICE_PAIRS", 12),
+            (cost, "_LEAN_SLICE_PAIRS", 6),
         ]
     before = [(module, name, getattr(module, name)) for module, name, _ in changed]
     try:

@@ -13,7 +13,7 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
-from meshmash_viewer.work.job import Channel
+from meshmash_viewer.work import Channel
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ import psutil
 import pytest
 from test_eigensolver import torus
 
+from meshmash_viewer.spectral.cost import core_count, worker_count
 from meshmash_viewer.spectral.engine.factorization import order_pencil
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
-from meshmash_viewer.spectral.engine.workers import core_count, worker_count
 
 
 def test_cores_are_all_of_the_machine_but_one_where_they_are_shared() -> None:

@@ -11,11 +11,12 @@ import numpy.typing as npt
 import pytest
 from test_eigensolver import torus
 
+from meshmash_viewer.spectral import cost
+from meshmash_viewer.spectral.cost import slice_sizes
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine import factorization, workers
+from meshmash_viewer.spectral.engine import factorization
 from meshmash_viewer.spectral.engine.factorization import FactorizationError
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
-from meshmash_viewer.spectral.engine.workers import slice_sizes
 
 STOP = np.zeros(1, dtype=np.uint8)
 SIZES = partial(slice_sizes, 100_000)
@@ -82,7 +83,7 @@ def test_a_long_run_begins_with_a_small_slice() -> None:
 def test_the_lowest_pairs_come_first_where_they_are_waited_for(
     monkeypatch: pytest.MonkeyPatch, n_jobs: int
 ) -> None:
-    monkeypatch.setattr(workers, "_LONG_RUN", 0.0)
+    monkeypatch.setattr(cost, "_LONG_RUN", 0.0)
     matrices, exact = torus(60, 40, 3.0, 2.0)
     counts: list[int] = []
     found = solve(

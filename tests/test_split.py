@@ -244,7 +244,7 @@ def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
 
     def planned(_: Any) -> int:
         """Slices that are computed at a time, where nobody says how many."""
-        from meshmash_viewer.spectral.engine.workers import core_count
+        from meshmash_viewer.spectral.cost import core_count
 
         return core_count()
 

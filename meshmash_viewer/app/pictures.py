@@ -21,7 +21,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.work.process import call_in_child
+from meshmash_viewer.work import call_in_child
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog

@@ -11,19 +11,19 @@ from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.saved import saved_notice
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pieces import PiecesJob
-from meshmash_viewer.model.previews import is_worthwhile
 from meshmash_viewer.model.results import MapGrew, MeshReady, Written
 from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
-from meshmash_viewer.work.job import Job
+from meshmash_viewer.work import Job
 
 
 class Tasks(QObject):

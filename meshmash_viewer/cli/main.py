@@ -25,7 +25,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 from meshmash_viewer.spectral.engine.compiler import check_compiler
-from meshmash_viewer.work.wire import closed_pipe_errors
+from meshmash_viewer.work import closed_pipe_errors
 
 _INTERRUPTED = 130
 

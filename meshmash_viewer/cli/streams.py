@@ -16,7 +16,7 @@ import sys
 import unicodedata
 from typing import TextIO
 
-from meshmash_viewer.work.wire import closed_pipe_errors
+from meshmash_viewer.work import closed_pipe_errors
 
 PROGRAM = "meshmash-viewer"
 

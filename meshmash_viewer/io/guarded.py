@@ -19,7 +19,7 @@ from pathlib import Path
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
 from meshmash_viewer.io.raw import RawMesh, raw_mesh
 from meshmash_viewer.plug_ins import PlugIn
-from meshmash_viewer.work.process import ChildEnded, ProcessTree, call_in_child
+from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child
 
 #: Environment variable whose value multiplies all limits.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
-from meshmash_viewer.work.wire import closed_pipe_errors
+from meshmash_viewer.work import closed_pipe_errors
 
 Frame: TypeAlias = npt.NDArray[np.uint8]
 Add: TypeAlias = Callable[[Frame], None]

@@ -2,7 +2,7 @@
 
 The folder of a store is named after its mesh and operator. It holds the eigenvectors, contiguous
 rows of float64 without a header, so that they are mapped as one array, and a file (see
-`meshmash_viewer.io.published`) with the eigenvalues, residuals and checksums of the published rows.
+`meshmash_viewer.io.cache`) with the eigenvalues, residuals and checksums of the published rows.
 That file is replaced atomically after new rows have been flushed to the disk, and published rows
 are not written again, so that they survive a kill, a power failure and a resumed run. Always a
 leading part of the spectrum is stored: rows from the first damaged one on are computed again.
@@ -37,9 +37,9 @@ from meshmash_viewer.io.cache import (
     ROWS,
     EigenpairCache,
     FileLock,
+    Published,
     folder_size,
 )
-from meshmash_viewer.io.published import Published
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs

@@ -15,7 +15,7 @@ from meshmash_viewer.model.results import Written
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
-from meshmash_viewer.work.job import Channel
+from meshmash_viewer.work import Channel
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features

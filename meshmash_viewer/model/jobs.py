@@ -22,7 +22,7 @@ from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import NO_VOXEL, Voxel, parse_unit
-from meshmash_viewer.work.job import Channel, Job
+from meshmash_viewer.work import Channel, Job
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class PreviewJob(_OnMesh):
     doing: ClassVar[str] = "Previewing"
 
     def run(self, channel: Channel) -> Eigenpairs | None:
-        from meshmash_viewer.model.previews import open_preview
+        from meshmash_viewer.model.decomposition import open_preview
 
         return open_preview(self.mesh, self.operator, channel)
 

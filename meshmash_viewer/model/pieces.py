@@ -31,7 +31,7 @@ from meshmash_viewer.spectral.weyl import (
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.units import counted
-from meshmash_viewer.work.job import Channel
+from meshmash_viewer.work import Channel
 
 #: Fewest vertices that a piece is worth having, and how many are solved in seconds.
 LEAST, _USUAL = 500, 20_000

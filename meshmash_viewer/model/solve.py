@@ -13,7 +13,7 @@ from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.work import Work
 from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.spectral.weyl import Target, Translation
-from meshmash_viewer.work.job import Job
+from meshmash_viewer.work import Job
 
 #: Default of `Solve.target`.
 DEFAULT_TARGET = Target("count", 100)

@@ -9,7 +9,7 @@ from psygnal import Signal
 
 from meshmash_viewer.model.jobs import JobState
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.work.job import Job
+from meshmash_viewer.work import Job
 
 
 class Work:

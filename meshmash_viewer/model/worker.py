@@ -33,9 +33,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
 from meshmash_viewer.spectral.cost import decomposition_bytes
-from meshmash_viewer.work.job import Job
-from meshmash_viewer.work.process import end_group, start_child
-from meshmash_viewer.work.wire import Wire
+from meshmash_viewer.work import Job, Wire, end_group, start_child
 
 #: Receives the kind of a message and its content: "progressed" with a `Progress`, "sent" with a
 #: part of the result, and at the end "finished" with the result, "failed" with a `Failure`, or

@@ -23,8 +23,6 @@ from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressBar, ProgressCallback
-from meshmash_viewer.split.calls import PieceError as PieceError
-from meshmash_viewer.split.calls import results_of_calls
 from meshmash_viewer.split.partition import (
     Piece,
     edge_graph,
@@ -32,7 +30,8 @@ from meshmash_viewer.split.partition import (
     owned_pieces,
     widened_cores,
 )
-from meshmash_viewer.split.stitching import seam_differences, stitched
+from meshmash_viewer.split.stitching import PieceError as PieceError
+from meshmash_viewer.split.stitching import results_of_calls, seam_differences, stitched
 from meshmash_viewer.units import counted
 
 #: Default width of the overlap relative to the square root of the area of a piece.

@@ -34,8 +34,7 @@ from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.worker import serve
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.work.process import end_group, start_child
-from meshmash_viewer.work.wire import Wire
+from meshmash_viewer.work import Wire, end_group, start_child
 from tests.fuzz.store_faults import OPERATOR, blanket
 
 FloatArray = npt.NDArray[np.float64]

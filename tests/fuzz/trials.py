@@ -21,9 +21,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from meshmash_viewer import work as process
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.work import process
 from tests.fuzz.mutators import bomb, broken
 from tests.fuzz.seeds import Seed, sound_files
 

@@ -111,7 +111,7 @@ def test_a_reader_without_memory_says_so(tmp_path: Path, monkeypatch: pytest.Mon
         with pytest.raises(MemoryError if said == "^$" else InputError, match=said):
             convert(f"{vtk.__name__}:read_legacy_vtk", Path("mesh.vtk"), math.inf)
     # What comes next is read in a process of its own again.
-    monkeypatch.setattr("meshmash_viewer.work.process._CHILD", "import os; os.kill(os.getpid(), 9)")
+    monkeypatch.setattr("meshmash_viewer.work._CHILD", "import os; os.kill(os.getpid(), 9)")
     with pytest.raises(InputError, match="ends on it"):
         read_guarded(read_legacy_vtk, saved(tmp_path, VERTICES, FACES))
 

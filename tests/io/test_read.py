@@ -486,7 +486,7 @@ def test_a_reader_that_ends_its_process(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # As VTK does on some broken files, by a segmentation fault or for want of memory.
-    monkeypatch.setattr("meshmash_viewer.work.process._CHILD", "import os; os.kill(os.getpid(), 9)")
+    monkeypatch.setattr("meshmash_viewer.work._CHILD", "import os; os.kill(os.getpid(), 9)")
     write_vtk(tmp_path / name)
     assert "the library that reads it ends on it" in fault_of(tmp_path / name)
 
@@ -720,7 +720,7 @@ def test_a_file_that_unpacks_to_much_is_read_all_the_same(tmp_path: Path) -> Non
 def test_a_reader_without_end_is_stopped(
     code: str, clause: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meshmash_viewer.work.process._CHILD", code)
+    monkeypatch.setattr("meshmash_viewer.work._CHILD", code)
     monkeypatch.setenv("MESHMASH_READ_LIMITS", "0.1")
     write_vtk(tmp_path / "mesh.vtk")
     sentence = fault_of(tmp_path / "mesh.vtk")

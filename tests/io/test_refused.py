@@ -22,7 +22,7 @@ from meshmash_viewer.io.cache import FileLock
 from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import previews
+from meshmash_viewer.model import decomposition as previews
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine.request import Request

@@ -98,7 +98,7 @@ def test_what_is_ready_is_all_that_a_render_needs(neuron: Mesh, listener: Listen
 def test_a_preview_is_made_of_large_meshes_alone(
     sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from meshmash_viewer.model import previews
+    from meshmash_viewer.model import decomposition as previews
 
     assert PreviewJob(sphere).run(listener) is None
     monkeypatch.setattr(previews, "FROM_VERTICES", 1000)

@@ -10,7 +10,7 @@ from listeners import Listener
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import previews
+from meshmash_viewer.model import decomposition as previews
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field

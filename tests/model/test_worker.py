@@ -22,7 +22,7 @@ from meshmash_viewer.model.jobs import DecomposeJob, InspectJob
 from meshmash_viewer.model.worker import Worker, _JobChannel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.work.job import Job
+from meshmash_viewer.work import Job
 
 _PATIENCE = 60.0
 _ENDS = ("finished", "failed", "cancelled")

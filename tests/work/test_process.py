@@ -18,12 +18,12 @@ import psutil
 import pytest
 from long_readers import CORNERS, filling, honest, many, refusing, spinning
 
+from meshmash_viewer import work as process
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
 from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.model import worker
-from meshmash_viewer.work import process
-from meshmash_viewer.work.process import ProcessTree, call_in_child, end_group, start_child
+from meshmash_viewer.work import ProcessTree, call_in_child, end_group, start_child
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes programs of scripts")
 

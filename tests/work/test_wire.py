@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.work.wire import Wire
+from meshmash_viewer.work import Wire
 
 
 @pytest.fixture

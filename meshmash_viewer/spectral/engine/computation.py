@@ -14,6 +14,12 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.cost import (
+    can_be_dense,
+    core_count,
+    is_dense,
+    worker_count,
+)
 from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.dense import DenseSpectrum, dense_residuals
 from meshmash_viewer.spectral.engine.factorization import (
@@ -34,12 +40,6 @@ from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.refinement import measure_pairs
 from meshmash_viewer.spectral.engine.request import Request
-from meshmash_viewer.spectral.engine.workers import (
-    can_be_dense,
-    core_count,
-    is_dense,
-    worker_count,
-)
 
 #: Relative rounding error by which an eigenvalue may exceed a threshold.
 _THRESHOLD_MARGIN = 1e-11

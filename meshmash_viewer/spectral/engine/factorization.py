@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.engine.dense import RepeatedComponents
 from meshmash_viewer.spectral.engine.pencil import Pencil
-from meshmash_viewer.spectral.engine.repeated import RepeatedComponents
 
 #: One byte, shared with running kernels; any value other than 0 stops them.
 StopFlag = npt.NDArray[np.uint8]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.cost import slice_sizes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
 from meshmash_viewer.spectral.engine.computation import Computation
@@ -20,7 +21,6 @@ from meshmash_viewer.spectral.engine.output import Output
 from meshmash_viewer.spectral.engine.pace import Pace
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.request import Request
-from meshmash_viewer.spectral.engine.workers import slice_sizes
 
 #: Number of pairs assumed for progress reports before it is known.
 _USUAL_PAIRS = 80

@@ -1,1 +1,0 @@
-"""Work outside the calling process."""
