@@ -182,13 +182,15 @@ def matched_top(first: Eigenpairs, area: float) -> float:
     return float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9) / area
 
 
-def comparison_remarks(first: Mesh, second: Mesh) -> list[str]:
-    """Return warnings about two meshes that affect their comparison."""
+def comparison_remarks(
+    first: Mesh, second: Mesh, *, n_components: tuple[int, int] | None = None
+) -> list[str]:
+    """Return warnings about two meshes, of which `n_components` may be known already."""
     remarks = []
     if first.unit != second.unit:
         units = f"{first.unit or 'no unit'} and {second.unit or 'no unit'}"
         remarks.append(f"the meshes are in {units}; the comparison is independent of size.")
-    counts = first.n_components, second.n_components
+    counts = n_components or (first.n_components, second.n_components)
     if counts[0] != counts[1]:
         remarks.append(
             f"the meshes have {counts[0]:,} and {counts[1]:,} components, each with an eigenvalue"

@@ -166,7 +166,15 @@ def test_figures_are_the_librarys(
     assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
     np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
     np.testing.assert_allclose(found.forth.scores, wanted.forth.scores, rtol=1e-6, atol=1e-9)
-    assert text(window, "pair_distance_label").startswith(f"{wanted.distance:.4g}")
+    assert text(window, "pair_distance_label").startswith(
+        f"{wanted.distance:.4g}: norm of the difference"
+    )
+    missing = int((~wanted.functions.determined).sum())
+    assert text(window, "pair_functions_label") == (
+        f"{missing} of {len(wanted.functions.indices)} cannot be matched"
+        if missing
+        else f"all {len(wanted.functions.indices)} are matched"
+    )
     np.testing.assert_array_equal(found.functions.indices, wanted.functions.indices)
     told = text(window, "pair_told_label")
     if name == "other":
@@ -396,6 +404,7 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     assert [pin.vertex for pin in opened.document.pins.placed] == [PLACE[100]]
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     assert text(window, "pair_next_label").count("vertex") == 3
+    assert "of its HKS from that of pin 1" in text(window, "pair_match_note")
     combo = part(window, QComboBox, "pair_feature_combo")
     combo.setFocus()
     QTest.keyClick(combo, Qt.Key.Key_Down)
@@ -445,6 +454,30 @@ def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, fold
     assert window.document.mesh is not None
 
 
+def test_the_unit_of_the_second_is_given_where_it_is_said_that_it_has_none(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, bar = beside(window, folder / "copy.npz", monkeypatch), window.stage.message_bar
+    window.document.set_unit("nm")
+    catch_up()
+    assert "in nm and no unit" in text(window, "pair_remark")
+    edit = part(window, QComboBox, "second_unit_combo").lineEdit()
+    edit.setFocus()
+    edit.selectAll()
+    QTest.keyClicks(edit, "frog")
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert bar.notice.text.startswith("Second mesh: ")
+    edit.setFocus()
+    edit.selectAll()
+    QTest.keyClicks(edit, "nm")
+    assert bar.notice is None, "another text is typed"
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert opened.document.unit == "nm"
+    rest(window)
+    assert text(window, "pair_remark") == ""
+    window.document.set_unit("none")
+
+
 @pytest.mark.slow
 def test_the_second_is_repaired_by_a_click_which_can_be_undone(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -452,6 +485,7 @@ def test_the_second_is_repaired_by_a_click_which_can_be_undone(
     opened = beside(window, folder / "faulty.npz", monkeypatch)
     document = opened.document
     assert "2 components" in text(window, "pair_remark")
+    assert part(window, QPushButton, "pair_keep_largest_button").isVisible()
     assert text(window, "second_health_duplicate_faces") == "1"
     button = part(window, QPushButton, "second_keep_largest_component")
     assert button.accessibleName().endswith("of the second mesh")

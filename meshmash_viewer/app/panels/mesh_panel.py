@@ -7,7 +7,6 @@ import math
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import (
-    QComboBox,
     QHBoxLayout,
     QLabel,
     QProgressBar,
@@ -26,18 +25,15 @@ from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.app.panels.unit_combo import UnitCombo
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import expected_bytes
-from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral import cost
-from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
+from meshmash_viewer.units import counted, format_quantity, power_unit
 
 #: Least width, in pixels: that of the panel before a mesh is open.
 _WIDTH = 280
-#: Of the unit, from "nm" to "4 × 4 × 40 nm" and longer ones.
-_NARROWEST_UNIT, _WIDEST_UNIT = 144, 216
 
 
 class MeshPanel(QWidget):
@@ -124,50 +120,21 @@ class MeshPanel(QWidget):
             # a long value is cut off rather than widening the panel; the tooltip has all of it
             label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             self._facts[name] = label
-        self.unit_combo = make.combo(
-            "unit_combo",
-            "Unit of the coordinates",
-            self._choose_unit,
-            tip="Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
-            "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied",
-            editable=True,
-            insertPolicy=QComboBox.InsertPolicy.NoInsert,
-        )
-        # the last ones show that a voxel size can be said too, whichever it is
-        voxels = ("8 nm", "4 × 4 × 40 nm")
-        self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
-        # of "m" it would make "mm"
-        self.unit_combo.setCompleter(None)  # type: ignore[arg-type]  # as documented
-        self._unit_edit = self.unit_combo.lineEdit()
-        assert self._unit_edit is not None  # the list is editable
-        self._unit_edit.editingFinished.connect(self._choose_unit)
+        self.unit_combo = UnitCombo(self._document)
         facts = ((QLabel(name), label) for name, label in self._facts.items())
         unit = QLabel("Unit"), row(None, self.unit_combo)
         return self.name_label, self.path_label, grid(*facts, unit, spacing=(theme.GAP, 3))
-
-    def _choose_unit(self) -> None:
-        ready = self._document.ready
-        text = self.unit_combo.currentText().strip()
-        if ready is None or text == self._document.unit_text:
-            return
-        try:
-            self._document.set_unit(text)
-        except InputError as fault:
-            self._document.notices.say(str(fault), Severity.ERROR)
-        self._refresh_facts()
 
     def _refresh_undo(self) -> None:
         self.undo_button.setVisible(self._document.history.undo_label == "repair")
 
     def _refresh_facts(self) -> None:
         ready = self._document.ready
-        self.unit_combo.setEnabled(ready is not None)
         if ready is None:
             self.name_label.setText("No mesh open")
             self.path_label.setText(f"Drop one on the window, or press {native_keys('Ctrl+O')}.")
             for label in self._facts.values():
                 label.setText("–")
-            self._show_unit("none")
             return
         mesh, health = ready.mesh, ready.health
         self.name_label.setText(mesh.name or "Mesh in memory")
@@ -184,15 +151,6 @@ class MeshPanel(QWidget):
         self._facts["Extent"].setText(_size(extent, mesh.unit))
         for label in self._facts.values():
             label.setToolTip(label.text())
-        self._show_unit(self._document.unit_text)
-
-    def _show_unit(self, text: str) -> None:
-        """Write the unit, from its beginning and in the width that it takes."""
-        self.unit_combo.setCurrentText(text)
-        if self._unit_edit is not None:
-            self._unit_edit.setCursorPosition(0)
-        wide = self.unit_combo.fontMetrics().horizontalAdvance(text) + 58
-        self.unit_combo.setFixedWidth(min(max(wide, _NARROWEST_UNIT), _WIDEST_UNIT))
 
     # -- the Laplacian ------------------------------------------------------------------------
 

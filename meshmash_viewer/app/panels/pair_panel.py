@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import numpy as np
@@ -16,8 +17,9 @@ from meshmash_viewer.app.controls.layout import PANEL, column, row
 from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
+from meshmash_viewer.app.panels.unit_combo import UnitCombo
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
-from meshmash_viewer.features.comparison import comparison_remarks
+from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.model.document import Document
@@ -28,7 +30,8 @@ _FIGURES = {
     "pair_distance_label": "Spectral distance",
     "pair_compared_label": "Eigenvalues",
     "pair_told_label": "Vertices",
-    "pair_function_label": "Eigenfunction",
+    "pair_functions_label": "Eigenfunctions",
+    "pair_function_label": "This one",
 }
 _MATCHES = {"pair_best_label": "Best match", "pair_next_label": "Next best"}
 
@@ -69,6 +72,14 @@ class PairPanel(QWidget):
         )
         self.hint = note("pair_hint")
         self.remark = note("pair_remark", role="warning")
+        self.keep_button = make.button(
+            "Keep the largest component of each", "pair_keep_largest_button",
+            "Keep the largest component of each mesh, and compare these", self._keep_largest,
+            role="link",
+        )  # fmt: skip
+        self.unit_label = make.muted("Unit of the second mesh")
+        #: The unit of the second mesh, where there is one.
+        self._unit = QVBoxLayout()
         self.figures = Facts(_FIGURES)
         for label in self.figures.findChildren(QLabel):
             label.setWordWrap(label.objectName() in _FIGURES)
@@ -86,6 +97,7 @@ class PairPanel(QWidget):
             {name: family.short for name, family in MATCHED_IN.items()},
         )  # fmt: skip
         self.matches = Facts(_MATCHES)
+        self.match_note = note("pair_match_note")
         self.carry_check = make.check(
             "Colours of the first, by the match", "pair_carry_check",
             "Show the colours of the first mesh on the second, each vertex as its match",
@@ -107,7 +119,8 @@ class PairPanel(QWidget):
             "Add map…", "second_map_button", "Add values per vertex of the second mesh from files",
             self.maps_requested, tip="Or drop the files on the second mesh",
         )  # fmt: skip
-        self._health: HealthTable | None = None
+        #: Controls of the second mesh, made for each.
+        self._of_second: list[QWidget] = []
         self._second = QVBoxLayout()
         self.cameras = make.Segments("pair_link", "Cameras of both meshes", CAMERAS)
         self.cameras.chosen.connect(self._link_cameras)
@@ -120,6 +133,7 @@ class PairPanel(QWidget):
                 make.heading("Vertices"),
                 row(make.muted("Matched by"), (self.feature_combo,)),
                 self.matches,
+                self.match_note,
                 self.carry_check,
                 row(self.save_button, None),
                 make.heading("Linked"),
@@ -137,6 +151,8 @@ class PairPanel(QWidget):
                 row(self.open_button, self.close_button, None),
                 self.hint,
                 self.remark,
+                row(self.keep_button, None),
+                row(self.unit_label, None, self._unit),
                 self.content,
                 None,
                 margins=PANEL,
@@ -164,6 +180,14 @@ class PairPanel(QWidget):
         if self._pair is not None:
             self._pair.second.undo_repair()
 
+    def _keep_largest(self) -> None:
+        """Keep the largest component of each mesh, and compute anew."""
+        if self._pair is not None:
+            for document in (self._pair.second, self._pair.first):
+                if document.ready is not None and document.ready.health.n_components > 1:
+                    first = document is self._pair.first
+                    document.repair("keep_largest_component", then_compute=first)
+
     def _choose_feature(self, name: str) -> None:
         if self._pair is not None:
             self._pair.matched_in = name
@@ -178,13 +202,16 @@ class PairPanel(QWidget):
     def set_pair(self, pair: Pair | None) -> None:
         """Show the comparison of two meshes, or how to open a second one."""
         self._pair = pair
-        if self._health is not None:
-            self._health.setParent(None)
-            self._health.deleteLater()
-            self._health = None
+        for each in self._of_second:
+            each.setParent(None)
+            each.deleteLater()
+        self._of_second = []
         if pair is not None:
-            self._health = HealthTable(pair.second, second=True)
-            self._second.addWidget(self._health)
+            health = HealthTable(pair.second, second=True)
+            unit = UnitCombo(pair.second, second=True)
+            self._second.addWidget(health)
+            self._unit.addWidget(unit)
+            self._of_second = [health, unit]
             follow(pair.changed, self.refresh)
             follow(pair.second.mesh_changed, self.refresh)
             follow(pair.second.work.changed, self.refresh)
@@ -199,9 +226,8 @@ class PairPanel(QWidget):
         other = None if pair is None else pair.second.mesh
         self.name_label.setText("Two meshes" if other is None else other.name or "Second mesh")
         show_note(self.hint, self._hint())
-        mesh = self._document.mesh
-        remarks = comparison_remarks(mesh, other) if mesh is not None and other is not None else []
-        show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
+        self.unit_label.setVisible(pair is not None)
+        self._show_remarks()
         if pair is None:
             return
         found = pair.comparison
@@ -216,13 +242,13 @@ class PairPanel(QWidget):
         self.map_button.setEnabled(other is not None)
         figures = dict.fromkeys((*_FIGURES, *_MATCHES), "")
         if found is not None:
-            distance = format_number(found.distance)
             figures |= {
-                "pair_distance_label": f"{distance} ({found.relative_distance:.2%})",
+                "pair_distance_label": _written_distance(found),
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
                 "pair_told_label": "by index: same faces"
                 if found.given
                 else f"by features, {found.mutual_share:.1%} mutual",
+                "pair_functions_label": _written_functions(found.functions),
             }
             shown = self._document.display.family
             if isinstance(shown, Eigenfunctions):
@@ -232,6 +258,7 @@ class PairPanel(QWidget):
                 best, *others = self._matches_of(pair)
                 figures["pair_best_label"] = best
                 figures["pair_next_label"] = "\n".join(others)
+        show_note(self.match_note, self._match_text(pair))
         for name, text in figures.items():
             (self.figures if name in _FIGURES else self.matches).show_value(name, text)
         self.plot.setVisible(found is not None)
@@ -239,6 +266,19 @@ class PairPanel(QWidget):
         for curve, values in zip(self._curves, spectra, strict=True):
             curve.setData(np.arange(len(values)), values)
         self._name_curves()
+
+    def _show_remarks(self) -> None:
+        """Show what affects the comparison, with what helps."""
+        pair, first = self._pair, self._document.ready
+        second = None if pair is None else pair.second.ready
+        remarks, counts = list[str](), (1, 1)
+        if first is not None and second is not None:
+            counts = first.health.n_components, second.health.n_components
+            remarks = comparison_remarks(first.mesh, second.mesh, n_components=counts)
+        show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
+        self.keep_button.setVisible(counts[0] != counts[1])
+        idle = pair is not None and pair.first.work.job is None and pair.second.work.job is None
+        self.keep_button.setEnabled(idle)
 
     def _hint(self) -> str:
         if self._document.ready is None:
@@ -261,6 +301,16 @@ class PairPanel(QWidget):
         assert mesh is not None or not found
         return [f"{mesh.named_vertex(at)} · {score:.3g}" for at, score in found if mesh] or [""]
 
+    def _match_text(self, pair: Pair) -> str:
+        """What the numbers after the matches are."""
+        if pair.comparison is None or not pair.first.pins.placed:
+            return ""
+        feature = MATCHED_IN[pair.matched_in].short
+        return (
+            f"After each vertex: distance of its {feature} from that of"
+            f" {pair.first.pins.placed[-1].title}, in units of the spread of each column."
+        )
+
     def _dress(self) -> None:
         self.plot.dress()
         colors = theme.palette().series
@@ -279,3 +329,18 @@ class PairPanel(QWidget):
                 if each is not None
             )
         )
+
+
+def _written_distance(found: Comparison) -> str:
+    """The spectral distance, with what it is."""
+    text = f"{format_number(found.distance)}: norm of the difference of the eigenvalues × area"
+    share = found.relative_distance
+    return f"{text}, {share:.2%} of that of the first" if math.isfinite(share) else text
+
+
+def _written_functions(found: FunctionMatches) -> str:
+    """How many eigenfunctions of the first correspond to one of the second."""
+    missing, total = int((~found.determined).sum()), len(found.indices)
+    if not missing:
+        return f"all {total:,} are matched"
+    return f"{missing:,} of {total:,} cannot be matched"
