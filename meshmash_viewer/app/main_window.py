@@ -328,7 +328,7 @@ class MainWindow(QMainWindow):
     def _show_shape(self, drawn: DrawnShape) -> None:
         """Draw the vertices at the computed positions."""
         if self.scene.mesh is drawn.spectrum.mesh:
-            self.scene.set_shape(drawn.points, drawn.normals, rests=drawn.rests)
+            self.scene.set_shape(drawn.points, drawn.normals, rests=drawn.rests, text=drawn.text)
             self.shape_panel.show_shape(drawn)
 
     def _on_pair_changed(self, pair: Pair | None) -> None:

@@ -26,6 +26,7 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import counted
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -69,7 +70,9 @@ class DrawnShape:
     normals : ndarray of float32, shape (n, 3), or None
         None for the previous ones.
     count : int
-        Number of eigenfunctions in the sum.
+        Number of eigenfunctions in the sum; 0 if it is none.
+    morph : float
+        As in `Shape`.
     distance : float
         Root mean square distance from the positions of the mesh.
     rests : bool
@@ -80,8 +83,17 @@ class DrawnShape:
     points: npt.NDArray[np.float32] | None = None
     normals: npt.NDArray[np.float32] | None = None
     count: int = 0
+    morph: float = 1.0
     distance: float = 0.0
     rests: bool = True
+
+    @property
+    def text(self) -> str:
+        """Which shape it is, for the title: "shape from 8 pairs"; "" for that of the mesh."""
+        if not self.count or not self.morph:
+            return ""
+        share = "" if self.morph == 1.0 else f" ({100.0 * self.morph:.0f} %)"
+        return f"shape from {counted(self.count, 'pair')}{share}"
 
 
 class ShapeSource(QObject):
@@ -210,7 +222,9 @@ class ShapeSource(QObject):
             points = points + np.float32(reach * request.phase) * swings[1]
         moved = points is not geometry.points
         rests = request.field is None and (sums is None or count == shape.within(len(spectrum)))
-        drawn = DrawnShape(spectrum, points if moved else None, None, count, distance, rests)
+        drawn = DrawnShape(
+            spectrum, points if moved else None, None, count, shape.morph, distance, rests
+        )
         small = mesh.n_vertices <= _SMALL
         return replace(drawn, normals=_normals(drawn)) if moved and small else drawn
 

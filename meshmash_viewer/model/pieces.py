@@ -30,7 +30,7 @@ from meshmash_viewer.spectral.weyl import (
 )
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
-from meshmash_viewer.units import counted
+from meshmash_viewer.units import counted, format_quantity
 from meshmash_viewer.work import Channel
 
 #: Fewest vertices that a piece is worth having, and how many are solved in seconds.
@@ -174,18 +174,26 @@ def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
 
     `InputError` is raised if its columns need that spectrum itself.
     """
+    expected = _expected(mesh, target)
+    known = family.filled_in(expected, {})
+    _common_bank(known, float(expected.eigenvalues[-1]))
+    return known
+
+
+def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
+    """Eigenvalues 0, the first one and the last one up to a target, by Weyl's law."""
     n = mesh.n_vertices - len(mesh.unreferenced)
     top = Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
     values = np.array([0.0, min(weyl_eigenvalue(mesh.area, 1), 0.5 * top), top])
-    expected = Eigenpairs(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
-    known = family.filled_in(expected, {})
-    _common_bank(known, top)
-    return known
+    return Eigenpairs(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
 
 
 @dataclass(frozen=True, eq=False)
 class PiecesJob:
-    """Compute features in pieces and write them; sends a `MapGrew` for each, returns `Written`."""
+    """Compute features in pieces and write them; sends a `MapGrew` for each, returns `Written`.
+
+    The map is the column that is nearest to the position of the family, such as the displayed time.
+    """
 
     mesh: Mesh
     path: Path
@@ -202,12 +210,10 @@ class PiecesJob:
     def run(self, channel: Channel) -> Written:
         from joblib.externals.loky import reusable_executor
 
-        middle = None
+        shown, name = self._shown()
 
         def done(vertices: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
-            nonlocal middle
-            middle = values.shape[1] // 2 if middle is None else middle
-            channel.send(MapGrew(self.name(middle), vertices, values[:, middle]))
+            channel.send(MapGrew(name, vertices, values[:, shown]))
 
         channel.report(Progress("splitting", message="Cutting the mesh into pieces"))
         try:
@@ -221,11 +227,19 @@ class PiecesJob:
                 executor.shutdown(wait=True, kill_workers=True)
         remarks = report["remarks"]
         text = ". ".join([described_seams(report), *(each.removesuffix(".") for each in remarks)])
-        return Written(self.path, self.family.label, text, warns=bool(remarks))
+        differs = max(report["seam_largest"], default=0.0) > TOLERANCE
+        return Written(self.path, self.family.label, text, warns=bool(remarks) or differs)
 
-    def name(self, column: int) -> str:
-        """What the map of a column is called."""
-        return f"{self.family.short} {column}, in pieces"
+    def _shown(self) -> tuple[int, str]:
+        """Column of the map, and what it is called."""
+        expected = _expected(self.mesh, self.target)
+        bank = _common_bank(self.family, float(expected.eigenvalues[-1]))
+        places = self.family.places(expected)[: len(bank.columns)]
+        column = int(np.argmin(np.abs(places - self.family.place(expected))))
+        if bank.parameter_power != 2:
+            return column, f"{self.family.short} {column}, in pieces"
+        time = format_quantity(float(bank.parameters[column]), self.mesh.unit, 2)
+        return column, f"{self.family.short}, t = {time}, in pieces"
 
 
 def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int) -> None:

@@ -111,8 +111,8 @@ def stitched(family: GeometryVectors | HeatKernelSignature, pieces: int) -> np.n
 def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) -> None:
     top = 4.0 * np.pi * PAIRS / MESH.area
     window.document.display.put(
-        HeatKernelSignature(scales=6, automatic=False, t_min=5 / top, t_max=8 / top),
-        GeometryVectors(count=6, automatic=False, low=0.0, high=top),
+        HeatKernelSignature(scales=6, automatic=False, t_min=5 / top, t_max=8 / top, time=7 / top),
+        GeometryVectors(index=3, count=6, automatic=False, low=0.0, high=top),
     )
     path = tmp_path / "pieces.npz"
     grown: list[int] = []
@@ -137,7 +137,7 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
     assert len(children) <= 3, "the worker, and no more than what tracks its resources"
     field = window.controller.field
     assert isinstance(field.family, OwnMaps)
-    np.testing.assert_allclose(field.values, wanted[:, 3], rtol=1e-6)
+    np.testing.assert_allclose(field.values, wanted[:, 4 if kind == "hks" else 3], rtol=1e-6)
     notice = window.stage.message_bar.notice
     # heat has not seen the cuts; bands reach farther than a piece
     flagged = "by more than 1 % in the median where pieces meet" in notice.text

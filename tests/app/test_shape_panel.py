@@ -135,6 +135,11 @@ def click_check(window: MainWindow) -> None:
     rest(window)
 
 
+def described(window: MainWindow) -> str:
+    """The last part of the line below the title of saved pictures."""
+    return window.scene.renderer.twin().shown_caption.quantity.split(" · ")[-1]
+
+
 def test_the_mesh_is_drawn_from_its_lowest_eigenfunctions_and_back(window: MainWindow) -> None:
     colours = np.array(window.scene.renderer.surface.values)
     type_number(window, "shape_pairs_spin", 16)
@@ -153,7 +158,9 @@ def test_the_mesh_is_drawn_from_its_lowest_eigenfunctions_and_back(window: MainW
     shading = vtk_to_numpy(window.scene.renderer.surface.data.GetPointData().GetNormals())
     normals = mv.Mesh(wanted, window.document.mesh.faces).vertex_normals
     np.testing.assert_allclose(shading, normals, atol=1e-2)
+    assert described(window) == "shape from 16 pairs"
     click_check(window)
+    assert "shape" not in described(window)
     assert not window.document.display.shape.shown
     np.testing.assert_array_equal(drawn(window), at_home(window))
     assert part(window, QLabel, "shape_distance_label").text() == "–"
@@ -170,6 +177,7 @@ def test_keys_on_the_sliders_lengthen_the_sum_and_morph(window: MainWindow) -> N
     np.testing.assert_allclose(drawn(window), rebuilt(window, 5), atol=1e-3)
     QTest.keyClick(slider, Qt.Key.Key_End)
     rest(window)
+    assert described(window) == f"shape from {PAIRS} pairs"
     everything = rebuilt(window, PAIRS)
     np.testing.assert_allclose(drawn(window), everything, atol=1e-3)
     morph = part(window, QSlider, "shape_morph_slider")
@@ -178,6 +186,7 @@ def test_keys_on_the_sliders_lengthen_the_sum_and_morph(window: MainWindow) -> N
         QTest.keyClick(morph, Qt.Key.Key_PageUp)
     rest(window)
     assert part(window, QLabel, "shape_morph_label").text() == "60 %"
+    assert described(window) == f"shape from {PAIRS} pairs (60 %)"
     between = 0.4 * window.document.mesh.vertices + 0.6 * everything
     np.testing.assert_allclose(drawn(window), between, atol=1e-3)
 

@@ -18,16 +18,19 @@ from meshmash_viewer.features.filter_parameters import hks_times
 from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, wave_kernel_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model import pieces
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import format_quantity
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 OPERATOR = OperatorOptions()
@@ -155,13 +158,13 @@ def test_distances_are_written_by_their_pairs_or_without(
 
 
 @pytest.mark.slow
-def test_the_map_of_features_in_pieces_is_their_middle_column(tmp_path: Path) -> None:
+def test_the_map_of_features_in_pieces_is_the_chosen_column(tmp_path: Path) -> None:
     mesh = shapes.icosphere(4)
     sent: list[Any] = []
     channel = SimpleNamespace(
         folder=tmp_path, report=lambda _: None, cancelled=lambda: False, send=sent.append
     )
-    family = EXPORTS["geometry-vectors"].exported(5)
+    family = EXPORTS["geometry-vectors"].exported(5, index=2)
     path = tmp_path / "out.npz"
     PiecesJob(mesh, path, family, 3, Target("count", 30), OPERATOR).run(channel)
     with np.load(path) as written:
@@ -172,3 +175,29 @@ def test_the_map_of_features_in_pieces_is_their_middle_column(tmp_path: Path) ->
     assert len(sent) > 1
     assert {each.name for each in sent} == {sent[0].name}
     np.testing.assert_allclose(shown, middle, rtol=1e-6)
+
+
+def test_pieces_show_the_chosen_time_and_warn_of_large_differences(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    times = np.geomspace(1e3, 1e7, 9)
+    report = {
+        "pieces": 2, "largest_piece": 90, "seam_vertices": 7, "remarks": [],
+        "seam_median": [0.002] * 9, "seam_largest": [0.004] * 9,
+    }  # fmt: skip
+
+    def write(*_: Any, done: Any, **__: Any) -> dict[str, Any]:
+        done(np.arange(2), np.broadcast_to(times, (2, 9)))
+        return report
+
+    monkeypatch.setattr(pieces, "write_in_pieces", write)
+    sent: list[Any] = []
+    channel = SimpleNamespace(report=lambda _: None, cancelled=lambda: False, send=sent.append)
+    mesh = shapes.icosphere(3, radius=500.0).in_unit("nm")
+    family = HeatKernelSignature(automatic=False, t_min=1e3, t_max=1e7, scales=9, time=3.5e6)
+    job = PiecesJob(mesh, tmp_path / "out.npz", family, 2, Target("count", 30), OPERATOR)
+    assert not job.run(channel).warns
+    assert sent[0].values == pytest.approx(times[7])
+    assert sent[0].name == f"HKS, t = {format_quantity(times[7], 'nm', 2)}, in pieces"
+    report["seam_largest"] = [0.004] * 8 + [0.48]
+    assert job.run(channel).warns

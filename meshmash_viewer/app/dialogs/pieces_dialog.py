@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtWidgets import QWidget
@@ -34,7 +35,7 @@ class PiecesDialog(SaveDialog):
         self._families: dict[str, Family] = {}
         for name in FEATURES:
             try:
-                found = in_pieces(document.display.fields[name], mesh, document.solve.target)
+                found = in_pieces(self._as_shown(name), mesh, document.solve.target)
             except InputError:
                 continue  # needs the spectrum of the whole mesh
             self._families[name] = found
@@ -66,6 +67,15 @@ class PiecesDialog(SaveDialog):
         self.count_spin.valueChanged.connect(self._show_size)
         self._show_size()
         self._refresh_remark()
+
+    def _as_shown(self, name: str) -> Family:
+        """The parameters of a family, with the position that is shown for the known pairs."""
+        fields, spectrum = self._document.display.fields, self._document.scaled_spectrum
+        chosen = fields[name]
+        if spectrum is None:
+            return chosen
+        known = chosen.resolved(spectrum, fields)
+        return replace(chosen, **{each: getattr(known, each) for each in chosen.position})
 
     def _show_size(self) -> None:
         document, count = self._document, self.count_spin.value()

@@ -113,7 +113,7 @@ def compose_figure(drawings: Sequence[MeshRenderer], options: FigureOptions) -> 
         If the mesh is outside its view.
     """
     font = options.font_points / _POINTS * _MM
-    captions = [drawing.caption for drawing in drawings]
+    captions = [drawing.shown_caption for drawing in drawings]
     barred = options.color_bar and any(
         caption is not None and isinstance(caption.colormap, str) for caption in captions
     )
@@ -237,7 +237,7 @@ def _draw_panel(
     with closing(OffScreen(drawing, (size[0], size[1]), transparent=True)) as window:
         pixels = straight(window.draw())
     page.axes(box).imshow(pixels, aspect="auto", interpolation="none")
-    font, caption = page.font, drawing.caption
+    font, caption = page.font, drawing.shown_caption
     over = box.below + box.height
     if titled and caption is not None:
         page.text(box.left, over + 2.9 * font, caption.title, 1.2, weight="bold")
@@ -260,7 +260,7 @@ def _draw_panel(
 
 def _draw_bar(page: _Page, drawing: MeshRenderer, box: _Box) -> None:
     """Draw the colour bar of a field to the right of a box, half as high."""
-    caption, font = drawing.caption, page.font
+    caption, font = drawing.shown_caption, page.font
     assert caption is not None
     left, tall = box.left + 0.8 * font, min(0.6 * box.height, 20.0 * font)
     below = box.below + 0.5 * (box.height - tall)

@@ -66,6 +66,8 @@ class MeshRenderer:
         self.caption: Caption | None = None
         #: Text in place of the quantity while another field is being computed.
         self.awaited = ""
+        #: Which shape is drawn, if not that of the mesh.
+        self.shape_text = ""
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
         #: Search structure of picking and of hidden pins, once it has been made.
@@ -102,7 +104,7 @@ class MeshRenderer:
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
-        self.caption, self._pins = None, ()
+        self.caption, self._pins, self.shape_text = None, (), ""
         if mesh is None:
             self.mesh = self.normals = self.view = None
             return
@@ -220,10 +222,11 @@ class MeshRenderer:
 
     @property
     def shown_caption(self) -> Caption | None:
-        """The caption, with the text `awaited` while another field is being computed."""
-        if self.caption is None or not self.awaited:
-            return self.caption
-        return replace(self.caption, quantity=self.awaited)
+        """The caption with the shape, or the text `awaited` while a field is being computed."""
+        if self.caption is None:
+            return None
+        parts = [self.awaited or self.caption.quantity, self.shape_text]
+        return replace(self.caption, quantity=" · ".join(filter(None, parts)))
 
     def set_pins(self, pins: Sequence[tuple[int, str, str]]) -> None:
         """Mark vertices: index, colour and label of each."""
@@ -344,6 +347,7 @@ class MeshRenderer:
         assert other.surface is not None
         if self.moved is not None:
             other.move(*self.moved)
+            other.shape_text = self.shape_text
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
         if self.caption is not None:
             other.surface.write(self.surface.values)

@@ -135,11 +135,14 @@ class MeshView(QWidget):
         normals: npt.NDArray[np.float32] | None = None,
         *,
         rests: bool = True,
+        text: str = "",
     ) -> None:
         """Draw the vertices at other positions, see `MeshRenderer.move`.
 
-        `rests` says that they stay there for a while; only then can vertices be picked.
+        `rests` says that they stay there for a while; only then can vertices be picked. `text` is
+        added below the title.
         """
+        self.renderer.shape_text = text
         if points is None and self.renderer.moved is None:
             return
         self.renderer.move(points, normals)
