@@ -47,11 +47,12 @@ LIGHT = RenderTheme(
     line="#14181d",
     halo="#ffffff",
 )
+#: Lighter than the dark end of every sequential map: with a contrast of at least 1.5.
 DARK = RenderTheme(
-    background_top="#2a2f36",
-    background_bottom="#16191d",
-    ink="#eef1f4",
-    faint_ink="#a3adb8",
+    background_top="#525963",
+    background_bottom="#3f444b",
+    ink="#f3f5f7",
+    faint_ink="#c9d0d8",
     surface="#8d9aa8",
     line="#101317",
     halo="#ffffff",

@@ -8,7 +8,8 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-from meshmash_viewer.app.view.colors import DARK, LIGHT, RenderTheme, rgb
+from meshmash_viewer.app.panels.color_section import SEQUENTIAL
+from meshmash_viewer.app.view.colors import DARK, LIGHT, RenderTheme, color_table, rgb
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.mesh import Mesh
@@ -73,3 +74,16 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
     assert (picture >= surface - 3).all()
     between = (picture > surface + 10) & (picture < ground - 10)
     assert np.count_nonzero(between.all(axis=2)) > 350
+
+
+def luminance(color: tuple[float, ...]) -> float:
+    """Relative luminance of a colour, as WCAG defines it."""
+    linear = [part / 12.92 if part <= 0.04 else ((part + 0.055) / 1.055) ** 2.4 for part in color]
+    return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
+
+
+@pytest.mark.parametrize("name", SEQUENTIAL)
+def test_the_dark_end_of_a_map_stands_out_from_the_dark_ground(name: str) -> None:
+    dark = min(luminance(tuple(color[:3] / 255.0)) for color in color_table(name))
+    for share in (0.0, 0.5, 1.0):
+        assert (luminance(DARK.ground(share)) + 0.05) / (dark + 0.05) >= 1.5
