@@ -137,10 +137,10 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
     document.display.kind = "hks"
     before = places(window)
     give(part(window, "hks_t_min_field"), "1e4")
-    assert places(window) == before
+    assert before.items() <= places(window).items()
     assert part(window, "hks_missing_label").isVisible()
     give(part(window, "hks_t_max_field"), "1")
-    assert places(window) == before, "a range the wrong way round"
+    assert before.items() <= places(window).items(), "a range the wrong way round"
 
 
 def test_a_pin_is_pointed_at_in_list_plot_and_render_together(
