@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from typing import TypeAlias
 
 from meshmash_viewer.errors import InputError
@@ -102,6 +103,11 @@ def format_number(value: float, digits: int = 4) -> str:
     """Write a number with some digits, as 1.2e-08 or 1e+06 only where it would be long."""
     text = f"{value:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(float(text)) < _LONG else text
+
+
+def format_position(position: Iterable[float], digits: int = 9) -> str:
+    """Write a position as the dialog of Ctrl+G reads it: "612400.2, 418900, 287300"."""
+    return ", ".join(f"{value:.{digits}g}" for value in position)
 
 
 def format_range(

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtGui import QCursor, QGuiApplication
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QMainWindow, QMessageBox
 
 from meshmash_viewer.app import theme
@@ -18,10 +18,10 @@ from meshmash_viewer.app.controls.focus_keys import settle_typing
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
+from meshmash_viewer.app.pin_commands import PinCommands
 from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.standard_views import DIRECTIONS, view_label
-from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
@@ -41,7 +41,7 @@ _OF_FIELDS = ("cancel", "undo", "redo")
 class Commands:
     """Implements each command of the table by the method of its name, here or in a helper.
 
-    The others are `opening`, `pictures`, for what is taken of the render, and the document.
+    The others are `opening`, `pictures`, for what is taken of the render, `pins`, and the document.
     """
 
     def __init__(
@@ -61,6 +61,7 @@ class Commands:
         self._exported: Exported | None = None
         self.pictures = Pictures(window, document, settings, background_io)
         self.pictures.scenes = lambda: opening.scenes
+        self.pins = PinCommands(window, document, settings, actions, background_io)
         display = document.display
         #: The commands that are a call of something else.
         self._calls: dict[str, Callable[..., object]] = {
@@ -101,7 +102,7 @@ class Commands:
 
     def method(self, name: str) -> Callable[..., object]:
         """Return the method of a command."""
-        owners = (self, self._opening, self.pictures, self._document)
+        owners = (self, self._opening, self.pictures, self.pins, self._document)
         return self._calls.get(name) or next(
             getattr(owner, name) for owner in owners if hasattr(owner, name)
         )
@@ -137,7 +138,8 @@ class Commands:
             actions[name].setText(f"{name.capitalize()} {label}".rstrip())
         for name in DIRECTIONS:
             actions[f"view_{name}"].setText(view_label(name, document.mesh))
-        actions["clear_pins"].setEnabled(bool(document.pins.placed))
+        for name in ("clear_pins", "remove_pin", "export_pins"):
+            actions[name].setEnabled(bool(document.pins.placed))
         actions["similar"].setEnabled(bool(document.pins.placed) and document.spectrum is not None)
         if not document.can_flip:
             actions["flip"].setEnabled(False)
@@ -156,7 +158,7 @@ class Commands:
 
     @scene.setter
     def scene(self, scene: MeshView) -> None:
-        self.pictures.scene = scene
+        self.pictures.scene = self.pins.scene = scene
 
     # -- taking away --------------------------------------------------------------------------
 
@@ -256,43 +258,6 @@ class Commands:
             self._window.showFullScreen()
         else:
             self._window.showNormal()
-
-    # -- inspecting ---------------------------------------------------------------------------
-
-    def pin(self) -> None:
-        """Pin the vertex under the pointer, or remove its pin."""
-        scene = self.scene
-        assert scene is not None
-        place = scene.mapFromGlobal(QCursor.pos())
-        vertex = scene.vertex_at(place.x(), place.y()) if scene.rect().contains(place) else -1
-        if vertex >= 0:
-            self._document.pins.toggle(vertex)
-        else:
-            self._document.notices.say("Hold the pointer over the mesh, then press P.")
-
-    def pin_index(self) -> None:
-        """Ask for an index or a position, and pin that vertex."""
-        from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
-
-        mesh = self._document.mesh
-        assert mesh is not None
-        dialog = PinDialog(mesh, self._window)
-        ask(dialog, lambda: self._pin(mesh, dialog.vertex, dialog.remark))
-
-    def _pin(self, mesh: Mesh, vertex: int, remark: str) -> None:
-        if self._document.mesh is not mesh:
-            text = "The vertex was not pinned: its mesh is not open any more."
-            self._document.notices.say(text, Severity.WARNING)
-        elif any(pin.vertex == vertex for pin in self._document.pins.placed):
-            self._document.notices.say(
-                f"{mesh.named_vertex(vertex).capitalize()} is pinned already."
-            )
-        else:
-            self._document.pins.toggle(vertex)
-            if remark:
-                self._document.notices.say(remark)
-        if self.scene is not None and self.scene.mesh is mesh:
-            self.scene.centre_on(vertex)
 
     # -- help ---------------------------------------------------------------------------------
 

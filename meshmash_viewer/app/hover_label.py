@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.units import counted, format_quantity
+from meshmash_viewer.model.pins import pin_at
+from meshmash_viewer.units import counted
 
 
 class HoverLabel(QLabel):
@@ -19,27 +23,31 @@ class HoverLabel(QLabel):
         theme.named(self, "hover_label", "Vertex under the pointer")
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._document = document
+        self._vertex = -1
         #: The field that is drawn.
         self.field: Field | None = None
+        follow(document.pins.changed, self._refresh)
 
     def show_vertex(self, vertex: int) -> None:
         """Describe a vertex; -1 for none."""
-        ready, field = self._document.ready, self.field
+        self._vertex = vertex
+        self._refresh()
+
+    def _refresh(self) -> None:
+        ready, field, vertex = self._document.ready, self.field, self._vertex
         if ready is None:
             parts = []
         elif not 0 <= vertex < ready.mesh.n_vertices:  # or of the previous mesh
             health, unit = ready.health, ready.mesh.unit or "no unit"
             parts = [counted(health.n_vertices, "vertex"), counted(health.n_faces, "face"), unit]
         else:
-            mesh = ready.mesh
+            mesh, pin = ready.mesh, pin_at(self._document.pins.placed, vertex)
             parts = [mesh.named_vertex(vertex).capitalize()]
             if field is not None and vertex < len(field.values):
-                value = float(field.values[vertex])
-                if field.labels and value == value:
-                    parts.append(field.labels[int(value)].name)
-                else:
-                    number = format_quantity(value, "", digits=5)
-                    parts.append(f"value {number} {field.unit}".rstrip())
+                named = field.labels or not math.isfinite(field.values[vertex])
+                value = field.value_text(vertex)
+                parts.append(value if named else f"value {value}")
             place = ", ".join(f"{x:.6g}" for x in mesh.vertices[vertex])
-            parts += [f"at ({place}) {mesh.unit}".rstrip(), "click to pin"]
+            parts.append(f"at ({place}) {mesh.unit}".rstrip())
+            parts.append(f"click to unpin {pin.title}; a drag moves it" if pin else "click to pin")
         self.setText("  ·  ".join(parts))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QChildEvent, QDeadlineTimer, QEvent, QPoint, Qt, QThread, Signal
+from PySide6.QtCore import QChildEvent, QEvent, QPoint, Qt, Signal
 from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
@@ -23,7 +23,6 @@ from PySide6.QtWidgets import (
     QApplication,
     QComboBox,
     QLineEdit,
-    QMainWindow,
     QMenu,
     QTabBar,
     QToolBar,
@@ -41,6 +40,7 @@ from meshmash_viewer.app.hover_label import HoverLabel
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
+from meshmash_viewer.app.scripted_window import ScriptedWindow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
@@ -50,18 +50,18 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.pins import pin_at
 from meshmash_viewer.plug_ins import known_plug_ins
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.shape_source import DrawnShape
-    from meshmash_viewer.app.view.render_widget import RenderWidget
     from meshmash_viewer.model.pair import Pair
 
 #: Widgets that lose the focus on Return, so that keys are commands again.
 _FIELDS = (QLineEdit, QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 
 
-class MainWindow(QMainWindow):
+class MainWindow(ScriptedWindow):
     """One document in one window.
 
     Parameters
@@ -210,7 +210,7 @@ class MainWindow(QMainWindow):
         self.scene.click_revoked.connect(self.document.history.undo)
         self.scene.vertex_hovered.connect(self.hover_label.show_vertex)
         self.scene.vertex_hovered.connect(self._point_at_pin)
-        self.profile_panel.pin_pointed.connect(self.scene.point_at)
+        self.commands.pins.connect(self.scene, self.profile_panel, self.controller)
         self.scene.stepped.connect(partial(stepping.step, self.document))
         self.loaded = True
         self.stage.welcome.set_loading("")
@@ -226,46 +226,6 @@ class MainWindow(QMainWindow):
         for each in known_plug_ins():
             if each.fault:
                 self.document.notices.say(each.fault, Severity.WARNING)
-
-    # -- for scripts --------------------------------------------------------------------------
-
-    @property
-    def plotter(self) -> RenderWidget:
-        """The render as a `pyvista.Plotter`, in mesh coordinates: what is added to it stays."""
-        return self.scene.plotter
-
-    def to_pyvista(self) -> Any:
-        """The mesh with the displayed field (`app.view.scene.displayed_surface`)."""
-        from meshmash_viewer.app.view.scene import displayed_surface
-
-        return displayed_surface(self.scene.renderer)
-
-    def wait(self, seconds: float = 3600.0) -> None:
-        """Handle events until nothing is being read or computed and the wanted field is shown.
-
-        Parameters
-        ----------
-        seconds : float
-            For how long at most.
-
-        Raises
-        ------
-        TimeoutError
-            If something is still being computed then.
-        """
-        deadline = QDeadlineTimer(round(1000.0 * seconds))
-        while not (
-            self.document.work.job is None
-            and self.background_io.idle
-            and self.controller.idle
-            and self.shape_source.idle
-            and (self.opening.second_view is None or self.opening.second_view.idle)
-        ):
-            if deadline.hasExpired():
-                raise TimeoutError(f"The window is still busy after {seconds:g} s.")
-            QApplication.processEvents()
-            QThread.msleep(5)
-        QApplication.processEvents()
 
     # -- wiring -------------------------------------------------------------------------------
 
@@ -315,6 +275,7 @@ class MainWindow(QMainWindow):
         """Show the field that was drawn in the panels, and vibrate by it."""
         self.hover_label.field = field
         self.field_panel.set_field(field, limits)
+        self.profile_panel.table.set_field(field)
         self.shape_source.set_field(field)
         self.shape_panel.set_field(field)
         if field is not None:
@@ -334,6 +295,11 @@ class MainWindow(QMainWindow):
     def _on_pair_changed(self, pair: Pair | None) -> None:
         self.pair_panel.set_pair(pair)
         self.commands.refresh()
+        second = self.opening.second_view
+        if second is not None:
+            second.scene.menu_requested.connect(
+                partial(self.commands.pins.show_second_menu, second)
+            )
         if pair is not None:
             self.arrangement.docks["pair"].show()
             self.arrangement.docks["pair"].raise_()
@@ -343,13 +309,8 @@ class MainWindow(QMainWindow):
 
     def _point_at_pin(self, vertex: int) -> None:
         """Highlight the pin whose disc is under the pointer, if there is one."""
-        place = self.scene.display_point
-        near = [
-            pin.vertex
-            for pin in self.document.pins.placed
-            if vertex >= 0 and (place(pin.vertex) - place(vertex)).manhattanLength() < 9
-        ]
-        self.profile_panel.point_at(near[-1] if near else -1)
+        pinned = pin_at(self.document.pins.placed, vertex) is not None
+        self.profile_panel.point_at(vertex if pinned else -1)
 
     def _on_job_changed(self) -> None:
         """Store the speed of the solver, and update the welcome page."""

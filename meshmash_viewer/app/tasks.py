@@ -13,7 +13,7 @@ from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import ExportJob, PinExportJob
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
 from meshmash_viewer.model.notices import Notice, Severity
@@ -24,6 +24,9 @@ from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 from meshmash_viewer.work import Job
+
+#: Jobs that wait for others, and for which others wait.
+_EXPORTS = ExportJob, PinExportJob
 
 
 class Tasks(QObject):
@@ -67,7 +70,7 @@ class Tasks(QObject):
             # the preview ends within seconds and is used; two requests for one job run it once
             self._queue = [other for other in self._queue if not isinstance(other, DecomposeJob)]
             self._queue.insert(0, job)
-        elif isinstance(job, ExportJob) or isinstance(self.job, ExportJob):
+        elif isinstance(job, _EXPORTS) or isinstance(self.job, _EXPORTS):
             self._queue.append(job)
             self._document.notices.say(f"{job.label} waits for: {self.job.label}.")
         elif isinstance(job, DecomposeJob) and not isinstance(self.job, DecomposeJob):
@@ -76,7 +79,7 @@ class Tasks(QObject):
                 Notice(text, Severity.WARNING, holds=lambda: self.job is running)
             )
         else:
-            self._queue = [waiting for waiting in self._queue if isinstance(waiting, ExportJob)]
+            self._queue = [waiting for waiting in self._queue if isinstance(waiting, _EXPORTS)]
             self._queue.insert(0, job)
             self.worker.cancel()
 

@@ -269,6 +269,7 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "figure": ("figures", {".png": None, ".pdf": None, ".svg": None}),
     "movie": ("movies", dict.fromkeys(MOVIE_ENDINGS)),
     "scene": ("scenes", dict.fromkeys(SCENE_ENDINGS)),
+    "pins": ("pins", {".csv": None}),
 }
 
 
@@ -287,9 +288,9 @@ def writer_of(kind: str, path: Path) -> Any:
     for ending in table:
         if name.endswith(ending) and len(name) > len(ending):
             needed = _NEEDED.get(ending[ending.rindex(".") :])
-            if needed and find_spec(needed) is None:
-                raise InputError(f"{path} is written by {not_installed(needed)}.")
             writer = table[ending]
+            if writer is not None and needed and find_spec(needed) is None:
+                raise InputError(f"{path} is written by {not_installed(needed)}.")
             return writer.load() if isinstance(writer, PlugIn) else writer
     raise InputError(
         f"{path} has no ending in which {plural} can be written; give it one of {' '.join(table)}."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,12 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.results import Written
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
+from meshmash_viewer.vertex_map import named_apart
 from meshmash_viewer.work import Channel
 
 if TYPE_CHECKING:
@@ -83,7 +86,7 @@ class ExportJob:
 
         pairs, proof, known_to = None, "", None
         if self.family.of_pairs:
-            pairs = self._pairs(channel)
+            pairs = stored_pairs(self.mesh, self.operator, self.n_pairs, channel)
             proof, known_to = pairs.proof(self.mesh.unit), pairs.known_to or None
         description, missing = counted(self.n_pairs, "eigenpair"), ""
         results: Features | Eigenpairs | None = pairs
@@ -116,26 +119,96 @@ class ExportJob:
         remark = ". ".join(filter(None, (missing, repairs)))
         return Written(self.path, description, remark, warns=bool(missing))
 
-    def _pairs(self, channel: Channel) -> Eigenpairs:
-        """Return the leading eigenpairs."""
-        from meshmash_viewer.io.spectrum import find_eigenpairs
-        from meshmash_viewer.model.decomposition import SPARE
 
-        channel.report(Progress("reading", message="Reading eigenpairs"))
-        pairs, damage = find_eigenpairs(
-            self.mesh,
-            self.operator,
-            channel.folder / SPARE,
-            count=self.n_pairs,
-            cancel=channel.cancelled,
-        )
-        if pairs is not None and len(pairs) == self.n_pairs:
-            return pairs
-        if damage:
-            raise InputError(
-                "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
-                " which keeps the intact ones."
-            )
+def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Channel) -> Eigenpairs:
+    """Return the leading eigenpairs of a mesh from the store.
+
+    Raises
+    ------
+    InputError
+        If they are no longer there, or damaged.
+    """
+    from meshmash_viewer.io.spectrum import find_eigenpairs
+    from meshmash_viewer.model.decomposition import SPARE
+
+    channel.report(Progress("reading", message="Reading eigenpairs"))
+    pairs, damage = find_eigenpairs(
+        mesh, operator, channel.folder / SPARE, count=count, cancel=channel.cancelled
+    )
+    if pairs is not None and len(pairs) == count:
+        return pairs
+    if damage:
         raise InputError(
-            "The eigenpairs of this mesh are no longer in the cache: compute them again."
+            "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
+            " which keeps the intact ones."
         )
+    raise InputError("The eigenpairs of this mesh are no longer in the cache: compute them again.")
+
+
+@dataclass(frozen=True, eq=False)
+class PinExportJob:
+    """Compute features by the direct sum, and write those of the pins as a table.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    operator : OperatorOptions
+        Operator of the eigenpairs in the store.
+    path : Path
+    pins : tuple of Pin
+    families : tuple of Family
+        Their columns are written, with their (resolved) parameters.
+    n_pairs : int
+        Number of leading eigenpairs to use.
+    """
+
+    mesh: Mesh
+    operator: OperatorOptions
+    path: Path
+    pins: tuple[Pin, ...]
+    families: tuple[Family, ...]
+    n_pairs: int
+
+    @property
+    def label(self) -> str:
+        return f"Writing {self.path.name}"
+
+    def run(self, channel: Channel) -> Written:
+        """Write the file.
+
+        Raises
+        ------
+        InputError
+            If the eigenpairs are no longer in the store or damaged there, a column cannot be
+            computed, or the file cannot be written.
+        Cancelled
+            If the user cancelled.
+        """
+        from meshmash_viewer.io.pins import write_pins
+
+        mesh, pairs, missing = self.mesh, None, []
+        vertices = [pin.vertex for pin in self.pins]
+        places = mesh.vertices[vertices]
+        columns: dict[str, Sequence[object]] = {
+            "index": [mesh.file_index(vertex) for vertex in vertices],
+            **{axis: places[:, at].tolist() for at, axis in enumerate("xyz")},
+            "unit": [mesh.unit] * len(vertices),
+            "name": [pin.name for pin in self.pins],
+            "color": [pin.color for pin in self.pins],
+        }
+        for each in named_apart(mesh.maps, tuple(columns)):
+            columns[each.name] = each.values[vertices].tolist()
+        if any(family.of_pairs for family in self.families):
+            pairs = stored_pairs(mesh, self.operator, self.n_pairs, channel)
+        for family in self.families:
+            channel.report(Progress("features", message=f"Computing {family.label}"))
+            known_to = {} if pairs is None else {"known_to": pairs.known_to or None}
+            features = family.compute_features(pairs, mesh, **known_to)
+            columns |= zip(features.columns, features.values[vertices].T.tolist(), strict=True)
+            missing += [features.missing] if features.missing else []
+            if channel.cancelled():
+                raise Cancelled
+        channel.report(Progress("writing", message=self.label))
+        write_pins(self.path, columns)
+        description = f"{counted(len(vertices), 'pin')}, {counted(len(columns), 'column')},"
+        return Written(self.path, description, ". ".join(missing), warns=bool(missing))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -213,6 +214,15 @@ class Field:
     def line_spacing(self) -> float | None:
         """Spacing of the lines that can be drawn; 0 for a line at zero alone, None for none."""
         return self.spacing or (0.0 if self.signed else None)
+
+    def value_text(self, vertex: int, digits: int = 5) -> str:
+        """Write the value at a vertex with its unit, or the name of its label."""
+        value = float(self.values[vertex])
+        if not math.isfinite(value):
+            return "no value"
+        if self.labels:
+            return self.labels[int(value)].name
+        return f"{format_number(value, digits)} {self.unit}".rstrip()
 
     @property
     def spacing_text(self) -> str:

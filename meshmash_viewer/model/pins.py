@@ -86,7 +86,7 @@ class Pins:
         self._history.record(label, "pins")
         self.put(tuple(pins))
 
-    def change(self, label: str, vertex: int, **attributes: Any) -> None:
+    def change(self, label: str, vertex: int, /, **attributes: Any) -> None:
         """Change attributes of the pin of a vertex as one change, if there is one."""
         if pin_at(self.placed, vertex) is not None:
             self.set(label, changed_pins(self.placed, vertex, **attributes))
@@ -111,7 +111,7 @@ class Pins:
             self.set("removal of all pins", ())
 
 
-def pin_at(pins: Iterable[Pin], vertex: int) -> Pin | None:
+def pin_at(pins: Iterable[Pin], vertex: int | None) -> Pin | None:
     """Return the pin of a vertex, or None."""
     return next((pin for pin in pins if pin.vertex == vertex), None)
 
@@ -145,7 +145,7 @@ def free_number(pins: Sequence[Pin], wanted: int = 0) -> int:
     return next(number for number in count(1) if number not in taken)
 
 
-def changed_pins(pins: Iterable[Pin], vertex: int, **attributes: Any) -> tuple[Pin, ...]:
+def changed_pins(pins: Iterable[Pin], vertex: int, /, **attributes: Any) -> tuple[Pin, ...]:
     """Return pins with other attributes of the one of a vertex."""
     return tuple(replace(pin, **attributes) if pin.vertex == vertex else pin for pin in pins)
 

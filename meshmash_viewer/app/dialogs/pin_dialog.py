@@ -6,7 +6,6 @@ import math
 import re
 
 import numpy as np
-import numpy.typing as npt
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
@@ -15,7 +14,7 @@ from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.quantities import parse_whole
-from meshmash_viewer.units import NO_VOXEL, format_quantity
+from meshmash_viewer.units import NO_VOXEL, format_position, format_quantity
 
 _NUMBER = r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
 #: Three numbers, in brackets or with a blank after each comma: "1,234,567" is one number.
@@ -95,7 +94,7 @@ def nearest_vertex(mesh: Mesh, x: float, y: float, z: float) -> tuple[int, str]:
     squared_distance, vertex = min(found)
     distance = math.sqrt(squared_distance)
     if not distance <= float(np.linalg.norm(np.ptp(places, axis=0))):
-        low, high = (format_position(each) for each in (places.min(axis=0), places.max(axis=0)))
+        low, high = (format_position(each, 7) for each in (places.min(axis=0), places.max(axis=0)))
         raise InputError(
             f"The position is far from the mesh, which lies between {low} and {high}"
             f" {mesh.unit}".rstrip()
@@ -103,8 +102,3 @@ def nearest_vertex(mesh: Mesh, x: float, y: float, z: float) -> tuple[int, str]:
         )
     name = mesh.named_vertex(vertex).capitalize()
     return vertex, f"{name} is {format_quantity(distance, mesh.unit)} from that position."
-
-
-def format_position(position: npt.ArrayLike) -> str:
-    """Write a position as `PinDialog` reads it: "612400.2, 418900, 287300"."""
-    return ", ".join(f"{value:.7g}" for value in np.asarray(position).tolist())

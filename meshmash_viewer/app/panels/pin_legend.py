@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
+from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QWidget
 
 from meshmash_viewer.app import theme
@@ -13,12 +14,24 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
 
+#: Number of pins, the oldest, that have a line and a profile.
+MOST_SHOWN = 40
+#: Width of a name in pixels.
+_WIDEST = 72
+
 
 class PinLegend(QScrollArea):
-    """One line per pin: its colour, number and vertex, and a button that removes it."""
+    """One line per pin: its colour, number, name or vertex, and a button that removes it.
+
+    Only the first pins have one; the table has all.
+    """
 
     #: Vertex of the pin under the pointer, -1 for none.
     pointed = Signal(int)
+    #: Vertex of a pin that was clicked twice.
+    activated_pin = Signal(int)
+    #: Vertex of a pin, and the position on the screen, of a right click.
+    menu_requested = Signal(int, QPoint)
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -38,8 +51,10 @@ class PinLegend(QScrollArea):
         self._refresh()
 
     def _refresh(self) -> None:
-        pins = sorted(self._document.pins.placed, key=lambda pin: pin.number)
-        lines = [(pin, self._document.named_vertex(pin.vertex)) for pin in pins]
+        pins = sorted(self._document.pins.placed[:MOST_SHOWN], key=lambda pin: pin.number)
+        lines = [
+            (pin, pin.name or self._document.named_vertex(pin.vertex).capitalize()) for pin in pins
+        ]
         for line in [line for line in self._rows if line not in lines]:
             row = self._rows.pop(line)
             if row.property("role") == "pointed":
@@ -61,15 +76,24 @@ class PinLegend(QScrollArea):
             theme.change_role(row, "pointed" if pin.vertex == vertex else "")
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Emit the pin under the pointer."""
+        """Emit the pin under the pointer, and clicks on it."""
         if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
             entered = event.type() == QEvent.Type.Enter
             for (pin, _), row in self._rows.items():
                 if row is watched:
                     self.pointed.emit(pin.vertex if entered else -1)
+        elif event.type() == QEvent.Type.MouseButtonDblClick:
+            self.activated_pin.emit(self._vertex_of(watched))
+        elif isinstance(event, QContextMenuEvent):
+            self.menu_requested.emit(self._vertex_of(watched), event.globalPos())
+            return True
         return super().eventFilter(watched, event)
 
-    def _row(self, pin: Pin, vertex: str) -> QWidget:
+    def _vertex_of(self, watched: QObject) -> int:
+        rows = self._rows.items()
+        return next((pin.vertex for (pin, _), row in rows if row is watched), -1)
+
+    def _row(self, pin: Pin, called: str) -> QWidget:
         row = theme.named(QWidget(), f"pin_row_{pin.vertex}")
         row.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         row.installEventFilter(self)
@@ -77,8 +101,10 @@ class PinLegend(QScrollArea):
         swatch.setFixedSize(12, 12)
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
         number = make.label(f"pin_number_{pin.vertex}", text=f"<b>{pin.number}</b>")
-        name = make.label(f"pin_label_{pin.vertex}", text=vertex.capitalize())
-        take = f"Take the pin of {vertex} away"
+        name = make.label(f"pin_label_{pin.vertex}", textFormat=Qt.TextFormat.PlainText)
+        end = Qt.TextElideMode.ElideRight
+        name.setText(name.fontMetrics().elidedText(called, end, _WIDEST))
+        take = f"Unpin {pin.name or self._document.named_vertex(pin.vertex)}"
         cross = make.icon_button(
             f"unpin_button_{pin.vertex}",
             take,

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 import pyqtgraph as pg
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QPoint, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 
@@ -17,7 +17,8 @@ from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PlotPanel
-from meshmash_viewer.app.panels.pin_legend import PinLegend
+from meshmash_viewer.app.panels.pin_legend import MOST_SHOWN, PinLegend
+from meshmash_viewer.app.panels.pin_table import PinTable
 from meshmash_viewer.app.plots.plot import Plot, color, hatch, marker, solid
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
@@ -60,6 +61,10 @@ class ProfilePanel(PlotPanel):
 
     #: Vertex of the pin that is pointed at in the list or on the plot, -1 for none.
     pin_pointed = Signal(int)
+    #: Vertex of a pin that was clicked twice in a list.
+    pin_activated = Signal(int)
+    #: Vertex of a pin, -1 for none, and the position on the screen.
+    menu_requested = Signal(int, QPoint)
 
     def __init__(self, document: Document) -> None:
         super().__init__(document, "profile", "Profiles")
@@ -98,10 +103,15 @@ class ProfilePanel(PlotPanel):
         tip = "They miss more than 1 % for want of eigenpairs"
         self.missing_label = make.label("profile_missing_label", role="muted", tip=tip)
         self.plot = Plot("profile_plot", "Profiles of the pinned vertices")
-        self.legend = PinLegend(self._document)
+        self.legend, self.table = PinLegend(self._document), PinTable(self._document)
+        tip = "The pins with their names, indices, values and positions"
+        self.table_check = make.check(
+            "Table", "pin_table_check", "Table of the pins", self._refresh, tip=tip
+        )
         shown = QWidget()
         shown.setLayout(row((self.plot,), self.legend, spacing=0))
-        self._arrange((self.view_choice,), (self.missing_label,), shown)
+        self._arrange((self.view_choice, self.table_check), (self.missing_label,), shown)
+        self._stack.addWidget(self.table)
         self._missing = pg.LinearRegionItem(movable=False)
         self._zero = pg.InfiniteLine(pos=0.0, angle=0)
         self._marker = marker(self._drag, self._refresh_display)
@@ -111,7 +121,10 @@ class ProfilePanel(PlotPanel):
         self.plot.hovered.connect(self._hover)
         self.plot.fit_button.clicked.connect(self._stop_paging)
         self.plot.plotItem.vb.sigRangeChangedManually.connect(self._stop_paging)
-        self.legend.pointed.connect(self._tell_pointed)
+        for each in (self.legend, self.table):
+            each.pointed.connect(self._tell_pointed)
+            each.activated_pin.connect(self.pin_activated)
+            each.menu_requested.connect(self.menu_requested)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Read nothing any more, and use the spectrum no more."""
@@ -168,6 +181,12 @@ class ProfilePanel(PlotPanel):
         self._pointed_outside = vertex
         self._bring_forward()
 
+    @property
+    def chosen_pin(self) -> int:
+        """Vertex of the pin that is pointed at, here or outside, or chosen in the table."""
+        pointed = self._hovered if self._hovered >= 0 else self._pointed_outside
+        return pointed if pointed >= 0 or not self.table.isVisible() else self.table.chosen
+
     def _bring_forward(self) -> None:
         vertex = self._hovered if self._hovered >= 0 else self._pointed_outside
         vertex = vertex if any(pin.vertex == vertex for pin in self._curves) else -1
@@ -189,9 +208,12 @@ class ProfilePanel(PlotPanel):
 
     def _refresh(self) -> None:
         """Draw all profiles whose values are read, and request the others."""
-        pins, spectrum = self._document.pins.placed, self._document.spectrum
+        pins, spectrum = self._document.pins.placed[:MOST_SHOWN], self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
         self._show_plot(there)
+        self.head.show_controls(bool(pins))
+        if pins and self.table_check.isChecked():
+            self._stack.setCurrentWidget(self.table)
         self.empty.setText(
             "Compute eigenpairs to see the profiles of the pinned vertices."
             if pins and not there

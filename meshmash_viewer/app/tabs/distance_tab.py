@@ -96,7 +96,7 @@ class DistanceTab(PinChooser):
         if field is None or not isinstance(family, Distances):
             return
         far = [
-            f"{pin.number}: {format_quantity(float(field.values[pin.vertex]), '', digits=4)}"
+            f"{pin.label}: {format_quantity(float(field.values[pin.vertex]), '', digits=4)}"
             f" {field.unit}".rstrip()
             for pin in self._document.pins.placed
             if pin.vertex != family.vertex and np.isfinite(field.values[pin.vertex])

@@ -32,7 +32,7 @@ from meshmash_viewer.fields.family import Family, Reading
 from meshmash_viewer.fields.parameter import Choice, Flag, Number, Parameter, Whole
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.pins import Pin
+from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.model.stepping import advance
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import resolved_time
@@ -370,20 +370,23 @@ class PinChooser(FamilyTab):
         self._change(vertex=self._document.pins.placed[row].vertex)
 
     def _follow_pins(self) -> None:
-        """Measure from the newest pin; from the last one left where its pin was taken away."""
+        """Measure from the newest pin, also where it moves; from the last one if it is removed."""
         pins = self._document.pins.placed
         vertex: int | None = getattr(self._document.display[self.family], "vertex")  # noqa: B009
         before = {pin.number for pin in self._pins}
-        self._pins = pins
-        vertices = [pin.vertex for pin in pins]
-        if vertices and (pins[-1].number not in before or vertex not in vertices):
-            self._change(vertex=vertices[-1])
-        elif not vertices:
-            self._change(vertex=None)
+        was, self._pins = pin_at(self._pins, vertex), pins
+        chosen = pin_at(pins, vertex)
+        if chosen is None and was is not None:  # it may have been moved
+            chosen = next((pin for pin in pins if pin.number == was.number), None)
+        if pins and (chosen is None or pins[-1].number not in before):
+            chosen = pins[-1]
+        if chosen is None or chosen.vertex != vertex:
+            self._change(vertex=None if chosen is None else chosen.vertex)
         with QSignalBlocker(self.combo):
             self.combo.clear()
             for pin in pins:
-                text = f"{pin.number} · {self._document.named_vertex(pin.vertex).capitalize()}"
+                vertex_name = self._document.named_vertex(pin.vertex).capitalize()
+                text = f"{pin.number} · {pin.name or vertex_name}"
                 self.combo.addItem(make.dot(pin.color), text)
         self.refresh()
 

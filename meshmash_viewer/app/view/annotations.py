@@ -53,6 +53,8 @@ _ORIGIN, _AXIS = 46, 26
 _AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 #: Rim of a pin, and background of its number.
 _DARK = "#14181d"
+#: Width in points at which the name of a pin is truncated.
+_LONGEST_LABEL = 160.0
 #: Justification of text in VTK: its left or lower edge, its middle, or its upper edge.
 _LOW, _MIDDLE, _TOP = 0, 1, 2
 
@@ -101,8 +103,9 @@ def caption_of(field: Field, limits: Limits, colormap: ColorMap, *, lined: bool)
 
 @dataclass(frozen=True)
 class Pin:
-    """A marked vertex: position in mesh coordinates, colour, label, whether it is hidden."""
+    """A marked vertex, its position in mesh coordinates, colour, label, whether it is hidden."""
 
+    vertex: int
     position: tuple[float, float, float]
     color: str
     label: str
@@ -263,7 +266,7 @@ class _Painter:
                 self._text("xyz"[axis], _LABEL, ink, x, y, _MIDDLE, _MIDDLE, plated=False)
 
     def pin(self, pin: Pin, view: View) -> None:
-        """Paint discs with a number, fainter for a pin behind the mesh."""
+        """Paint discs with a number or a name, fainter for a pin behind the mesh."""
         size = self._page.width, self._page.height
         x, y = view.to_pixels(np.array(pin.position), *size)[0, :2] / self._page.scale
         discs = [(7.5, _DARK, 0.5), (6.6, self._theme.halo, 1.0), (4.9, pin.color, 1.0)]
@@ -274,9 +277,16 @@ class _Painter:
         if pin.label:
             opacity = 0.55 if pin.hidden else 1.0
             x, y = x + 13.0, y + 12.0
-            self._disc(_DARK, x, y, 8.0, 0.75 * opacity)
+            free = max(min(_LONGEST_LABEL, self._width - x - 6.0), 12.0)
+            label = fitted(pin.label, free, lambda part: text_size(part, 10, True)[0])
+            half = text_size(label, 10, True)[0] / 2.0 + 5.0
+            if half <= 12.0:
+                self._disc(_DARK, x, y, 8.0, 0.75 * opacity)
+            else:
+                x += half - 10.0
+                self._rectangle(_DARK, x - half, y - 8.0, 2.0 * half, 16.0, 0.75 * opacity)
             self._text(
-                pin.label, 10, "#ffffff", x, y, _MIDDLE, _MIDDLE, bold=True, plated=False,
+                label, 10, "#ffffff", x, y, _MIDDLE, _MIDDLE, bold=True, plated=False,
                 opacity=opacity,
             )  # fmt: skip
 
@@ -320,8 +330,10 @@ class _Painter:
     def _brush(self, color: str, opacity: float = 1.0) -> None:
         self._context.GetBrush().SetColorF(*rgb(color), opacity)
 
-    def _rectangle(self, color: str, x: float, y: float, wide: float, tall: float) -> None:
-        self._brush(color)
+    def _rectangle(
+        self, color: str, x: float, y: float, wide: float, tall: float, opacity: float = 1.0
+    ) -> None:
+        self._brush(color, opacity)
         self._context.DrawRect(*self._pixels(x, y, wide, tall))
 
     def _disc(self, color: str, x: float, y: float, radius: float, opacity: float = 1.0) -> None:

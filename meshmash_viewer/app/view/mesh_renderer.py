@@ -288,6 +288,7 @@ class MeshRenderer:
         self._placed = view, camera.GetMTime()
 
     def placed_pins(self) -> list[Pin]:
+        """The pins with their positions, and whether the mesh hides them."""
         if self.mesh is None or self.view is None or not self._pins:
             return []
         known = (self.view, self.picker, self._pins)
@@ -296,6 +297,7 @@ class MeshRenderer:
             eye = self.view.axes[2]
             self._pins_placed = [
                 Pin(
+                    vertex,
                     tuple(self.place(vertex).tolist()),
                     color,
                     label,

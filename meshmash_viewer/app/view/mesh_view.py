@@ -39,7 +39,8 @@ class MeshView(QWidget):
 
     A drag rotates; with Shift or the right button it pans, with Ctrl it rolls. The wheel and a
     pinch zoom towards the pointer; Ctrl and the wheel step. A click picks a vertex; a click of the
-    middle button centres on one. Keys are handled by the window.
+    middle button centres on one, one of the right button requests a menu. Where `movable_pins`, a
+    drag that begins on a pin moves that along the surface. Keys are handled by the window.
     """
 
     #: Vertex under the pointer, -1 for none.
@@ -48,6 +49,11 @@ class MeshView(QWidget):
     vertex_clicked = Signal(int)
     #: The last click was the first of a double click, and means nothing by itself.
     click_revoked = Signal()
+    #: Right click: the vertex there, -1 for none, and the position on the screen.
+    menu_requested = Signal(int, QPoint)
+    #: The pin of a vertex is dragged to another vertex.
+    pin_dragged = Signal(int, int)
+    pin_dropped = Signal()
     #: Ctrl and the wheel: one step forward or back, +1 or -1 per notch.
     stepped = Signal(int)
     camera_changed = Signal()
@@ -68,6 +74,10 @@ class MeshView(QWidget):
         self._ring = Ring(self.plotter)
         #: Whether the camera has been moved since `reset_camera`.
         self.turned_by_hand = False
+        #: Whether pins can be dragged, and the vertex of the one that is: -1 where the drag turns
+        #: the mesh, None without a drag.
+        self.movable_pins = False
+        self._dragged_pin: int | None = None
         self._closed = False
         self._hovered = self._pointed = self._last_clicked = -1
         self._picking: LatestThread[_Places] = LatestThread(
@@ -78,6 +88,8 @@ class MeshView(QWidget):
         canvas = self.plotter
         canvas.resized.connect(self._resized)
         canvas.dragged.connect(self._dragged)
+        canvas.drag_ended.connect(self._end_drag)
+        canvas.right_clicked.connect(self._request_menu)
         canvas.zoomed.connect(self._zoom)
         canvas.stepped.connect(self.stepped)
         canvas.clicked.connect(self._clicked)
@@ -175,7 +187,7 @@ class MeshView(QWidget):
 
     def set_pins(self, pins: Iterable[Any]) -> None:
         """Mark the vertices of pins."""
-        self.renderer.set_pins([(pin.vertex, pin.color, str(pin.number)) for pin in pins])
+        self.renderer.set_pins([(pin.vertex, pin.color, pin.label) for pin in pins])
         self.plotter.render()
 
     def set_theme(self, dark: bool) -> None:
@@ -248,16 +260,6 @@ class MeshView(QWidget):
         """Draw what is on the screen at any size; RGBA of shape (height, width, 4)."""
         return draw_picture(self.renderer.twin(), size or self.plotter.pixels()[:2], transparent)
 
-    def small_drawing(self) -> MeshRenderer | None:
-        """A copy for small pictures, coarse for a large mesh; see `Frames.small_twin`."""
-        small, surface = self.frames.small_twin(), self.renderer.surface
-        if small is None:
-            return None
-        drawing, picked = small
-        if picked is not None and surface is not None:
-            drawing.set_field(surface.values[picked], self.renderer.caption)
-        return drawing
-
     def display_point(self, vertex: int) -> QPoint:
         """Position of a vertex on this widget."""
         (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
@@ -275,9 +277,22 @@ class MeshView(QWidget):
         through = drawing.view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
         return drawing.picker.seen_vertex(through - drawing.centre, drawing.view.axes[2])
 
+    def pin_at(self, x: float, y: float) -> int:
+        """Vertex of the nearest visible pin within a few pixels of a position, -1 for none."""
+        (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
+        pins = [pin for pin in self.renderer.placed_pins() if not pin.hidden]
+        if not pins or view is None:
+            return -1
+        places = view.to_pixels(np.array([pin.position for pin in pins]), width, height)
+        far = np.hypot(*(places[:, :2] - self.plotter.to_pixels(x, y)).T)
+        return pins[int(far.argmin())].vertex if far.min() <= _NEAR * ratio else -1
+
     def vertex_near(self, x: float, y: float) -> int:
-        """Vertex displayed at a position, or else the nearest visible one within a few pixels."""
-        vertex, drawing = self.vertex_at(x, y), self.renderer
+        """Vertex of the pin at a position, else the one displayed there, else the nearest visible.
+
+        Pin and nearest vertex are within a few pixels.
+        """
+        vertex, drawing = self.pinned_or_at(x, y), self.renderer
         if vertex >= 0 or drawing.picker is None or drawing.view is None or self.mesh is None:
             return vertex
         width, height, ratio = self.plotter.pixels()
@@ -290,6 +305,11 @@ class MeshView(QWidget):
             if not drawing.picker.hidden(vertex, eye):
                 return int(vertex)
         return -1
+
+    def pinned_or_at(self, x: float, y: float) -> int:
+        """Vertex of the pin at a position, else the one displayed there, -1 for none."""
+        pinned = self.pin_at(x, y)
+        return pinned if pinned >= 0 else self.vertex_at(x, y)
 
     @property
     def can_pick(self) -> bool:
@@ -330,6 +350,12 @@ class MeshView(QWidget):
         view = self.renderer.view
         if view is None:
             return
+        if self._dragged_pin is None:
+            at = self.plotter.pressed if self.movable_pins and how == "turn" else None
+            self._dragged_pin = -1 if at is None else self.pin_at(at.x(), at.y())
+        if self._dragged_pin >= 0:
+            self._drag_pin(self._dragged_pin)
+            return
         width, height, ratio = self.plotter.pixels()
         angle = np.pi * ratio / min(width, height)
         if how == "shift":
@@ -338,6 +364,23 @@ class MeshView(QWidget):
             self._set_view(view.turned(0.0, 0.0, angle * dx))
         else:
             self._set_view(view.turned(angle * dx, angle * dy))
+
+    def _drag_pin(self, pinned: int) -> None:
+        """Move a pin to the vertex under the pointer, unless that has one."""
+        at = self.plotter.pointer
+        vertex = -1 if at is None else self.vertex_at(at.x(), at.y())
+        if vertex >= 0 and all(pin.vertex != vertex for pin in self.document.pins.placed):
+            self._dragged_pin = vertex
+            self.pin_dragged.emit(pinned, vertex)
+
+    def _end_drag(self) -> None:
+        moved, self._dragged_pin = self._dragged_pin, None
+        if moved is not None and moved >= 0:
+            self.pin_dropped.emit()
+
+    def _request_menu(self, at: QPointF) -> None:
+        place = self.plotter.mapToGlobal(at.toPoint())
+        self.menu_requested.emit(self.vertex_near(at.x(), at.y()), place)
 
     def _zoom(self, factor: float, at: QPointF) -> None:
         view = self.renderer.view
@@ -351,7 +394,7 @@ class MeshView(QWidget):
         if inside is None or self.plotter.dragging:
             self._set_hovered(-1)
         else:
-            self._set_hovered(self.vertex_at(inside.x(), inside.y()))
+            self._set_hovered(self.pinned_or_at(inside.x(), inside.y()))
 
     def point_at(self, vertex: int) -> None:
         """Show the ring around a vertex while none is under the pointer; -1 hides it."""

@@ -42,10 +42,11 @@ class RenderWidget(QtInteractor):
     zoomed = Signal(float, QPointF)
     #: Whole notches of the wheel with Ctrl: +1 for each towards the user.
     stepped = Signal(int)
-    #: Pressed and released at one position, with the left or with the middle button.
+    #: Pressed and released at one position, with the left, the middle or the right button.
     clicked = Signal(QPointF)
     double_clicked = Signal(QPointF)
     middle_clicked = Signal(QPointF)
+    right_clicked = Signal(QPointF)
     pointer_moved = Signal()
 
     def __init__(self, parent: QWidget) -> None:
@@ -63,7 +64,8 @@ class RenderWidget(QtInteractor):
         self.dragging = False
         #: Position of the pointer, None outside.
         self.pointer: QPointF | None = None
-        self._pressed: QPointF | None = None
+        #: Where a button was pressed that is still down.
+        self.pressed: QPointF | None = None
         self._last = QPointF()
         self._button, self._double = Qt.MouseButton.NoButton, False
         self._step_rest = 0
@@ -162,10 +164,10 @@ class RenderWidget(QtInteractor):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a click or a drag; a second button is ignored."""
         event.accept()
-        if self._pressed is not None and event.buttons() & self._button:
+        if self.pressed is not None and event.buttons() & self._button:
             return
         self._end_drag()
-        self._pressed = self._last = event.position()
+        self.pressed = self._last = event.position()
         self._button, self._double = event.button(), False
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
@@ -176,12 +178,12 @@ class RenderWidget(QtInteractor):
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         """Continue a drag, or note the position of the pointer."""
         at = event.position()
-        if self._pressed is None:
+        if self.pressed is None:
             self._point_at(at)
             return
         self.pointer = at
         if not self.dragging:
-            moved = (at - self._pressed).manhattanLength()
+            moved = (at - self.pressed).manhattanLength()
             if moved < QApplication.startDragDistance() / 2:
                 return
             self.dragging = True
@@ -201,15 +203,17 @@ class RenderWidget(QtInteractor):
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         """End a drag, or emit a click."""
-        if event.button() != self._button or self._pressed is None:
+        if event.button() != self._button or self.pressed is None:
             return
-        pressed, self._pressed = self._pressed, None
+        pressed, self.pressed = self.pressed, None
         if self.dragging:
             self._end_drag()
         elif self._button == Qt.MouseButton.LeftButton:
             (self.double_clicked if self._double else self.clicked).emit(pressed)
         elif self._button == Qt.MouseButton.MiddleButton:
             self.middle_clicked.emit(pressed)
+        elif self._button == Qt.MouseButton.RightButton:
+            self.right_clicked.emit(pressed)
 
     def _end_drag(self) -> None:
         if self.dragging:

@@ -40,7 +40,7 @@ def csv_maps(path: Path) -> RawMesh:
     import pyarrow
     import pyarrow.csv
 
-    layout, separator, decimal = _layout(path)
+    layout, separator, decimal = text_layout(path)
     # in one block: the type of a column is that of all its rows, not of the first thousands
     block = min(path.stat().st_size * 4 + 1000, _LARGEST_BLOCK)
     read = pyarrow.csv.ReadOptions(use_threads=False, block_size=block, **layout)
@@ -64,7 +64,7 @@ def parquet_maps(path: Path) -> RawMesh:
     return _maps(pyarrow.parquet.read_table(path, use_threads=False))
 
 
-def _layout(path: Path) -> tuple[dict[str, Any], str, str]:
+def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
     """Return how a text is divided: its lines, and the signs between and within numbers."""
     with path.open("rb") as file:
         beginning = file.read(_BEGINNING)

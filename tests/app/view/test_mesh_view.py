@@ -312,7 +312,7 @@ def test_no_lines_where_there_is_no_value_or_nothing_but_zero(scene: MeshView, q
 def test_pins_are_drawn_in_their_colours(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     vertex = int(facing(scene, mesh)[20])
-    scene.set_pins((SimpleNamespace(vertex=vertex, color="#00ff00", number=1),))
+    scene.set_pins((SimpleNamespace(vertex=vertex, color="#00ff00", label="1"),))
     picture = scene.picture((640, 480)).astype(int)
     green = (picture[..., 1] - picture[..., 0] > 150) & (picture[..., 1] - picture[..., 2] > 150)
     assert 30 < green.sum() < 200

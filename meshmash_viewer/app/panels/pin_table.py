@@ -1,0 +1,199 @@
+"""Table of the pins: name, index, value of the displayed field, and position."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    QPoint,
+    Qt,
+    Signal,
+)
+from PySide6.QtGui import QContextMenuEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.pins import Pin
+from meshmash_viewer.units import format_position
+
+_Index: TypeAlias = QModelIndex | QPersistentModelIndex
+_NUMBER, NAME, _VERTEX, _VALUE, _PLACE = range(5)
+
+
+class _Rows(QAbstractTableModel):
+    """One row a pin, in the order of their numbers."""
+
+    #: Vertex of a pin, and the name that was typed.
+    renamed = Signal(int, str)
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        self._document = document
+        self.pins: tuple[Pin, ...] = ()
+        self.field: Field | None = None
+
+    def refresh(self) -> None:
+        """Show the pins of the document."""
+        self.beginResetModel()
+        self.pins = tuple(sorted(self._document.pins.placed, key=lambda pin: pin.number))
+        self.endResetModel()
+
+    def set_field(self, field: Field | None) -> None:
+        """Show the values of another field."""
+        self.field = field
+        if self.pins:
+            self.dataChanged.emit(self.index(0, _VALUE), self.index(len(self.pins) - 1, _VALUE))
+        self.headerDataChanged.emit(Qt.Orientation.Horizontal, _VALUE, _VALUE)
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008  Qt's own default
+        return len(self.pins)
+
+    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
+        return _PLACE + 1
+
+    def headerData(
+        self, section: int, along: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
+    ) -> Any:
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            return _alignment(section)
+        if along != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
+            return None
+        of_value, of_place = self._unit, self._document.unit
+        value = f"Value in {of_value}" if of_value else "Value"
+        place = f"x, y, z in {of_place}" if of_place else "x, y, z"
+        return ("Pin", "Name", "Index", value, place)[section]
+
+    @property
+    def _unit(self) -> str:
+        return "" if self.field is None else self.field.unit
+
+    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        pin, column = self.pins[index.row()], index.column()
+        if role == Qt.ItemDataRole.DecorationRole and column == _NUMBER:
+            return make.dot(pin.color)
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            return _alignment(column)
+        if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
+            return self._text(pin, column)
+        return None
+
+    def _text(self, pin: Pin, column: int) -> str:
+        mesh, field = self._document.mesh, self.field
+        if column == _NUMBER:
+            return str(pin.number)
+        if column == NAME:
+            return pin.name
+        if mesh is None or pin.vertex >= mesh.n_vertices:
+            return ""
+        if column == _VERTEX:
+            return f"{mesh.file_index(pin.vertex):,}"
+        if column == _PLACE:
+            return format_position(mesh.vertices[pin.vertex], 6)
+        if field is None or len(field.values) != mesh.n_vertices:
+            return ""
+        return field.value_text(pin.vertex).removesuffix(f" {self._unit}")
+
+    def setData(self, index: _Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
+        self.renamed.emit(self.pins[index.row()].vertex, str(value))
+        return True
+
+    def flags(self, index: _Index) -> Qt.ItemFlag:
+        flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
+        return flags | Qt.ItemFlag.ItemIsEditable if index.column() == NAME else flags
+
+
+def _alignment(column: int) -> Qt.AlignmentFlag:
+    side = (
+        Qt.AlignmentFlag.AlignRight if column in (_VERTEX, _VALUE) else Qt.AlignmentFlag.AlignLeft
+    )
+    return side | Qt.AlignmentFlag.AlignVCenter
+
+
+class PinTable(QTableView):
+    """The pins of a document; F2 edits the name of the chosen one."""
+
+    #: Vertex of the pin under the pointer, -1 for none.
+    pointed = Signal(int)
+    #: Vertex of a pin that was clicked twice.
+    activated_pin = Signal(int)
+    #: Vertex of a pin, -1 below them, and the position on the screen.
+    menu_requested = Signal(int, QPoint)
+    #: Vertex of a pin, and the name that was typed.
+    renamed = Signal(int, str)
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        theme.named(self, "pin_table", "Table of the pins")
+        self._rows = _Rows(document)
+        self.setModel(self._rows)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.EditKeyPressed)
+        self.setShowGrid(False)
+        self.setTabKeyNavigation(False)
+        self.setMouseTracking(True)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(26)
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        header.setStretchLastSection(True)
+        for column, width in enumerate((48, 90, 72, 118)):
+            self.setColumnWidth(column, width)
+        self._rows.renamed.connect(self.renamed)
+        self.entered.connect(lambda index: self.pointed.emit(self._vertex_of(index)))
+        self.doubleClicked.connect(lambda index: self.activated_pin.emit(self._vertex_of(index)))
+        follow(document.pins.changed, self._refresh)
+        follow(document.mesh_changed, self._refresh)
+        self._refresh()
+
+    @property
+    def chosen(self) -> int:
+        """Vertex of the chosen pin, -1 for none."""
+        rows = self.selectionModel().selectedRows()
+        return self._vertex_of(rows[0]) if rows else -1
+
+    def set_field(self, field: Field | None) -> None:
+        """Show the values of a field."""
+        self._rows.set_field(field)
+
+    def edit_name(self, vertex: int) -> None:
+        """Begin to edit the name of the pin of a vertex."""
+        row = next((row for row, pin in enumerate(self._rows.pins) if pin.vertex == vertex), -1)
+        if row >= 0:
+            self.setCurrentIndex(self._rows.index(row, NAME))
+            self.edit(self._rows.index(row, NAME))
+
+    def leaveEvent(self, event: Any) -> None:
+        """Note that the pointer is outside."""
+        super().leaveEvent(event)
+        self.pointed.emit(-1)
+
+    def keyPressEvent(self, event: Any) -> None:
+        """Edit the name by the edit key in any column."""
+        if event.key() == Qt.Key.Key_F2:
+            self.edit_name(self.chosen)
+        else:
+            super().keyPressEvent(event)
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        """Request the menu of the pin at the pointer."""
+        at = self.viewport().mapFromGlobal(event.globalPos())
+        self.menu_requested.emit(self._vertex_of(self.indexAt(at)), event.globalPos())
+
+    def _refresh(self) -> None:
+        chosen = self.chosen
+        self._rows.refresh()
+        for row, pin in enumerate(self._rows.pins):
+            if pin.vertex == chosen:
+                self.selectRow(row)
+
+    def _vertex_of(self, index: _Index) -> int:
+        return self._rows.pins[index.row()].vertex if index.isValid() else -1

@@ -1,0 +1,300 @@
+"""Commands on pins: set, move, name, remove, import and export them, and their menus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QPoint
+from PySide6.QtGui import QColor, QCursor
+from PySide6.QtWidgets import QColorDialog, QFileDialog, QInputDialog, QMainWindow, QMenu
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.actions import Actions
+from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.pictures import ask
+from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.vertex_menu import VertexMenu
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.pins import PinTable, read_pins
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.pins import PIN_COLORS, Pin, distinct_name, pin_at
+from meshmash_viewer.model.placing import PlacedPins, merged_pins, place_pins
+from meshmash_viewer.units import counted
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.controller import Controller
+    from meshmash_viewer.app.dialogs.pin_export_dialog import PinExportDialog
+    from meshmash_viewer.app.panels.profile_panel import ProfilePanel
+    from meshmash_viewer.app.second_view import SecondView
+    from meshmash_viewer.app.view.mesh_view import MeshView
+
+#: Commands offered by a right click next to the mesh.
+_ELSEWHERE = ("reset_camera", "copy_picture", "save_picture", "save_figure")
+_IN_LISTS = ("import_pins", "export_pins", "clear_pins")
+_TABLES = "Tables (*.csv *.tsv *.txt)"
+
+
+class PinCommands:
+    """The commands on the pins of a document, whose render and controller are loaded later."""
+
+    def __init__(
+        self,
+        window: QMainWindow,
+        document: Document,
+        settings: Settings,
+        actions: Actions,
+        background_io: BackgroundIO,
+    ) -> None:
+        self._window, self._document, self._actions = window, document, actions
+        self._settings, self._background_io = settings, background_io
+        self.scene: MeshView | None = None
+        self.controller: Controller | None = None
+        self._panel: ProfilePanel | None = None
+        self._dragging = False
+
+    def connect(self, scene: MeshView, panel: ProfilePanel, controller: Controller) -> None:
+        """Take requests of the render and of the lists of pins."""
+        self.controller = controller
+        self._panel = panel
+        scene.movable_pins = True
+        scene.pin_dragged.connect(self.drag)
+        scene.pin_dropped.connect(self.drop)
+        scene.menu_requested.connect(self.show_menu)
+        panel.pin_pointed.connect(scene.point_at)
+        panel.pin_activated.connect(self.fly_to)
+        panel.menu_requested.connect(self.show_list_menu)
+        panel.table.renamed.connect(self.rename)
+
+    # -- commands -----------------------------------------------------------------------------
+
+    def pin(self) -> None:
+        """Pin the vertex under the pointer, or remove its pin."""
+        scene = self.scene
+        assert scene is not None
+        place = scene.mapFromGlobal(QCursor.pos())
+        vertex = scene.pinned_or_at(place.x(), place.y()) if scene.rect().contains(place) else -1
+        if vertex >= 0:
+            self._document.pins.toggle(vertex)
+        else:
+            self._document.notices.say("Hold the pointer over the mesh, then press P.")
+
+    def pin_index(self) -> None:
+        """Ask for an index or a position, and pin that vertex."""
+        from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
+
+        mesh = self._document.mesh
+        assert mesh is not None
+        dialog = PinDialog(mesh, self._window)
+        ask(dialog, lambda: self._pin(mesh, dialog.vertex, dialog.remark))
+
+    def _pin(self, mesh: Mesh, vertex: int, remark: str) -> None:
+        if self._document.mesh is not mesh:
+            text = "The vertex was not pinned: its mesh is not open any more."
+            self._document.notices.say(text, Severity.WARNING)
+        elif pin_at(self._document.pins.placed, vertex) is not None:
+            self._document.notices.say(
+                f"{mesh.named_vertex(vertex).capitalize()} is pinned already."
+            )
+        else:
+            self._document.pins.toggle(vertex)
+            if remark:
+                self._document.notices.say(remark)
+        self.fly_to(vertex)
+
+    def remove_pin(self) -> None:
+        """Remove the pin that is pointed at, or the one chosen in the table."""
+        chosen = -1 if self._panel is None else self._panel.chosen_pin
+        pin = pin_at(self._document.pins.placed, chosen)
+        if pin is not None:
+            self._document.pins.toggle(pin.vertex)
+        else:
+            self._document.notices.say(
+                "Hold the pointer over a pin, or choose one in the table of pins."
+            )
+
+    def import_pins(self) -> None:
+        """Ask for a table, and pin its vertices."""
+        chosen, _ = QFileDialog.getOpenFileName(
+            self._window, "Import pins", str(self._settings.folder), f"{_TABLES};;All files (*)"
+        )
+        mesh = self._document.mesh
+        if not chosen or mesh is None:
+            return
+        path = Path(chosen)
+        self._settings.folder = path.parent
+        self._background_io.run(
+            f"Reading {path.name}",
+            lambda: place_pins(mesh, read_pins(path)),
+            lambda placed: self._accept(mesh, placed, f"from {path.name}"),
+        )
+
+    def add(self, table: PinTable) -> None:
+        """Pin the vertices of a table.
+
+        Raises
+        ------
+        InputError
+            If one of them does not exist; nothing is pinned then.
+        """
+        mesh = self._document.mesh
+        if mesh is None:
+            raise InputError("There is no mesh to pin: open one first.")
+        placed = place_pins(mesh, table)
+        if placed.faults:
+            raise InputError(f"No pin was set; {placed.faults[0]}.")
+        self._accept(mesh, placed, "")
+
+    def _accept(self, mesh: Mesh, placed: PlacedPins, source: str) -> None:
+        """Add pins to those of the mesh, if it is still open, and say what was left out."""
+        document, left_out = self._document, placed.faults
+        if document.mesh is not mesh:
+            document.notices.say("No pin was set: its mesh is not open any more.", Severity.WARNING)
+            return
+        count = counted(len(placed.pins), "pin") if placed.pins else "No pin"
+        sentences = [f"{count} imported {source}.".replace(" .", ".")]
+        if placed.pins:
+            pins, remark = merged_pins(document.pins.placed, placed.pins)
+            document.pins.set("import of pins", pins)
+            sentences += [*placed.remarks, *filter(None, [remark])]
+        if left_out:
+            rest = f"{counted(len(left_out), 'row')} left out, such as {left_out[0]}."
+            sentences.append(rest if len(left_out) > 1 else f"Left out is {left_out[0]}.")
+        if source or len(sentences) > 1:
+            severity = Severity.WARNING if left_out else Severity.INFORMATION
+            document.notices.say(" ".join(sentences), severity)
+
+    def export_pins(self) -> None:
+        """Ask for columns and a file, and write the table of the pins."""
+        from meshmash_viewer.app.dialogs.pin_export_dialog import PinExportDialog
+
+        dialog = PinExportDialog(self._document, self._settings.folder, self._window)
+        ask(dialog, lambda: self._start_export(dialog))
+
+    def _start_export(self, dialog: PinExportDialog) -> None:
+        self._settings.folder = dialog.path.parent
+        self._document.work.request(dialog.job())
+
+    def fly_to(self, vertex: int) -> None:
+        """Move the camera so that a vertex is in the middle."""
+        if self.scene is not None and self.scene.mesh is self._document.mesh:
+            self.scene.centre_on(vertex)
+
+    # -- one pin ------------------------------------------------------------------------------
+
+    def drag(self, vertex: int, to: int) -> None:
+        """Move a pin to another vertex; all moves until `drop` are one change."""
+        if not self._dragging:
+            self._dragging = True
+            self._document.history.record("move of a pin", "pins")
+        with self._document.history.paused():
+            self._document.pins.change("move of a pin", vertex, vertex=to)
+
+    def drop(self) -> None:
+        """End the change that `drag` began."""
+        self._dragging = False
+        self._document.history.changed.emit()
+
+    def rename(self, vertex: int, name: str) -> None:
+        """Name the pin of a vertex; a name that is taken gets a number, and it is said."""
+        document, pin = self._document, pin_at(self._document.pins.placed, vertex)
+        if pin is None:
+            return
+        wanted = distinct_name(name, ())
+        name = distinct_name(name, [each.name for each in document.pins.placed if each is not pin])
+        if name != pin.name:
+            document.pins.change("name of a pin", vertex, name=name)
+            if name != wanted:
+                document.notices.say(f"There is a pin called {wanted} already: this one is {name}.")
+
+    def ask_for_name(self, vertex: int) -> None:
+        """Ask for the name of the pin of a vertex."""
+        pin = pin_at(self._document.pins.placed, vertex)
+        if pin is None:
+            return
+        dialog = theme.named(QInputDialog(self._window), "rename_dialog", "Name of the pin")
+        dialog.setWindowTitle("Rename pin")
+        dialog.setLabelText(
+            f"Name of the pin of {self._document.named_vertex(vertex)}; empty for none"
+        )
+        dialog.setTextValue(pin.name)
+        ask(dialog, lambda: self.rename(vertex, dialog.textValue()))
+
+    def ask_for_color(self, vertex: int) -> None:
+        """Ask for the colour of the pin of a vertex."""
+        pin = pin_at(self._document.pins.placed, vertex)
+        if pin is None:
+            return
+        dialog = theme.named(QColorDialog(QColor(pin.color), self._window), "color_dialog")
+        dialog.setWindowTitle(f"Colour of {pin.title}")
+        for at, color in enumerate(PIN_COLORS):
+            dialog.setCustomColor(at, QColor(color))
+        ask(dialog, lambda: self._recolor(vertex, dialog.selectedColor()))
+
+    def _recolor(self, vertex: int, color: QColor) -> None:
+        if color.isValid():
+            name = color.name().upper()
+            self._document.pins.change("colour of a pin", vertex, own_color=name)
+
+    # -- menus --------------------------------------------------------------------------------
+
+    def show_menu(self, vertex: int, place: QPoint, elsewhere: Sequence[str] = _ELSEWHERE) -> None:
+        """Show what can be done at a vertex, or for -1 the commands `elsewhere`."""
+        document, mesh, controller = self._document, self._document.mesh, self.controller
+        if mesh is None:
+            return
+        if vertex < 0:
+            menu = theme.named(QMenu(self._window), "render_menu", "What can be done here")
+            menu.addActions([self._actions[name] for name in elsewhere])
+        else:
+            menu = VertexMenu(
+                mesh,
+                vertex,
+                pin_at(document.pins.placed, vertex),
+                None if controller is None else controller.field,
+                toggle=partial(document.pins.toggle, vertex),
+                centre=partial(self.fly_to, vertex),
+                rename=partial(self.ask_for_name, vertex),
+                recolor=partial(self.ask_for_color, vertex),
+                say=document.notices.say,
+            ).make(self._window)
+        _open(menu, place)
+
+    def show_list_menu(self, vertex: int, place: QPoint) -> None:
+        """Show what can be done with a pin of a list, or below them for -1."""
+        self.show_menu(vertex, place, _IN_LISTS)
+
+    def show_second_menu(self, second: SecondView, vertex: int, place: QPoint) -> None:
+        """Show what can be done at a vertex of the second mesh; its pins are those of the first."""
+        mesh, pin = second.document.mesh, pin_at(second.document.pins.placed, vertex)
+        if mesh is None or vertex < 0:
+            return
+        first = self._on_first(pin)
+        menu = VertexMenu(
+            mesh,
+            vertex,
+            pin,
+            second.controller.field,
+            toggle=partial(second.pair.pin_second, vertex),
+            centre=partial(second.scene.centre_on, vertex),
+            rename=partial(self.ask_for_name, first),
+            recolor=partial(self.ask_for_color, first),
+            say=self._document.notices.say,
+        )
+        _open(menu.make(self._window), place)
+
+    def _on_first(self, pin: Pin | None) -> int:
+        """Vertex of the first mesh with the pin of the same number; -1 for none."""
+        number = None if pin is None else pin.number
+        return next(
+            (each.vertex for each in self._document.pins.placed if each.number == number), -1
+        )
+
+
+def _open(menu: QMenu, place: QPoint) -> None:
+    menu.aboutToHide.connect(menu.deleteLater)
+    menu.popup(place)

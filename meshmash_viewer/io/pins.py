@@ -1,0 +1,171 @@
+"""Tables of pins as CSV: index or position, name and colour, and any further columns."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.formats.tables import text_layout
+from meshmash_viewer.units import LENGTH_UNITS
+
+__all__ = ["MOST_PINS", "PinTable", "pin_table", "read_pins", "write_pins"]
+
+#: Largest number of rows that are read.
+MOST_PINS = 1000
+#: Other names of columns.
+_ALIASES = {"vertex": "index", "vertex_index": "index", "colour": "color", "label": "name"}
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class PinTable:
+    """Vertices or positions to pin, one a row.
+
+    Parameters
+    ----------
+    indices : ndarray of int64, shape (n,)
+        Index in the mesh file, -1 where there is only a position.
+    positions : ndarray of float64, shape (n, 3)
+        NaN where there is only an index.
+    names, colors : sequence of str
+        "" for none.
+    unit : str
+        Length unit of the positions; "" if not stated.
+    """
+
+    indices: IntArray
+    positions: FloatArray
+    names: Sequence[str]
+    colors: Sequence[str]
+    unit: str = ""
+
+
+def pin_table(at: npt.ArrayLike, names: Sequence[str] = (), colors: Sequence[str] = ()) -> PinTable:
+    """Return a table of indices, shape (n,), or positions, shape (n, 3), with names and colours.
+
+    Raises
+    ------
+    InputError
+        If the shape is another one, or names or colours are not as many.
+    """
+    given = np.asarray(at)
+    whole = given.ndim == 1 and np.issubdtype(given.dtype, np.integer)
+    if not given.size or not (whole or (given.ndim == 2 and given.shape[1] == 3)):
+        raise InputError(
+            f"Pins of shape {given.shape} and type {given.dtype} are not known: give indices of"
+            " shape (n,), or positions of shape (n, 3)."
+        )
+    n = len(given)
+    for what, texts in (("names", names), ("colours", colors)):
+        if len(texts) not in (0, n):
+            raise InputError(f"There are {n} pins and {len(texts)} {what}: give one for each.")
+    indices = given.astype(np.int64) if whole else np.full(n, -1)
+    positions = np.full((n, 3), np.nan) if whole else given.astype(np.float64)
+    return PinTable(indices, positions, tuple(names) or ("",) * n, tuple(colors) or ("",) * n)
+
+
+def read_pins(path: str | Path) -> PinTable:
+    """Read a table with a column ``index`` (or ``vertex``), or ``x``, ``y`` and ``z``, or both.
+
+    ``name``, ``color`` (or ``colour``) and ``unit`` are optional; further columns are ignored.
+    Columns named such as ``pt_x``, ``pt_y``, ``pt_z`` are positions, too.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has none of these columns or too many rows, or has something
+        else where a number should be.
+    """
+    path = Path(path)
+    try:
+        layout, separator, decimal = text_layout(path)
+        text = path.read_text(layout["encoding"], "replace").removeprefix("\ufeff")
+    except OSError as fault:
+        raise InputError(
+            f"{path} cannot be read ({fault.strerror}): check its name and permission."
+        ) from fault
+    lines = text.splitlines()[layout["skip_rows"] :]
+    found = [row for row in csv.reader(lines, delimiter=separator) if any(map(str.strip, row))]
+    columns = _columns(layout["column_names"] or (found.pop(0) if found else []))
+    if "index" not in columns and not columns.keys() >= set(_AXES):
+        named = ", ".join(printable(name, 30) for name in columns) or "none"
+        raise InputError(
+            f"{path.name} is no table of pins: it needs a column index, or x, y and z, in its first"
+            f" line, and its columns are {named}."
+        )
+    if len(found) > MOST_PINS:
+        raise InputError(
+            f"{path.name} has {len(found):,} rows, and at most {MOST_PINS:,} can be pins: select"
+            " some of them."
+        )
+
+    def entries(name: str) -> list[str]:
+        at = columns.get(name, -1)
+        return [row[at].strip() if 0 <= at < len(row) else "" for row in found]
+
+    def numbers(name: str, missing: float) -> FloatArray:
+        return np.array(
+            [
+                _number(path, at, name, text.replace(decimal, "."), missing)
+                for at, text in enumerate(entries(name), 1)
+            ]
+        )
+
+    units = set(entries("unit")) & set(LENGTH_UNITS)
+    return PinTable(
+        numbers("index", -1.0).astype(np.int64),
+        np.stack([numbers(axis, np.nan) for axis in _AXES], axis=-1),
+        entries("name"),
+        entries("color"),
+        units.pop() if len(units) == 1 else "",
+    )
+
+
+def _columns(names: Sequence[str]) -> dict[str, int]:
+    """Places of the columns by their names in lower case."""
+    plain = [name.strip().lower() for name in names]
+    columns = {_ALIASES.get(name, name): at for at, name in reversed(list(enumerate(plain)))}
+    for stem in [name.removesuffix("_x") for name in plain if name.endswith("_x")]:
+        if all(f"{stem}_{axis}" in columns for axis in _AXES):
+            columns = {axis: columns[f"{stem}_{axis}"] for axis in _AXES} | columns
+    return columns
+
+
+def _number(path: Path, row: int, name: str, text: str, missing: float) -> float:
+    try:
+        value = float(text) if text else missing
+        whole = name != "index" or value == int(value)
+    except (ValueError, OverflowError):
+        whole = False
+    if not whole:
+        raise InputError(
+            f"{path.name} has {printable(text, 30)!r} as {name} in row {row}: correct that row."
+        )
+    return value
+
+
+def write_pins(path: str | Path, columns: Mapping[str, Sequence[object]]) -> None:
+    """Write columns of equal lengths as a table; floating-point numbers with all their digits.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    with (
+        writing_errors(path),
+        written_whole(path) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
+        table = csv.writer(file)
+        table.writerow(columns)
+        table.writerows(zip(*columns.values(), strict=True))

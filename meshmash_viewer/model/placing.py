@@ -1,0 +1,140 @@
+"""Placing of pins from a table on a mesh: by index in the file, or by position."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.pins import PinTable
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.pins import Pin, checked_color, distinct_name
+from meshmash_viewer.units import METRES, NO_VOXEL, counted, format_quantity
+
+#: Distance of the vertex of an index from its position, as a share of the size of the mesh, up to
+#: which they agree.
+_AGREES = 1e-3
+
+
+@dataclass(frozen=True)
+class PlacedPins:
+    """Vertex, name and colour of each pin; reasons why rows are left out; other remarks."""
+
+    pins: tuple[tuple[int, str, str], ...]
+    faults: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
+    """Find the vertices of the rows of a table.
+
+    The index in the file counts unless its vertex is not at the position of the row; then that is
+    the one nearest to the position.
+    """
+    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    positions = _positions(mesh, table)
+    near, far = _nearest(mesh, positions)
+    pins: dict[int, tuple[int, str, str]] = {}
+    faults: list[str] = []
+    disagreeing, repeated, farthest = 0, 0, 0.0
+    for row, index in enumerate(table.indices.tolist()):
+        try:
+            color = checked_color(table.colors[row])
+            vertex = _vertex_of(mesh, index, positions[row], _AGREES * size)
+            if vertex < 0:
+                distance = float(far[row])
+                if not distance <= size:
+                    text = format_quantity(distance, mesh.unit)
+                    raise InputError(f"the position is {text} from the mesh: check its unit")
+                vertex, farthest = int(near[row]), max(farthest, distance)
+                disagreeing += index >= 0
+        except InputError as fault:
+            faults.append(f"row {row + 1}: {fault}".rstrip("."))
+            continue
+        repeated += vertex in pins
+        pins.setdefault(vertex, (vertex, table.names[row], color))
+    remarks = []
+    if disagreeing:
+        remarks.append(f"{counted(disagreeing, 'position')} not at the index: the position counts.")
+    if farthest > _AGREES * size:
+        text = format_quantity(farthest, mesh.unit)
+        remarks.append(f"The farthest vertex is {text} from its position.")
+    if repeated:
+        remarks.append(f"{counted(repeated, 'row')} at the vertex of an earlier row left out.")
+    return PlacedPins(tuple(pins.values()), tuple(faults), tuple(remarks))
+
+
+def _vertex_of(mesh: Mesh, index: int, position: FloatArray, agrees: float) -> int:
+    """Return the vertex of an index; -1 where the position counts.
+
+    Raises
+    ------
+    InputError
+        If there is neither a vertex of that index nor a position.
+    """
+    placed = bool(np.isfinite(position).all())
+    if index < 0 and placed:
+        return -1
+    if index < 0:
+        raise InputError("there is neither an index nor a position")
+    if not placed:
+        return mesh.vertex_of(index)
+    with contextlib.suppress(InputError):
+        vertex = mesh.vertex_of(index)
+        if float(np.linalg.norm(mesh.vertices[vertex] - position)) <= agrees:
+            return vertex
+    return -1
+
+
+def _positions(mesh: Mesh, table: PinTable) -> FloatArray:
+    """Return the positions in the unit of the mesh, shape (n, 3); they may be given in voxels."""
+    positions = table.positions
+    if table.unit and mesh.unit:
+        return positions * 10.0 ** (METRES[table.unit] - METRES[mesh.unit])
+    if mesh.voxel == NO_VOXEL or not np.isfinite(positions).any():
+        return positions
+    both = positions, positions * mesh.voxel
+    return min(both, key=lambda each: float(np.nanmedian(_nearest(mesh, each)[1])))
+
+
+def _nearest(mesh: Mesh, positions: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the nearest vertex on a face to each position, -1 for NaN, and its distance."""
+    from scipy.spatial import cKDTree
+
+    vertices, distances = np.full(len(positions), -1), np.full(len(positions), np.nan)
+    given = np.isfinite(positions).all(axis=1)
+    if given.any():
+        used = np.flatnonzero(mesh.referenced)
+        distances[given], found = cKDTree(mesh.vertices[used]).query(positions[given])
+        vertices[given] = used[found]
+    return vertices, distances
+
+
+def merged_pins(
+    pins: Sequence[Pin], placed: Sequence[tuple[int, str, str]]
+) -> tuple[tuple[Pin, ...], str]:
+    """Return pins with more of them, and a remark on doubled names.
+
+    One at a pinned vertex changes the name and the colour of that pin, if it has any.
+    """
+    merged = {pin.vertex: pin for pin in pins}
+    taken, names = {pin.number for pin in pins}, {pin.name for pin in pins}
+    numbers = (number for number in count(1) if number not in taken)
+    doubled = []
+    for vertex, given, color in placed:
+        pin = merged.get(vertex) or Pin(vertex, next(numbers))
+        name = distinct_name(given, names - {pin.name} if given == pin.name else names)
+        names.add(name)
+        if name != distinct_name(given, ()):
+            doubled.append(f"{distinct_name(given, ())} is {name}")
+        merged[vertex] = replace(pin, name=name or pin.name, own_color=color or pin.own_color)
+    remark = ""
+    if doubled:
+        more = f" and {len(doubled) - 1:,} more" if len(doubled) > 1 else ""
+        remark = f"Names that are taken have a number: {doubled[0]}{more}."
+    return tuple(merged.values()), remark
