@@ -18,6 +18,7 @@ from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.theme import Mode
 from meshmash_viewer.app.view.standard_views import view_label
 from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.mesh import SMALL
 
 #: Menus in their order.
 MENUS = ("File", "Edit", "View", "Field", "Inspect", "Help")
@@ -48,8 +49,8 @@ class Command:
     `shortcuts` are portable, the first one is shown, and those of the operating system
     (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
     `icons.PATHS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
-    "exact spectrum" or "second mesh" (`Commands.there`), `does` the name and the argument of the
-    method, if it is not the one of this `name`.
+    "exact spectrum", "small components" or "second mesh" (`Commands.there`), `does` the name and
+    the argument of the method, if it is not the one of this `name`.
     """
 
     name: str
@@ -154,6 +155,9 @@ COMMANDS: tuple[Command, ...] = (
     Command("nodal_lines", "Nodal lines", "View",
             "Draw the lines where the field is zero, or at round distances", ("N",),
             checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
+    Command("hide_small", "Hide small components", "View",
+            f"Leave out components with less than {SMALL:.0%} of the area of the largest one",
+            checkable=True, needs="small components"),
     Command("theme_system", "Follow the system", "View", "Light or dark as the desktop is",
             checkable=True, submenu="Theme", does=("choose_theme", Mode.SYSTEM)),
     Command("theme_light", "Light", "View", "Always light", checkable=True, submenu="Theme",

@@ -68,6 +68,7 @@ class Commands:
             "quit": window.close,
             "reset_layout": arrangement.reset,
             "nodal_lines": partial(setattr, display, "nodal_lines"),
+            "hide_small": partial(setattr, display, "hide_small"),
             "play": partial(setattr, display, "playing"),
             "show_kind": partial(setattr, display, "kind"),
             "first": partial(stepping.go_to_start, document),
@@ -121,6 +122,7 @@ class Commands:
             "exact spectrum": some
             and spectrum is not None
             and (not spectrum.preview or spectrum.complete),
+            "small components": ready is not None and ready.small is not None,
             "second mesh": self._opening.pair is not None,
         }
         return {name for name, known_now in known.items() if known_now}
@@ -148,6 +150,7 @@ class Commands:
         if request is not None and not request.family.signed and not request.family.contoured:
             actions["nodal_lines"].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
+        actions["hide_small"].setChecked(display.hide_small)
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:
             actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)

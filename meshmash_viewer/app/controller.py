@@ -85,6 +85,7 @@ class Controller(QObject):
         requested = events.kind, events.fields, document.spectrum_changed, document.mesh_changed
         listen(requested, self.refresh)
         colors = events.policies, events.diverging_colormap, events.sequential_colormap
+        listen(events.hide_small, self._hide)
         listen((*colors, events.log_scales, events.nodal_lines), self.show)
 
     def close(self) -> None:
@@ -130,8 +131,7 @@ class Controller(QObject):
         """Compute a field and its limits, in the thread."""
         field = compute_field(request, self.live)
         if field is not None:
-            field.limits(self._policy)  # cached, as is the next
-            field.scaled((0.0, 1.0), None)
+            field.prepare_colors(self._policy)
         return field
 
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
@@ -236,12 +236,17 @@ class Controller(QObject):
         ready, before = self._document.ready, self._view.mesh
         if ready is not None:
             camera = self._view.camera()
-            self._view.set_mesh(ready.mesh, ready.normals)
+            self._view.set_mesh(ready.mesh, ready.normals, self._document.hidden)
             self._show_pins()
             self._shown = None
             if before is not None and before.vertices is ready.mesh.vertices and camera:
                 self._view.set_camera(camera)
                 self.draw()
+
+    def _hide(self) -> None:
+        """Hide vertices, or show them again, with the limits of what is visible."""
+        self._view.set_hidden(self._document.hidden)
+        self.refresh()
 
     def _show_pins(self) -> None:
         self._view.set_pins(self._document.pins.placed)

@@ -41,7 +41,14 @@ _POLICIES: dict[str, type[Any]] = {
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
 #: Attributes written as they are; `playing` is not stored.
-_PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap", "log_scales")
+_PLAIN = (
+    "kind",
+    "nodal_lines",
+    "diverging_colormap",
+    "sequential_colormap",
+    "log_scales",
+    "hide_small",
+)
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,8 @@ class Display:
     #: Whether colours follow the logarithm of the values, by family name; for families not in it
     #: where that serves (`limits.spans_decades`).
     log_scales: Mapping[str, bool] = field(default_factory=dict)
+    #: Whether `Mesh.small_components` are hidden.
+    hide_small: bool = False
     #: Displacement of the vertices.
     shape: Shape = field(default_factory=Shape)
     #: Whether vertices oscillate along their normals by the displayed field.
@@ -231,6 +240,7 @@ _DISPLAY = Record(
     {
         "kind": Choice(FAMILIES),
         "nodal_lines": Flag(),
+        "hide_small": Flag(),
         "diverging_colormap": _color_map,
         "sequential_colormap": _color_map,
         "fields": Record({name: _family(family) for name, family in FAMILIES.items()}),

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.similarity import Similarity
@@ -32,6 +35,7 @@ _RECORDED = {
     "log_scales": "colour scale",
     "diverging_colormap": "colour map",
     "sequential_colormap": "colour map",
+    "hide_small": "hiding of small components",
 }
 
 
@@ -77,6 +81,11 @@ class Document(OpenMesh):
         self._preview: Eigenpairs | None = None
         #: A mesh file that is being read, and the files of maps to read after it.
         self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
+
+    @property
+    def hidden(self) -> npt.NDArray[np.bool_] | None:
+        """Which vertices are hidden, shape (n,); None if none is."""
+        return self.ready.small if self.ready is not None and self.display.hide_small else None
 
     # -- requests ---------------------------------------------------------------------------
 

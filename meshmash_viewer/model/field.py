@@ -52,6 +52,9 @@ class FieldRequest:
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
     #: Shape (n, 3): Coordinates of the mesh, which identify it in `same_mesh`; not compared.
     places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
+    #: Which vertices are hidden, and do not count for limits; compared by whether there are any.
+    hidden: npt.NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)
+    hides: bool = False
 
     @property
     def description(self) -> Description:
@@ -94,7 +97,7 @@ class Field:
     def _find_limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
         sample = self.request.sample
         if policy is not None:
-            return policy.limits(self.values, sample)
+            return policy.limits(self._visible(self.values), sample)
         values, signed = self._basis
         low, high = automatic_limits(signed=signed, tailed=self.family.tailed).limits(
             values, sample
@@ -107,7 +110,8 @@ class Field:
     def _basis(self) -> tuple[npt.NDArray[np.float32], bool]:
         """Values that automatic limits are taken from, and whether these are signed."""
         shared = self.family.limits_of(self.request.spectrum)
-        return (self.values, self.signed) if shared is None else shared
+        values, signed = (self.values, self.signed) if shared is None else shared
+        return self._visible(values), signed
 
     @cached_property
     def spans_decades(self) -> bool:
@@ -128,18 +132,27 @@ class Field:
 
     @cached_property
     def _extremes(self) -> tuple[float, float]:
-        return extremes_of(self.values)
+        return extremes_of(self._visible(self.values))
+
+    def _visible(self, values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Return values with NaN at hidden vertices."""
+        hidden = self.request.hidden
+        return values if hidden is None else np.where(hidden, np.float32(np.nan), values)
 
     def beyond(self, limits: Limits) -> tuple[bool, bool]:
         """Whether there are values below the lower limit, and above the upper one."""
         return beyond_limits(limits, self._extremes)
+
+    def prepare_colors(self, policy: LimitPolicy | None) -> None:
+        """Compute what is cached for the colours under a policy, in any thread."""
+        self.limits(policy)
+        _ = self.spans_decades, self._extremes
 
     def colors(self, display: Display) -> tuple[Limits, str | tuple[str, ...]]:
         """Limits of its colours, and their map: a name, or the colours of its labels."""
         name = self.family.name
         ends = self.limits(display.policies.get(name))
         limits = self.scaled(ends, display.log_scales.get(name))
-        self.beyond(limits)  # cached
         if self.labels:
             return limits, tuple(label.color for label in self.labels)
         if self.signed:
@@ -332,6 +345,8 @@ def request_of(document: Document) -> FieldRequest | None:
         chosen.resolved(spectrum, display.fields),
         sample=ready.sample,
         places=ready.mesh.vertices,
+        hidden=document.hidden,
+        hides=document.hidden is not None,
     )
 
 

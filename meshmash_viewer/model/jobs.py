@@ -226,5 +226,14 @@ def _inspect(
     normals = mesh.vertex_normals
     channel.report(Progress("checking", message="Checking the stored eigenpairs"))
     known, remark = find_eigenpairs(mesh, operator, cancel=channel.cancelled)
-    sample = mesh.area_sample()
-    return MeshReady(mesh, health, normals, path, known=known, remark=remark, sample=sample)
+    sample, small = mesh.area_sample(), mesh.small_components
+    return MeshReady(
+        mesh,
+        health,
+        normals,
+        path,
+        known=known,
+        remark=remark,
+        sample=sample,
+        small=small if small.any() else None,
+    )

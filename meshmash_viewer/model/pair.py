@@ -122,8 +122,8 @@ class Pair:
         events = first.display.events
         self._connections = [
             *((getattr(events, name), self._follow_display) for name in (
-                "fields", "kind", "policies", "diverging_colormap", "sequential_colormap",
-                "nodal_lines",
+                "fields", "kind", "policies", "log_scales", "diverging_colormap",
+                "sequential_colormap", "nodal_lines", "hide_small",
             )),
             (first.pins.changed, self._follow_pins),
             (first.spectrum_changed, self._follow_spectra),
@@ -405,10 +405,10 @@ class Pair:
         if "kind" in self.links:
             other.kind = mine.kind
         if "colors" in self.links:
-            other.policies = mine.policies
+            other.policies, other.log_scales = mine.policies, mine.log_scales
             other.diverging_colormap = mine.diverging_colormap
             other.sequential_colormap = mine.sequential_colormap
-        other.nodal_lines = mine.nodal_lines
+        other.nodal_lines, other.hide_small = mine.nodal_lines, mine.hide_small
 
     def _follow_second(self) -> None:
         """Display maps on the first too, after one has been added to the second."""

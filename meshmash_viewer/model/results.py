@@ -33,6 +33,8 @@ class MeshReady:
     derived: bool = False
     #: `Mesh.area_sample`, for colour limits.
     sample: npt.NDArray[np.int64] | None = None
+    #: `Mesh.small_components`; None if there are none.
+    small: npt.NDArray[np.bool_] | None = None
     #: The mesh before each repair that was made while the file was read.
     before: tuple[Mesh, ...] = ()
     #: Hash of the numbers in its file; repairs are repeated at opening only for the same hash.

@@ -1,4 +1,4 @@
-"""Clicks on the render: next to a vertex, and double ones."""
+"""Clicks on the render: next to a vertex, double ones, and where components are hidden."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import shapes
 from closed_form import rectangle_document
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.limits import MinMaxLimits
+from meshmash_viewer.vertex_map import VertexMap
 
 LEFT = Qt.MouseButton.LeftButton
 
@@ -75,3 +80,51 @@ def test_a_click_next_to_the_mesh_takes_the_nearest_vertex(window: MainWindow) -
     assert [pin.vertex for pin in window.document.pins.placed] == [corner]
     far = outside + 4 * (outside - at)
     assert scene.vertex_near(far.x(), far.y()) == -1
+
+
+def test_small_components_can_be_hidden(
+    open_window: Callable[..., MainWindow], qtbot: QtBot
+) -> None:
+    """They are neither drawn, picked nor in the limits, and every vertex keeps its index."""
+    ball = shapes.icosphere(2)
+    n = ball.n_vertices
+    window = open_window(None, (1000, 700))
+    document = window.document
+    hide = window.findChild(QAction, "hide_small")
+    vertices = np.concatenate([0.1 * ball.vertices + [1.5, 0.0, 0.0], ball.vertices])
+    height = VertexMap("height", np.append(np.full(n, 9.0), ball.vertices[:, 2]))
+    document.take_mesh(Mesh(vertices, np.concatenate([ball.faces, ball.faces + n]), maps=(height,)))
+
+    def rest() -> None:
+        qtbot.waitUntil(lambda: document.mesh is not None and window.scene.can_pick, timeout=60_000)
+        qtbot.waitUntil(lambda: window.controller.idle, timeout=60_000)
+        QTest.qWait(50)
+
+    rest()
+    document.display.kind = "map"
+    document.display.limits = MinMaxLimits()
+    rest()
+    debris = int(vertices[:, 0].argmax())
+    at = window.scene.display_point(debris)
+    assert window.scene.vertex_near(at.x(), at.y()) < n
+    assert window.controller.field.limits(MinMaxLimits())[1] == 9.0
+    hide.trigger()
+    rest()
+    at = window.scene.display_point(debris)
+    assert window.scene.vertex_near(at.x(), at.y()) == -1
+    assert window.controller.field.limits(MinMaxLimits())[1] == pytest.approx(1.0, abs=0.01)
+    top = window.scene.display_point(n + int(ball.vertices[:, 2].argmax()))
+    assert window.scene.vertex_near(top.x(), top.y()) >= n
+    pictures = [window.scene.picture((300, 200), transparent=True)[..., 3] > 0]
+    document.history.undo()
+    assert not document.display.hide_small
+    rest()
+    assert not hide.isChecked()
+    pictures.append(window.scene.picture((300, 200), transparent=True)[..., 3] > 0)
+    # without the second component the ball is shown larger, in the middle
+    assert np.flatnonzero(pictures[0].any(axis=0)).mean() == pytest.approx(150, abs=40)
+    assert pictures[0].sum() > 1.1 * pictures[1].sum()
+
+
+def test_nothing_is_hidden_where_no_component_is_small(window: MainWindow) -> None:
+    assert not window.findChild(QAction, "hide_small").isEnabled()

@@ -32,6 +32,7 @@ CONTENT = {
     "diverging_colormap": "PuOr_r",
     "sequential_colormap": "magma",
     "log_scales": {"hks": True, "band": False},
+    "hide_small": True,
     "fields": {
         "eigenfunction": {"index": 7, "flipped": [3, 5]},
         "hks": {"time": 1.5e5, "automatic": False, "t_min": 1.0, "t_max": 2e5, "scales": 64},
@@ -54,6 +55,7 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
         diverging_colormap="PuOr_r",
         sequential_colormap="magma",
         log_scales={"hks": True, "band": False},
+        hide_small=True,
         policies={} if limits is None else {"hks": limits},
     )
     before.put(

@@ -118,7 +118,8 @@ class SeriesDialog(QDialog):
         assert document.spectrum is not None
         sample: npt.NDArray[np.int64]
         sample = ready.mesh.area_sample() if ready.sample is None else ready.sample
-        return shots_of(families, document.spectrum, ready.mesh, sample, document.display.fields)
+        chosen, hidden = document.display.fields, document.hidden
+        return shots_of(families, document.spectrum, ready.mesh, sample, chosen, hidden)
 
     def _save_series(
         self,

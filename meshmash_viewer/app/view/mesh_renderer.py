@@ -26,6 +26,9 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
 from meshmash_viewer.surface.rays import RayTarget
 
+#: Number of visible points from which the first view is found.
+_SAMPLED = 100_000
+
 
 class MeshRenderer:
     """A drawing for a window, to which `renderer` is added; call `prepare` before each frame.
@@ -57,6 +60,8 @@ class MeshRenderer:
         #: Sampled points and default axes of the first view, see `Geometry`.
         self.sample, self.axes = np.zeros((1, 3)), np.eye(3)
         self._bounds = np.zeros((2, 3))
+        #: Which vertices are hidden, with their faces; None for none.
+        self.hidden: npt.NDArray[np.bool_] | None = None
         #: Displayed points relative to `centre` and normals, if they are not those of the mesh.
         self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
         self.view: View | None = None
@@ -104,6 +109,7 @@ class MeshRenderer:
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
+        self.hidden = None
         self.caption, self._pins, self.shape_text = None, (), ""
         if mesh is None:
             self.mesh = self.normals = self.view = None
@@ -114,6 +120,18 @@ class MeshRenderer:
         self.sample, self.axes = geometry.sample, geometry.axes
         self.centre, self._bounds = geometry.centre, geometry.bounds
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
+
+    def set_hidden(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+        """Hide the faces of some vertices, whole components; None shows all."""
+        if self.mesh is None or self.surface is None:
+            return
+        self.hidden = hidden
+        self.surface.hide(hidden)
+        geometry = geometry_of(self.mesh)
+        self.sample = geometry.sample
+        if hidden is not None:
+            points = geometry.points[self.mesh.referenced & ~hidden]
+            self.sample = points[:: max(1, len(points) // _SAMPLED)] + self.centre
 
     def move(
         self,
@@ -350,6 +368,7 @@ class MeshRenderer:
         if self.moved is not None:
             other.move(*self.moved)
             other.shape_text = self.shape_text
+        other.set_hidden(self.hidden)
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
         if self.caption is not None:
             other.surface.write(self.surface.values)
@@ -365,6 +384,7 @@ class MeshRenderer:
         other, picked = MeshRenderer(self.dark), coarse.representatives
         small = Mesh(mesh.vertices[picked], coarse.faces, unit=mesh.unit)
         other.set_mesh(small, self.drawn[1][picked])
+        other.set_hidden(None if self.hidden is None else self.hidden[picked])
         other.view = self.view
         return other, picked
 

@@ -25,8 +25,10 @@ from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.rays import RayTarget
 
-#: Displayed vertices relative to the centre of the mesh, and faces.
-_Places: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer]]
+#: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
+_Places: TypeAlias = tuple[
+    npt.NDArray[np.float32], npt.NDArray[np.integer], npt.NDArray[np.bool_] | None
+]
 #: Pixels (of a screen without scaling) within which a click counts for a vertex, and the number
 #: of vertices tried.
 _NEAR, _TRIED = 8.0, 50
@@ -104,10 +106,16 @@ class MeshView(QWidget):
         """The displayed mesh."""
         return self.renderer.mesh
 
-    def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None = None) -> None:
+    def set_mesh(
+        self,
+        mesh: Mesh | None,
+        normals: npt.NDArray[np.float32] | None = None,
+        hidden: npt.NDArray[np.bool_] | None = None,
+    ) -> None:
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
         self._picking.drop()
         self.renderer.set_mesh(mesh, normals)
+        self.renderer.set_hidden(hidden)
         self.frames.begin()
         self._pointed = -1
         self._set_hovered(-1)
@@ -162,6 +170,18 @@ class MeshView(QWidget):
         if rests:
             self._prepare_picking()
         self._moves()
+
+    def set_hidden(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+        """Hide the faces of some vertices, a mask of shape (n,); None shows all."""
+        if self.mesh is None:
+            return
+        self.renderer.set_hidden(hidden)
+        self.renderer.picker = None
+        self._prepare_picking()
+        if self.turned_by_hand:
+            self.plotter.render()
+        else:
+            self.reset_camera()
 
     def set_awaited(self, title: str) -> None:
         """Show that the field of this title is being computed; "" when it is displayed."""
@@ -299,6 +319,8 @@ class MeshView(QWidget):
         places = drawing.view.to_pixels(drawing.drawn[0] + drawing.centre, width, height)
         squared = ((places[:, :2] - self.plotter.to_pixels(x, y)) ** 2).sum(axis=1)
         squared[~self.mesh.referenced] = np.inf
+        if drawing.hidden is not None:
+            squared[drawing.hidden] = np.inf
         near = np.flatnonzero(squared <= (_NEAR * ratio) ** 2)
         eye = drawing.view.axes[2]
         for vertex in near[squared[near].argsort()][:_TRIED].tolist():
@@ -319,10 +341,11 @@ class MeshView(QWidget):
     def _prepare_picking(self) -> None:
         """Make the search structure for the current positions of the vertices."""
         assert self.mesh is not None
-        self._picking.ask((self.renderer.drawn[0], self.mesh.faces))
+        self._picking.ask((self.renderer.drawn[0], self.mesh.faces, self.renderer.hidden))
 
     def _take_picker(self, request: _Places, made: RayTarget | Exception) -> None:
-        if self.mesh is None or self.renderer.drawn[0] is not request[0]:
+        now = self.renderer
+        if now.mesh is None or now.drawn[0] is not request[0] or now.hidden is not request[2]:
             return  # for other positions
         if isinstance(made, Exception):
             raise made
@@ -461,4 +484,5 @@ class MeshView(QWidget):
 
 
 def _ray_target(request: _Places, cancel: CancelCallback) -> RayTarget:
-    return RayTarget(*request, cancel)
+    points, faces, hidden = request
+    return RayTarget(points, faces if hidden is None else faces[~hidden[faces[:, 0]]], cancel)

@@ -48,7 +48,10 @@ def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
     """
     if drawing.mesh is None:
         raise ValueError("No mesh is shown: open one first.")
-    surface: pyvista.PolyData = mesh_to_poly(drawing.mesh)
+    vertices, faces = drawing.mesh
+    if drawing.hidden is not None:
+        faces = faces[~drawing.hidden[faces[:, 0]]]
+    surface: pyvista.PolyData = mesh_to_poly((vertices, faces))
     if drawing.drawn_vertices is not drawing.mesh.vertices:
         surface.points = drawing.drawn_vertices
     caption = drawing.caption

@@ -34,15 +34,17 @@ def shots_of(
     mesh: Mesh,
     sample: npt.NDArray[np.int64],
     chosen: Mapping[str, Family],
+    hidden: npt.NDArray[np.bool_] | None = None,
 ) -> list[Shot]:
     """A shot of each family, with its open parameters resolved.
 
-    Limits are taken from the vertices `sample` (`Mesh.area_sample`); `chosen` are all families by
+    Limits are taken from the vertices `sample` (`Mesh.area_sample`), and not from those that are
+    `hidden`; `chosen` are all families by
     name, since one may build on another.
     """
     resolved = (each.resolved(spectrum, chosen) for each in families)
     return [
-        Shot(FieldRequest(spectrum, mesh.unit, each, sample=sample, places=mesh.vertices))
+        Shot(FieldRequest(spectrum, mesh.unit, each, sample, mesh.vertices, hidden))
         for each in resolved
     ]
 
@@ -64,7 +66,7 @@ def compute_shot(
         live.prepare(shot.request)
         found = compute_field(shot.request, live)
     assert found is not None, "its table has been prepared"
-    found.colors(display)  # takes a while, and is cached
+    found.prepare_colors(display.policies.get(found.family.name))
     return found if picked is None else found.carried(picked)
 
 

@@ -55,6 +55,11 @@ _LINES = """
 _COLORS = MOST_LABELS
 #: Replaces NaN, which not every driver detects.
 _MISSING = np.float32(-3e38)
+#: Marks vertices whose faces are not drawn: they are moved out of the picture.
+_HIDDEN = np.float32(-3.3e38)
+_HIDE = """//VTK::PositionVC::Impl
+  if (fieldMC < -3.15e38) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); }
+"""
 _FIELD_IN = """//VTK::Normal::Dec
 in float fieldMC;
 out float fieldVC;
@@ -100,7 +105,8 @@ class Surface:
         faces: npt.NDArray[np.integer],
         normals: npt.NDArray[np.float32],
     ) -> None:
-        self.values = np.zeros(len(points), dtype=np.float32)
+        self.values = self._given = np.zeros(len(points), dtype=np.float32)
+        self._hidden: npt.NDArray[np.bool_] | None = None
         self._array = numpy_to_vtk(self.values)
         self._array.SetName("field")
         cells = vtkCellArray()
@@ -127,6 +133,7 @@ class Surface:
         shaders.AddFragmentShaderReplacement("//VTK::Light::Impl", True, _RIM + _LINES, False)
         shaders.AddVertexShaderReplacement("//VTK::Normal::Dec", True, _FIELD_IN, False)
         shaders.AddVertexShaderReplacement("//VTK::Normal::Impl", True, _FIELD_THROUGH, False)
+        shaders.AddVertexShaderReplacement("//VTK::PositionVC::Impl", True, _HIDE, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Dec", True, _FIELD_OUT, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Impl", True, _FIELD_COLOR, False)
         self._uniforms = shaders.GetFragmentCustomUniforms()
@@ -159,16 +166,28 @@ class Surface:
         missing = bool(np.isnan(shown.min(initial=0.0)))
         if missing:
             shown = np.where(np.isnan(shown), _MISSING, shown)
+        self._given = shown
+        self._show()
+        return missing
+
+    def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+        """Leave out the faces of some vertices, which are those of whole components."""
+        self._hidden = hidden
+        self._show()
+
+    def _show(self) -> None:
+        shown = self._given
+        if self._hidden is not None:
+            shown = np.where(self._hidden, _HIDDEN, shown)
         self._array.SetVoidArray(shown, len(shown), 1)
         self._array._numpy_reference = shown  # keeps it alive while VTK has its address
         self._array.Modified()
         self.data.Modified()
         self.values = shown
-        return missing
 
     def shown_values(self) -> npt.NDArray[np.float32]:
         """A copy of the displayed values, NaN where there is none."""
-        return np.where(self.values == _MISSING, np.float32(np.nan), self.values)
+        return np.where(self.values <= _MISSING, np.float32(np.nan), self.values)
 
     def dress(self, caption: Caption | None) -> None:
         """Colour by the field, with colours, limits and lines of a caption; None for one colour."""
