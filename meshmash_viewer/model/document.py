@@ -61,7 +61,7 @@ class Document(OpenMesh):
         self.work = Work()
         #: Changes by the user: of mesh, pins, signs, colours and limits.
         self.history = History()
-        self.history.keep("mesh", lambda: self.shown, self._restore_mesh, self._is_ready)
+        self.history.keep("mesh", lambda: self.maps.settled(), self._restore_mesh, self._is_ready)
         self._keep_display()
         self.pins = Pins(self, self.history)
         self.maps = Maps(self, self.display, self.history, self.notices)
@@ -141,14 +141,19 @@ class Document(OpenMesh):
             self._emit_all()
             self._announce_unit(before, "the coordinates keep their numbers")
         else:
-            self._rescale(self.ready.mesh, self.repairs, voxel, unit)
+            self._rescale(self._settled().mesh, self.repairs, voxel, unit)
 
     def repair(self, name: str, *, then_compute: bool = False) -> None:
         """Request a repair of `meshmash_viewer.health.REPAIRS`, and perhaps compute then."""
         if self.ready is not None:
-            ready, operator = self.ready, self.solve.operator
-            self._computes_after = ready if then_compute else None
+            ready, operator = self._settled(), self.solve.operator
+            self._computes_after = self.ready if then_compute else None
             self.work.request(RepairJob(ready.mesh, name, ready.path, operator, ready.repairs))
+
+    def _settled(self) -> MeshReady:
+        shown = self.maps.settled()
+        assert shown is not None
+        return shown.ready
 
     def _rescale(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> None:
         operator = self.solve.operator
@@ -246,13 +251,15 @@ class Document(OpenMesh):
         if self._undoing:
             self._undoing = False
             pins = followed_pins(self.pins.placed, before, ready.mesh)
-            self.history.complete({"mesh": Shown(ready, ready.known), "pins": pins})
+            shown = Shown(ready, ready.known)
+            self.history.complete({"mesh": shown, "pins": pins, "signs": frozenset()})
             self.history.undo()
             return
         repaired = ready.repairs != self.repairs
         if repaired and not self.repairs:
             self._file_mesh = before
-        self.history.record("repair" if repaired else "change of unit", "mesh", "pins")
+        label = "repair" if repaired else "change of unit"
+        self.history.record(label, "mesh", "pins", "signs")  # signs are of other eigenfunctions
         with self.history.paused():
             self._show(ready, ready.known, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")

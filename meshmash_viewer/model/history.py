@@ -68,6 +68,11 @@ class History:
         """
         self._parts[part] = _Part(read, restore, is_ready)
 
+    def read(self, parts: Iterable[str] | None = None) -> dict[str, Any]:
+        """Return the values of some parts of the state, by default of all."""
+        names = self._parts if parts is None else parts
+        return {part: self._parts[part].read() for part in names}
+
     @property
     def undo_label(self) -> str:
         """The change that `undo` reverts; "" for none."""
@@ -82,7 +87,7 @@ class History:
         """Record a change. Call it before the parts change, or give their former values."""
         if self._paused:
             return
-        state = dict(before or {}) | self._read(parts)
+        state = dict(before or {}) | self.read(parts)
         now = time.monotonic()
         last = self.past[-1] if self.past else None
         if (
@@ -133,11 +138,8 @@ class History:
 
     def _cross(self, step: Step) -> Step:
         """Restore the values of a step, and return the step that reverts this."""
-        here = self._read(step.state)
+        here = self.read(step.state)
         with self.paused():
             for part, value in step.state.items():
                 self._parts[part].restore(value)
         return Step(step.label, here)
-
-    def _read(self, parts: Iterable[str]) -> dict[str, Any]:
-        return {part: self._parts[part].read() for part in parts}

@@ -30,8 +30,10 @@ class Maps:
     ) -> None:
         self._opened, self._display = opened, display
         self._history, self._notices = history, notices
-        #: The map that is being computed, the family that was displayed before, and the mesh.
-        self._growing: tuple[str, str, Shown | None] | None = None
+        #: The map that is being computed, for which mesh, and the family that was displayed before.
+        self._growing: VertexMap | None = None
+        self._mesh: Mesh | None = None
+        self._kind = display.kind
 
     def open(self, paths: Sequence[Path], *, shown: bool = True) -> None:
         """Request that files with values per vertex are read, and the last map shown if `shown`."""
@@ -65,32 +67,43 @@ class Maps:
 
     def grow(self, mesh: Mesh, grew: MapGrew) -> None:
         """Add values to a map that is being computed, and show it; NaN where values are missing."""
-        now = self._still(mesh)
-        if now is None:
+        shown = self.settled()
+        if shown is None or self._still(mesh) is None:
             return
         if self._growing is None:
-            self._growing = grew.name, self._display.kind, self._opened.shown
-            values = np.full(now.n_vertices, np.nan, dtype=np.float32)
+            self._mesh, self._kind, name = mesh, self._display.kind, grew.name
+            values = np.full(mesh.n_vertices, np.nan, dtype=np.float32)
         else:
-            values = np.array(now.map_named(grew.name).values)
+            name, values = self._growing.name, np.array(self._growing.values)
         values[grew.vertices] = grew.values
-        if any(each.name == grew.name for each in now.maps):
-            now = now.without_map(grew.name)
-        unit = power_unit(now.unit, -2)
-        self._take(now.with_maps(VertexMap(grew.name, values, unit=unit)))
-        self._show(grew.name)
+        grown = VertexMap(name, values, unit=power_unit(mesh.unit, -2))
+        more = shown.ready.mesh.with_maps(grown)
+        self._growing = more.maps[-1]  # its name may be another one
+        self._take(more)
+        self._show(self._growing.name)
         self._opened.spectrum_changed.emit()
 
     def end_growing(self, whole: bool) -> None:
         """Keep the computed map if it is whole; else remove it and show the previous family."""
-        if self._growing is not None:
-            (name, kind, before), self._growing = self._growing, None
-            if whole:
-                self._history.record("new map", before={"mesh": before})
-            else:
-                with self._history.paused():
-                    self.remove(name)
-                self._display.kind = kind
+        shown, grown = self.settled(), self._growing
+        if shown is None or grown is None or self._mesh is None:
+            return
+        kept = whole and self._still(self._mesh) is not None
+        if kept:
+            self._history.record("new map", "mesh")
+        self._growing, self._mesh, settled = None, None, shown.ready.mesh
+        self._take(settled.with_maps(grown) if kept else settled)
+        self._opened.spectrum_changed.emit()
+        if not kept:
+            self._display.kind = self._kind
+
+    def settled(self) -> Shown | None:
+        """The open mesh with its spectrum, without the map that is being computed."""
+        shown = self._opened.shown
+        if shown is None or self._growing is None:
+            return shown
+        mesh = shown.ready.mesh.without_map(self._growing.name)
+        return replace(shown, ready=replace(shown.ready, mesh=mesh))
 
     def _still(self, mesh: Mesh) -> Mesh | None:
         """Return the open mesh if it has the vertices of another one, else None."""

@@ -32,7 +32,7 @@ from meshmash_viewer.model.jobs import (
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.pins import PIN_COLORS, distinct_name
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.results import MapGrew, MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import Target
@@ -538,3 +538,21 @@ def test_doubled_names_get_a_number() -> None:
     assert distinct_name(" soma\n ", []) == "soma"
     assert distinct_name("spine", ["spine", "spine 2"]) == "spine 3"
     assert distinct_name("", [""]) == ""
+
+
+def test_a_map_that_grows_leaves_alone_what_is_made_meanwhile(document: Document) -> None:
+    mesh, maps, history = document.mesh, document.maps, document.history
+    assert mesh is not None
+    maps.add(mesh, [VertexMap("hks", np.zeros(mesh.n_vertices))])
+    maps.grow(mesh, MapGrew("hks", np.array([3]), np.array([1.0])))
+    document.set_unit("nm")
+    assert [each.name for each in document.mesh.maps] == ["hks", "hks 2"]
+    history.undo()
+    assert document.unit == ""
+    maps.grow(mesh, MapGrew("hks", np.array([4]), np.array([1.0])))
+    assert list(np.flatnonzero(document.mesh.maps[-1].values == 1.0)) == [3, 4]
+    maps.end_growing(whole=False)
+    assert [each.name for each in document.mesh.maps] == ["hks"], "the one from before stays"
+    history.redo()
+    assert [each.name for each in document.mesh.maps] == ["hks"]
+    assert document.unit == "nm"
