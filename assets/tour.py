@@ -212,7 +212,7 @@ class Tour:
         display.kind = "hks"
         self.settle()
         self.dialog("export", "export_dialog", "export")
-        self.dialog("save_picture", "picture_dialog", "picture")
+        self.dialog("save_picture", "figure_dialog", "picture")
         self.dialog("help", "help_dialog", "help")
 
         broken = self.folder / "truncated.ply"

@@ -1,4 +1,4 @@
-"""Commands that save the render: pictures, figures, galleries, movies and scenes."""
+"""Commands that save the render: pictures, galleries, movies and scenes."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QDialog, QMainWindow
 
 from meshmash_viewer.app.background_io import BackgroundIO
-from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.saved import say_saved
-from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.work import call_in_child
@@ -27,9 +26,9 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
-    from meshmash_viewer.app.dialogs.picture_dialog import PictureChoice, PictureDialog
-    from meshmash_viewer.app.view.figure import FigureOptions
+    from meshmash_viewer.app.view.figure import FigureOptions, Panel
     from meshmash_viewer.app.view.mesh_view import MeshView
+    from meshmash_viewer.mesh import Mesh
 
 
 class Pictures:
@@ -46,74 +45,71 @@ class Pictures:
         self.scene: MeshView | None = None
         #: Returns the renders of the first mesh and of the second, if there is one.
         self.scenes: Callable[[], list[MeshView]] = list
-        self._pictured = ""
-        self._picture: PictureChoice | None = None
-        self._figure: FigureOptions | None = None
+        #: Name of the mesh, path and options of the last picture, and the meshes of its preview.
+        self._saved: tuple[str, Path, FigureOptions] | None = None
+        self._previewed: list[Mesh | None] = []
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
-        self.painter = SeriesPainter(window)
-        self.painter.drawn.connect(
-            lambda _at, path: say_saved(document, f"Picture saved to {path}.", path)
-        )
-        self.painter.failed.connect(self._say_not_saved)
         self._background_io, self._closed = background_io, False
 
     def save_picture(self) -> None:
-        """Ask for size and background, and save the render."""
-        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
-
-        scene, mesh = self.scene, self._document.mesh
-        assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
-        path, before = self._settings.folder / f"{mesh.name or 'mesh'}.png", self._picture
-        if before is not None and self._pictured == mesh.name:
-            path = before.path
-        ratio = scene.devicePixelRatioF()
-        size = (round(scene.width() * ratio), round(scene.height() * ratio))
-        dialog = PictureDialog(size, path, self._window, before)
-        ask(dialog, lambda: self._write_picture(dialog))
-
-    def _write_picture(self, dialog: PictureDialog) -> None:
-        from meshmash_viewer.app.view.series import Shot
-
-        assert self.scene is not None
-        choice, mesh = dialog.choice, self._document.mesh
-        self._picture, self._pictured = choice, mesh.name if mesh is not None else ""
-        self.painter.start(
-            self.scene.renderer.twin(),
-            choice.size,
-            [Shot()],
-            self._document.display,
-            picture_file(choice.path),
-            transparent=choice.transparent,
-        )
-        self._settings.folder = choice.path.parent
-
-    def save_figure(self) -> None:
-        """Ask for size and contents, and save the render, or both, as a figure for a paper."""
+        """Ask for size and contents, and save the render, or both, as a picture."""
         from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 
-        mesh = self._document.mesh
+        mesh, before = self._document.mesh, self._saved
         assert mesh is not None
-        path = self._settings.folder / f"{mesh.name or 'mesh'}_figure"
-        dialog = FigureDialog(path, self._window, self._figure)
-        ask(dialog, lambda: self._write_figure(dialog))
+        path = self._settings.folder / (mesh.name or "mesh")
+        if before is not None and before[0] == mesh.name:
+            path = before[1].with_suffix("")
+        options = None if before is None else before[2]
+        dialog = FigureDialog(path, self._seen, self._window, options)
+        if before is not None:
+            dialog.choose_ending(before[1].suffix)
+        ask(dialog, lambda: self._write_picture(dialog))
+        for scene in self._scenes():
+            scene.frames.stand_in_made.connect(dialog.look)
+        later(dialog.look)
 
-    def _write_figure(self, dialog: FigureDialog) -> None:
-        from meshmash_viewer.app.view.figure import compose_figure, save_figure
+    def _scenes(self) -> list[MeshView]:
+        """The renders that have a mesh."""
+        return [scene for scene in self.scenes() if scene.mesh is not None]
 
-        path = dialog.path
+    def _seen(self) -> list[Panel]:
+        """Find what the renders show; empty while a stand-in of a large mesh is being made."""
+        from meshmash_viewer.app.view.figure import seen_of
+
+        panels = []
+        for scene in self._scenes():
+            drawing = scene.small_drawing()
+            if drawing is None:
+                return []
+            panel = seen_of(drawing, scene.plotter.pixels()[:2])
+            full = scene.renderer
+            panels.append(replace(panel, caption=full.shown_caption, pins=full.placed_pins()))
+        self._previewed = [scene.renderer.mesh for scene in self._scenes()]
+        return panels
+
+    def _write_picture(self, dialog: FigureDialog) -> None:
+        from meshmash_viewer.app.view.figure import compose, save_figure, seen_of, sharpened
+
+        path, options, panels = dialog.path, dialog.options, dialog.panels
+        scenes, mesh = self._scenes(), self._document.mesh
+        drawings = [scene.renderer.twin() for scene in scenes]
         try:
-            self._figure = dialog.options
-            drawings = [scene.renderer.twin() for scene in self.scenes()]
-            figure = compose_figure(drawings, self._figure)
+            # there may be another mesh than in the preview by now
+            if not panels or self._previewed != [drawing.mesh for drawing in drawings]:
+                sizes = [scene.plotter.pixels()[:2] for scene in scenes]
+                panels = [seen_of(each, size) for each, size in zip(drawings, sizes, strict=True)]
+            panels = sharpened(drawings, panels, options)
         except InputError as fault:
-            self._document.notices.say(f"The figure was not saved: {fault}", Severity.ERROR)
+            self._document.notices.say(f"The picture was not saved: {fault}", Severity.ERROR)
             return
+        self._saved = ("" if mesh is None else mesh.name), path, options
         self._settings.folder = path.parent
         self._background_io.run(
             f"Writing {path.name}",
-            lambda: save_figure(figure, path),
-            lambda _: say_saved(self._document, f"Figure saved to {path}.", path),
+            lambda: save_figure(compose(panels, options), path),
+            lambda _: say_saved(self._document, f"Picture saved to {path}.", path),
         )
 
     def gallery(self) -> None:
@@ -128,18 +124,12 @@ class Pictures:
             self._open("gallery", dialog, "Picture")
 
     def _save_gallery(self, gallery: GalleryDialog) -> None:
-        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
+        from meshmash_viewer.app.dialogs.figure_dialog import SheetDialog
 
         mesh = self._document.mesh
         assert mesh is not None
-        path = self._settings.folder / f"{mesh.name or 'mesh'}_gallery.png"
-        dialog = PictureDialog(gallery.size_on_screen, path, gallery)
-
-        def save() -> None:
-            choice = dialog.choice
-            gallery.save(choice.path, choice.size, choice.transparent)
-
-        ask(dialog, save)
+        dialog = SheetDialog(self._settings.folder / f"{mesh.name or 'mesh'}_gallery", gallery)
+        ask(dialog, lambda: gallery.save(dialog.path, dialog.options))
 
     def save_movie(self) -> None:
         """Open the dialog that makes a movie."""
@@ -174,7 +164,7 @@ class Pictures:
 
     def save_scene(self) -> None:
         """Ask for format and file, and save the mesh with its field as a scene."""
-        from meshmash_viewer.app.dialogs.picture_dialog import SceneDialog
+        from meshmash_viewer.app.dialogs.scene_dialog import SceneDialog
 
         mesh = self._document.mesh
         assert mesh is not None
@@ -206,24 +196,22 @@ class Pictures:
             raise Cancelled
 
     def copy_picture(self) -> None:
-        """Copy the render to the clipboard."""
-        assert self.scene is not None
-        picture = self.scene.picture()
+        """Copy the render to the clipboard, or both next to each other."""
+        pictures = [scene.picture() for scene in self._scenes()]
+        tallest = max(len(each) for each in pictures)
+        level = [np.pad(each, ((0, tallest - len(each)), (0, 0), (0, 0))) for each in pictures]
+        picture = np.concatenate(level, axis=1)
         height, width, _ = picture.shape
         image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
         QGuiApplication.clipboard().setImage(image.copy())
-        self._document.notices.say("Picture copied.")
+        text = "Picture copied." if len(pictures) == 1 else "Both pictures copied."
+        self._document.notices.say(text)
 
     def close(self) -> None:
-        """Finish the pictures that are being written, and close open dialogs."""
-        self.painter.wait()
+        """Stop writing scenes, and close open dialogs."""
         self._closed = True
         for dialog in list(self._open_dialogs.values()):
             dialog.done(0)  # cancels a movie that is being made
-
-    def _say_not_saved(self, failure: Failure) -> None:
-        text = f"The picture was not saved: {failure.text}"
-        self._document.notices.show(notice_of(replace(failure, text=text)))
 
 
 def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 #: Commands offered by a right click next to the mesh.
-_ELSEWHERE = ("reset_camera", "copy_picture", "save_picture", "save_figure")
+_ELSEWHERE = ("reset_camera", "copy_picture", "save_picture")
 _IN_LISTS = ("import_pins", "export_pins", "clear_pins")
 _TABLES = "Tables (*.csv *.tsv *.txt)"
 

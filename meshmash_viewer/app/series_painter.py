@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -178,16 +177,3 @@ def _close(run: _Run) -> None:
     if run.window is not None:
         run.window.close()
         run.window = None
-
-
-@contextmanager
-def picture_file(path: Path) -> Iterator[Callable[[int, Picture, Caption | None], Path]]:
-    """A sink that writes one picture, and returns its path."""
-    from meshmash_viewer.app.view.picture import straight
-    from meshmash_viewer.io.write import write_picture
-
-    def take(_at: int, picture: Picture, _caption: Caption | None) -> Path:
-        write_picture(path, straight(picture))
-        return path
-
-    yield take

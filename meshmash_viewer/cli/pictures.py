@@ -199,7 +199,7 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> Report:
         aspect(drawing),
         f"{mesh.name} · {title}" if mesh.name else title,
         dark=options.dark,
-        transparent=options.transparent,
+        ground="" if options.transparent else None,
     )
     drawing.view = series_view(drawing, sheet.picture_size)
     display = _display(options, family)

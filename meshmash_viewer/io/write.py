@@ -209,10 +209,13 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
     _write(path, "mesh", table, {"kind": "mesh"}, meta)
 
 
-def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
+def write_picture(
+    path: str | Path, pixels: npt.NDArray[np.uint8], dpi: float | None = None
+) -> None:
     """Write pixels, RGB or RGBA of shape (height, width, 3 or 4), first row on top, as PNG.
 
-    `InputError` is raised if the ending is another one or the file cannot be written.
+    `dpi`, the number of pixels per inch on paper, is written into the file. `InputError` is raised
+    if the ending is another one or the file cannot be written.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -224,7 +227,7 @@ def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
     about.add_text("Software", "meshmash-viewer")
     with writing_errors(path), written_whole(path) as part:
         image = Image.fromarray(np.ascontiguousarray(pixels))
-        image.save(part, pnginfo=about)
+        image.save(part, pnginfo=about, dpi=None if dpi is None else (dpi, dpi))
 
 
 def _geometry(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:

@@ -6,12 +6,15 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from closed_form import give, rectangle_document
 from PIL import Image
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QObject, QPoint, Qt, QUrl, Signal
+from PySide6.QtGui import QDesktopServices, QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QAbstractSpinBox,
     QDialog,
     QLabel,
@@ -23,9 +26,7 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
-from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.view.figure import FigureOptions
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.model.export import ExportJob
 
@@ -45,66 +46,119 @@ def asked(qtbot: QtBot, window: MainWindow, name: str, key: Qt.Key, *held: objec
     modifiers = CONTROL
     for each in held:
         modifiers |= each
+    window.activateWindow()  # without a window manager, no window is active after a dialog
+    qtbot.waitUntil(window.isActiveWindow, timeout=PATIENCE)
     QTest.keyClick(window, key, modifiers)
     found = lambda: [each for each in window.findChildren(QDialog, name) if each.isVisible()]  # noqa: E731
     qtbot.waitUntil(lambda: bool(found()), timeout=PATIENCE)
     return found()[0]
 
 
+def pictured(qtbot: QtBot, window: MainWindow) -> FigureDialog:
+    """The dialog that saves a picture, with its preview."""
+    dialog = asked(qtbot, window, "figure_dialog", Qt.Key.Key_S, SHIFT)
+    assert isinstance(dialog, FigureDialog)
+    size = dialog.findChild(QLabel, "figure_size_label")
+    qtbot.waitUntil(lambda: bool(size.text()), timeout=PATIENCE)
+    return dialog
+
+
+def type_path(dialog: FigureDialog, path: Path) -> None:
+    edit = dialog.file_row.edit
+    QTest.mouseClick(edit, LEFT)
+    edit.selectAll()
+    QTest.keyClicks(edit, str(path))
+
+
 def test_a_picture_that_cannot_be_written_leaves_the_dialog_as_it_was(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    dialog = asked(qtbot, window, "picture_dialog", Qt.Key.Key_S, SHIFT)
-    assert isinstance(dialog, PictureDialog)
-    check, edit = dialog.transparent_check, dialog.file_row.edit
-    QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
-    save = dialog.findChild(QPushButton, "picture_save_button")
+    dialog = pictured(qtbot, window)
+    edit, save = dialog.file_row.edit, dialog.findChild(QPushButton, "figure_save_button")
     place = save.mapToGlobal(QPoint(0, 0))
     for name, said in (("nowhere/bun.png", "nowhere"), ("bun.jpg", ".png")):
-        edit.selectAll()
-        QTest.keyClicks(edit, str(tmp_path / name))
+        type_path(dialog, tmp_path / name)
         QTest.mouseClick(save, LEFT)
         assert dialog.isVisible()
         assert said in dialog.remark_label.text()
         assert save.mapToGlobal(QPoint(0, 0)) == place, "nothing moves under the pointer"
     assert not list(tmp_path.iterdir())
-    edit.selectAll()
-    QTest.keyClicks(edit, str(tmp_path / "bun"))
+    QTest.keyClick(dialog.background_combo, Qt.Key.Key_Down)
+    type_path(dialog, tmp_path / "bun")
     QTest.keyClick(edit, Qt.Key.Key_Return)
     assert not dialog.isVisible()
     qtbot.waitUntil((tmp_path / "bun.png").exists, timeout=PATIENCE)
-    again = asked(qtbot, window, "picture_dialog", Qt.Key.Key_S, SHIFT)
-    assert isinstance(again, PictureDialog)
-    assert again.choice.transparent
+    with Image.open(tmp_path / "bun.png") as picture:
+        alpha = np.asarray(picture)[..., 3]
+    assert (alpha.min(), alpha.max()) == (0, 255)
+    again = pictured(qtbot, window)
+    assert again.options.background == "transparent"
     assert again.path == tmp_path / "bun.png"
     assert "will be replaced" in again.remark_label.text()
     again.reject()
 
 
-def test_a_figure_has_the_width_of_a_journal(
+def test_a_picture_has_the_width_of_a_journal_and_is_previewed(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    dialog = asked(qtbot, window, "figure_dialog", Qt.Key.Key_S, Qt.KeyboardModifier.AltModifier)
-    assert isinstance(dialog, FigureDialog)
-    assert dialog.options == FigureOptions()
-    dialog.width_combo.setFocus()
-    QTest.keyClick(dialog.width_combo, Qt.Key.Key_Down)
-    dialog.width_combo.activated.emit(dialog.width_combo.currentIndex())
-    assert dialog.options.width_mm == 114.0
-    check = dialog.checks["axes"]
+    window.document.pins.toggle(40)
+    dialog = pictured(qtbot, window)
+    size, shown = dialog.findChild(QLabel, "figure_size_label"), dialog.preview
+    assert size.text().startswith("85 × ")
+    assert "× " in size.text()
+    assert "1,004 × " in size.text()
+
+    def look() -> np.ndarray:
+        image = shown.pixmap().toImage().convertToFormat(QImage.Format.Format_RGB888)
+        rows = np.frombuffer(image.constBits(), np.uint8)
+        return rows.reshape(image.height(), image.bytesPerLine())[:, : 3 * image.width()].copy()
+
+    for check in dialog.checks.values():
+        before = look()
+        QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
+        qtbot.waitUntil(lambda: look().shape != before.shape or (look() != before).any())  # noqa: B023
+    check = dialog.checks["title"]
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
-    edit = dialog.file_row.edit
-    edit.selectAll()
-    QTest.keyClicks(edit, str(tmp_path / "figure.png"))
-    assert dialog.ending == ".png"
-    QTest.keyClick(edit, Qt.Key.Key_Return)
+    QTest.keyClick(dialog.width_combo, Qt.Key.Key_Down)
+    assert dialog.options.width_mm == 114.0
+    qtbot.waitUntil(lambda: size.text().startswith("114 × "), timeout=PATIENCE)
+    QTest.keyClick(dialog.dpi_combo, Qt.Key.Key_Down)
+    type_path(dialog, tmp_path / "figure.png")
+    QTest.keyClick(dialog.file_row.edit, Qt.Key.Key_Return)
     qtbot.waitUntil((tmp_path / "figure.png").exists, timeout=PATIENCE)
     with Image.open(tmp_path / "figure.png") as picture:
-        assert picture.width == pytest.approx(114.0 / 25.4 * 300.0, abs=1.0)
-    again = asked(qtbot, window, "figure_dialog", Qt.Key.Key_S, Qt.KeyboardModifier.AltModifier)
-    assert isinstance(again, FigureDialog)
-    assert (again.options.width_mm, again.options.axes) == (114.0, False)
+        assert picture.width == pytest.approx(114.0 / 25.4 * 600.0, abs=1.0)
+        assert picture.info["dpi"][0] == pytest.approx(600, abs=0.02)
+    check_its_folder_is_shown(qtbot, window, tmp_path)
+    again = pictured(qtbot, window)
+    assert (again.options.width_mm, again.options.title, again.options.axes) == (114.0, True, False)
+    again.font_spin.setValue(72)
+    again.width_spin.setValue(20)
+    qtbot.waitUntil(lambda: "no room" in again.preview.text(), timeout=PATIENCE)
+    assert not again.accept_button.isEnabled()
     again.reject()
+
+
+def check_its_folder_is_shown(qtbot: QtBot, window: MainWindow, folder: Path) -> None:
+    bar = window.stage.message_bar
+    qtbot.waitUntil(lambda: bar.notice is not None, timeout=PATIENCE)
+    assert "Picture saved" in bar.notice.text
+    button = bar.findChild(QAbstractButton, "message_action")
+    assert button.text() == "Show in folder"
+
+    class Folders(QObject):
+        """Takes the place of the program that shows folders."""
+
+        shown = Signal(QUrl)
+
+    folders = Folders()
+    QDesktopServices.setUrlHandler("file", folders, "shown")
+    try:
+        with qtbot.waitSignal(folders.shown) as heard:
+            QTest.mouseClick(button, LEFT)
+    finally:
+        QDesktopServices.unsetUrlHandler("file")
+    assert Path(heard.args[0].toLocalFile()) == folder
 
 
 def test_what_one_looks_at_is_offered_and_the_format_remembered(

@@ -9,6 +9,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ import meshmash_viewer
 from meshmash_viewer.app import run
 from meshmash_viewer.app.faults import FaultBoundary
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.series_painter import picture_file
+from meshmash_viewer.app.series_painter import SeriesPainter
 from meshmash_viewer.app.view import mesh_view
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.app.view.series import Shot
@@ -33,7 +34,7 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.session import Session, write_session
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.spectral.weyl import Target
 
@@ -233,24 +234,24 @@ def test_a_library_that_cannot_be_loaded_is_said(
     window.close()
 
 
-def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
-    qtbot: QtBot, shown: MainWindow, tmp_path: Path
+def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(
+    qtbot: QtBot, shown: MainWindow
 ) -> None:
-    document = shown.document
-    notices: list[Notice] = []
-    document.notices.shown.connect(notices.append)
+    failures: list[Failure] = []
+    drawn: list[int] = []
     twin = shown.scene.renderer.twin()
     twin.prepare = lambda *_, **__: 1 / 0
-    pictures = shown.commands.pictures.painter
-    display = document.display
-    for name, drawing in (("a.png", twin), ("b.png", shown.scene.renderer.twin())):
-        pictures.start(drawing, (64, 48), [Shot()], display, picture_file(tmp_path / name))
-    qtbot.waitUntil(lambda: len(notices) == 2, timeout=PATIENCE)
-    document.notices.shown.disconnect(notices.append)
-    assert notices[0].severity is Severity.ERROR
-    assert "not saved" in notices[0].text
-    assert "ZeroDivisionError" in notices[0].text
-    assert (tmp_path / "b.png").exists()
+    painter = SeriesPainter(shown)
+    painter.failed.connect(failures.append)
+    painter.drawn.connect(lambda at, _: drawn.append(at))
+    display = shown.document.display
+    for drawing in (twin, shown.scene.renderer.twin()):
+        painter.start(drawing, (64, 48), [Shot()], display, nullcontext(lambda *_: None))
+    qtbot.waitUntil(lambda: not painter.busy, timeout=PATIENCE)
+    assert len(failures) == 1
+    assert "ZeroDivisionError" in failures[0].text
+    assert drawn == [0]
+    painter.close()
 
 
 def test_a_task_of_the_render_that_fails_is_waited_for_no_longer(

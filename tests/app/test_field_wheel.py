@@ -23,9 +23,9 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
 from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
-from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
@@ -134,10 +134,9 @@ def test_no_field_of_the_window_changes_without_the_focus(window: MainWindow, qt
 
 def test_nor_does_one_of_a_dialog(window: MainWindow, qtbot: QtBot, tmp_path) -> None:
     document, scene = window.document, window.scene
-    picture = tmp_path / "a.png"
     dialogs: list[QDialog] = [
         ExportDialog(document, tmp_path, window),
-        PictureDialog((800, 600), picture, window),
+        FigureDialog(tmp_path / "a", list, window),
         PiecesDialog(document, tmp_path, window),
         GalleryDialog(document, scene, window),
         MovieDialog(document, scene, tmp_path / "a", window),

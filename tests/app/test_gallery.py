@@ -126,8 +126,11 @@ def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path:
     qtbot.waitUntil(part(dialog, "gallery_save_button").isEnabled, timeout=PATIENCE)
     with Image.open(out) as image:
         sheet = np.asarray(image.convert("RGB")).astype(int)
+        assert image.info["dpi"][0] == pytest.approx(300, abs=0.02)
     width, height = (part(dialog, "gallery_list").width(), part(dialog, "gallery_list").height())
-    assert sheet.shape == (height, width, 3)
+    wide = round(85.0 / 25.4 * 300.0)
+    assert sheet.shape == (round(wide * height / width), wide, 3)
+    assert sheet[0, 0].tolist() == [255, 255, 255]
     # each is there in the colours of its thumbnail
     shares = [
         (sheet[..., 0] - sheet[..., 2] > 60).mean(),
@@ -138,7 +141,7 @@ def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path:
 
 def ask(qtbot: QtBot, dialog: QDialog, path: Path) -> None:
     QTest.mouseClick(part(dialog, "gallery_save_button"), LEFT)
-    asked = dialog.findChild(QDialog, "picture_dialog")
+    asked = dialog.findChild(QDialog, "figure_dialog")
     qtbot.waitUntil(asked.isVisible, timeout=PATIENCE)
     edit = part(asked, "file_edit")
     edit.selectAll()

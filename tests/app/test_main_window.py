@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from PySide6.QtCore import QMimeData, QObject, QPoint, QPointF, QRect, Qt, QUrl, Signal
-from PySide6.QtGui import QDesktopServices, QDropEvent, QGuiApplication, QKeySequence
+from PySide6.QtCore import QMimeData, QPoint, QPointF, QRect, Qt, QUrl
+from PySide6.QtGui import QDropEvent, QGuiApplication, QKeySequence
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -33,7 +33,6 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.dialogs.export_dialog import FORMATS, ExportDialog
-from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.panels.target_box import quarter_steps
@@ -737,44 +736,6 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     assert dialog.result() != QDialog.DialogCode.Accepted
     assert dialog.remark_label.text()
     dialog.deleteLater()
-
-
-@pytest.mark.pixels
-def test_a_picture_is_saved_at_any_size(qtbot: QtBot, ball: MainWindow, tmp_path: Path) -> None:
-    from PIL import Image
-
-    dialog = PictureDialog((800, 600), tmp_path / "picture.png", ball)
-    dialog.width_spin.setValue(321)
-    dialog.height_spin.setValue(234)
-    dialog.transparent_check.setChecked(True)
-    ball.commands.pictures._write_picture(dialog)
-    ball.commands.pictures.painter.wait()
-    qtbot.waitUntil(lambda: ball.stage.message_bar.notice is not None)
-    with Image.open(tmp_path / "picture.png") as image:
-        assert image.size == (321, 234)
-        assert image.mode == "RGBA"
-        alpha = np.asarray(image)[..., 3]
-    assert alpha.min() == 0
-    assert alpha.max() == 255
-    bar = ball.stage.message_bar
-    assert "Picture saved" in bar.notice.text
-    dialog.deleteLater()
-    button = bar.findChild(QAbstractButton, "message_action")
-    assert button.text() == "Show in folder"
-
-    class Folders(QObject):
-        """Takes the place of the program that shows folders."""
-
-        shown = Signal(QUrl)
-
-    folders = Folders()
-    QDesktopServices.setUrlHandler("file", folders, "shown")
-    try:
-        with qtbot.waitSignal(folders.shown) as heard:
-            QTest.mouseClick(button, LEFT)
-    finally:
-        QDesktopServices.unsetUrlHandler("file")
-    assert Path(heard.args[0].toLocalFile()) == tmp_path
 
 
 def test_a_session_comes_back(

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import shapes
 from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
-from PySide6.QtGui import QDropEvent
+from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
@@ -27,6 +27,7 @@ from PySide6.QtWidgets import (
 )
 
 import meshmash_viewer as mv
+from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
@@ -151,6 +152,26 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     wait_for(lambda: window.opening.second_view.pair.comparison is not None)
     rest(window)
     return window.opening.second_view
+
+
+@pytest.mark.pixels
+def test_both_meshes_are_in_a_picture_and_in_a_copy(
+    window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "other.npz", monkeypatch)
+    window.actions_["copy_picture"].trigger()
+    scenes = window.scene, opened.scene
+    wide = sum(scene.plotter.pixels()[0] for scene in scenes)
+    assert QGuiApplication.clipboard().image().width() == wide
+    window.actions_["save_picture"].trigger()
+    dialog = window.findChild(FigureDialog)
+    wait_for(lambda: len(dialog.panels) == 2 and dialog.idle)
+    dialog.file_row.edit.setText(str(tmp_path / "both.svg"))
+    QTest.mouseClick(dialog.accept_button, LEFT)
+    wait_for((tmp_path / "both.svg").exists)
+    svg = (tmp_path / "both.svg").read_text(encoding="utf-8")
+    assert svg.count("<image") == 2
+    assert svg.count(">Eigenfunction ") == 2
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ SYNONYMS = {
     "compare_with": "second mesh side by side",
     "add_map": "overlay values scalars load",
     "export": "save write csv table features download",
-    "save_picture": "image screenshot figure png photo",
+    "save_picture": "image screenshot figure png pdf svg photo paper journal",
     "gallery": "overview contact sheet thumbnails",
     "save_movie": "video animation film gif mp4",
     "save_scene": "gltf html web blender",

@@ -1,81 +1,199 @@
-"""Dialog that saves a figure for a paper."""
+"""Dialogs that save pictures with a size on paper: of the render with a preview, of a gallery."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from PySide6.QtWidgets import QLabel, QWidget
+import numpy as np
+import numpy.typing as npt
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPixmap, QResizeEvent
+from PySide6.QtWidgets import QLabel, QLayout, QSizePolicy, QWidget
 
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import show_quietly
-from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.layout import column, grid, row
 from meshmash_viewer.app.dialogs.files import FormatDialog
-from meshmash_viewer.app.view.figure import FigureOptions
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.view.figure import FigureOptions, Panel, compose, picture_of
+from meshmash_viewer.app.view.page import MM
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.progress import CancelCallback
 
 _FORMATS = {
+    ".png": "PNG picture, with its size on paper",
     ".pdf": "PDF, with text and bars as vectors",
     ".svg": "SVG, with text and bars as vectors",
-    ".png": "PNG picture, with its size on paper",
 }
-#: Widths of columns in journals, in mm.
-_WIDTHS = {85: "One column, 85 mm", 114: "One and a half, 114 mm", 174: "Two columns, 174 mm"}
+#: Usual widths, in mm.
+_WIDTHS = {
+    85: "One column, 85 mm",
+    114: "One and a half, 114 mm",
+    174: "Two columns, 174 mm",
+    339: "Slide, 339 mm",
+}
 _CUSTOM = "Custom"
-_RESOLUTIONS = {300: "300 dpi", 600: "600 dpi", 1200: "1200 dpi"}
+_RESOLUTIONS = {150: "150 dpi", 300: "300 dpi", 600: "600 dpi", 1200: "1200 dpi"}
 _BACKGROUNDS = {"white": "White", "transparent": "Transparent", "window": "As in the window"}
 _PARTS = {
     "title": "Title", "color_bar": "Colour bar", "scale_bar": "Scale bar", "axes": "Axes",
     "pins": "Pins",
 }  # fmt: skip
+#: Smallest side of the preview in logical pixels, and side of a square behind what is transparent.
+_LEAST, _SQUARE = 240, 8
 
 
-class FigureDialog(FormatDialog):
-    """Asks for size, contents and file of a figure; `path` is suggested, without its ending."""
+class SheetDialog(FormatDialog):
+    """Asks for width, resolution, background and file; `path` is suggested, without its ending."""
 
     def __init__(
-        self, path: Path, parent: QWidget | None = None, before: FigureOptions | None = None
+        self,
+        path: Path,
+        parent: QWidget | None = None,
+        before: FigureOptions | None = None,
+        formats: Mapping[str, str] | None = None,
     ) -> None:
-        super().__init__("figure", "Save figure", path, _FORMATS, lambda _: "", "nothing", parent)
+        formats = formats or {".png": _FORMATS[".png"]}
+        super().__init__("figure", "Save picture", path, formats, lambda _: "", "nothing", parent)
         before = before or FigureOptions()
         widths = {str(width): text for width, text in _WIDTHS.items()} | {"": _CUSTOM}
         self.width_combo = make.combo(
-            "figure_width_combo", "Width of the figure", self._take_width, widths
+            "figure_width_combo", "Usual widths of pictures", self._take_width, widths
         )
         self.width_spin = make.spin(
             "figure_width_spin", "Width in mm", self._show_width, minimum=10, maximum=2000,
             suffix=" mm", value=round(before.width_mm),
         )  # fmt: skip
         resolutions = {str(dpi): text for dpi, text in _RESOLUTIONS.items()}
-        self.dpi_combo = make.combo(
-            "figure_dpi_combo", "Resolution of the figure", None, resolutions
-        )
-        self.dpi_combo.setCurrentIndex(max(self.dpi_combo.findData(str(before.dpi)), 0))
-        self.font_spin = make.spin(
-            "figure_font_spin", "Size of the text in points", minimum=3, maximum=72, suffix=" pt",
-            value=round(before.font_points),
-        )  # fmt: skip
+        self.dpi_combo = make.combo("figure_dpi_combo", "Pixels an inch", self._change, resolutions)
+        self.dpi_combo.setCurrentIndex(self.dpi_combo.findData(str(before.dpi)))
         self.background_combo = make.combo(
-            "figure_background_combo", "Background of the figure", None, _BACKGROUNDS
+            "figure_background_combo", "Background", self._change, _BACKGROUNDS
         )
         self.background_combo.setCurrentIndex(self.background_combo.findData(before.background))
-        self.checks = {
-            name: make.check(text, f"figure_{name}_check", text) for name, text in _PARTS.items()
-        }
-        for name, check in self.checks.items():
-            check.setChecked(getattr(before, name))
-        self._arrange_rows(
-            ("Width", row(self.width_combo, self.width_spin, None)),
-            ("Resolution", row(self.dpi_combo, QLabel("Text"), self.font_spin, None)),
-            ("Background", row(self.background_combo, None)),
-            ("Show", row(*self.checks.values(), None)),
-            ("Format", self.format_combo),
-        )
-        self.setMinimumWidth(560)
+        self._build(before)
         self._show_width()
         self._refresh_remark()
 
+    def _build(self, _before: FigureOptions) -> None:
+        self._arrange_rows(*self._size_rows())
+        self.setMinimumWidth(520)
+
+    def _size_rows(self) -> tuple[tuple[str, QLayout], ...]:
+        return (
+            ("Width", row((self.width_combo,), self.width_spin)),
+            ("Resolution", row((self.dpi_combo,))),
+            ("Background", row((self.background_combo,))),
+        )
+
     @property
     def options(self) -> FigureOptions:
-        """The current choices."""
+        """The current choices; InputError if they do not go together."""
+        return FigureOptions(
+            width_mm=float(self.width_spin.value()),
+            dpi=int(self.dpi_combo.currentData()),
+            background=self.background_combo.currentData(),
+        )
+
+    def _take_width(self, width: str) -> None:
+        if width:
+            show_quietly(self.width_spin, int(width))
+            self._change()
+        else:
+            self.width_spin.setFocus()
+
+    def _show_width(self) -> None:
+        """Choose the entry of the width."""
+        row = self.width_combo.findData(str(self.width_spin.value()))
+        self.width_combo.setCurrentIndex(row if row >= 0 else self.width_combo.findData(""))
+        self._change()
+
+    def _change(self, *_: object) -> None:
+        """Follow a change of the options."""
+        self._refresh_remark()
+
+    def _refresh_remark(self) -> None:
+        super()._refresh_remark()
+        try:
+            _ = self.options
+        except InputError as fault:
+            self.remark_label.setText(str(fault))
+            self.accept_button.setEnabled(False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Preview:
+    """A request for a preview that fits into some pixels."""
+
+    panels: Sequence[Panel]
+    options: FigureOptions
+    room: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A preview, and the size of the figure in mm."""
+
+    pixels: npt.NDArray[np.uint8]
+    size: tuple[float, float]
+
+
+def _drawn(request: _Preview, _cancel: CancelCallback) -> _Drawn:
+    figure = compose(request.panels, request.options)
+    wide, high = figure.get_size_inches()
+    pixels = picture_of(figure, min(request.room[0] / wide, request.room[1] / high))
+    return _Drawn(pixels, (wide * MM, high * MM))
+
+
+class FigureDialog(SheetDialog):
+    """Asks for contents as well, with a preview.
+
+    `seen` returns what the renders show, or nothing while they cannot be drawn quickly; see `look`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        seen: Callable[[], Sequence[Panel]],
+        parent: QWidget | None = None,
+        before: FigureOptions | None = None,
+    ) -> None:
+        self._seen = seen
+        self._panels: Sequence[Panel] = ()
+        super().__init__(path, parent, before, _FORMATS)
+        self._painter: LatestThread[_Preview] = LatestThread(_drawn, self._take, parent=self)
+
+    def _build(self, before: FigureOptions) -> None:
+        self.font_spin = make.spin(
+            "figure_font_spin", "Size of the text in points", self._change, minimum=3,
+            maximum=72, suffix=" pt", value=round(before.font_points),
+        )  # fmt: skip
+        self.checks = {
+            name: make.check(text, f"figure_{name}_check", text, self._change)
+            for name, text in _PARTS.items()
+        }
+        for name, check in self.checks.items():
+            check.setChecked(getattr(before, name))
+        self.preview = _PreviewLabel()
+        self.preview.resized.connect(self._change)
+        self.size_label = make.label("figure_size_label", role="muted")
+        self.size_label.setAlignment(Qt.AlignmentFlag.AlignHCenter)
+        title, bar, scale, axes, pins = self.checks.values()
+        self._arrange_rows(
+            *self._size_rows(),
+            ("Text", row((self.font_spin,))),
+            ("Show", grid((title, bar), (scale, axes), (pins, None))),
+            ("Format", self.format_combo),
+            beside=column((self.preview,), self.size_label),
+        )
+        self.resize(860, 440)
+
+    @property
+    def options(self) -> FigureOptions:
+        """The current choices; InputError if they do not go together."""
         return FigureOptions(
             width_mm=float(self.width_spin.value()),
             dpi=int(self.dpi_combo.currentData()),
@@ -84,13 +202,104 @@ class FigureDialog(FormatDialog):
             **{name: check.isChecked() for name, check in self.checks.items()},
         )
 
-    def _take_width(self, width: str) -> None:
-        if width:
-            show_quietly(self.width_spin, int(width))
-        else:
-            self.width_spin.setFocus()
+    @property
+    def panels(self) -> Sequence[Panel]:
+        """What the preview shows of each mesh; empty until it has been drawn."""
+        return self._panels
 
-    def _show_width(self) -> None:
-        """Choose the entry of the width."""
-        row = self.width_combo.findData(str(self.width_spin.value()))
-        self.width_combo.setCurrentIndex(row if row >= 0 else self.width_combo.findData(""))
+    def look(self) -> None:
+        """Draw the preview if the renders can be drawn."""
+        if not self._panels and self.isVisible():
+            try:
+                self._panels = self._seen()
+            except InputError as fault:
+                self._show_fault(fault)
+            else:
+                self._change()
+
+    def choose_ending(self, ending: str) -> None:
+        """Choose the format with an ending."""
+        self.format_combo.setCurrentIndex(self.format_combo.findData(ending))
+
+    @property
+    def idle(self) -> bool:
+        """Whether the preview shows the present choices."""
+        return not self._painter.working
+
+    def done(self, result: int) -> None:
+        """Draw no more previews, and close."""
+        self._painter.close()
+        super().done(result)
+
+    def _change(self, *_: object) -> None:
+        super()._change()
+        if not self._panels or not self.accept_button.isEnabled():
+            return
+        ratio = self.devicePixelRatioF()
+        size = round(ratio * self.preview.width()), round(ratio * self.preview.height())
+        self._painter.ask(_Preview(self._panels, self.options, size))
+
+    def _take(self, _request: _Preview, drawn: _Drawn | Exception) -> None:
+        if isinstance(drawn, InputError):
+            self._show_fault(drawn)
+        elif isinstance(drawn, Exception):
+            raise drawn
+        else:
+            self.preview.show_pixels(drawn.pixels)
+            dpi = self.options.dpi
+            mm = " × ".join(f"{round(side, 1):g}" for side in drawn.size)
+            pixels = " × ".join(f"{round(side / MM * dpi):,}" for side in drawn.size)
+            self.size_label.setText(f"{mm} mm, {pixels} pixels")
+
+    def _show_fault(self, fault: InputError) -> None:
+        """Say why there is no picture."""
+        self.preview.setText(str(fault))
+        self.size_label.clear()
+        self.accept_button.setEnabled(False)
+
+
+class _PreviewLabel(QLabel):
+    """Shows pixels on squares, which are visible where they are transparent."""
+
+    resized = Signal()
+
+    def __init__(self) -> None:
+        super().__init__("The preview is being drawn …")
+        theme.named(self, "figure_preview", "Preview", role="muted")
+        self.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.setWordWrap(True)
+        self.setMinimumSize(_LEAST, _LEAST)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+
+    def sizeHint(self) -> QSize:
+        """As large as it may be without the picture."""
+        return QSize(400, 360)
+
+    def show_pixels(self, pixels: npt.NDArray[np.uint8]) -> None:
+        """Show RGBA of the screen's pixels, shape (height, width, 4)."""
+        high, wide, _ = pixels.shape
+        form = QImage.Format.Format_RGBA8888
+        image = QImage(np.ascontiguousarray(pixels).data, wide, high, 4 * wide, form)
+        shown = QPixmap(wide, high)
+        with QPainter(shown) as painter:
+            painter.fillRect(shown.rect(), QColor("#ffffff"))
+            painter.fillRect(shown.rect(), QBrush(_squares()))
+            painter.drawImage(0, 0, image)
+            painter.setPen(QColor(theme.palette().border_strong))
+            painter.drawRect(shown.rect().adjusted(0, 0, -1, -1))
+        shown.setDevicePixelRatio(self.devicePixelRatioF())
+        self.setPixmap(shown)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Request a preview of another size."""
+        super().resizeEvent(event)
+        self.resized.emit()
+
+
+def _squares() -> QPixmap:
+    tile = QPixmap(2 * _SQUARE, 2 * _SQUARE)
+    tile.fill(QColor("#ffffff"))
+    with QPainter(tile) as painter:
+        for x, y in ((0, 0), (_SQUARE, _SQUARE)):
+            painter.fillRect(x, y, _SQUARE, _SQUARE, QColor("#d5d9de"))
+    return tile

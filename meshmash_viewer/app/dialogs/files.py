@@ -22,7 +22,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.file_row import FileRow
-from meshmash_viewer.app.controls.layout import Part, column, grid
+from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.spin import typed_fields
 from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
@@ -60,11 +60,17 @@ class SaveDialog(QDialog):
         """Where to write."""
         return self.file_row.path
 
-    def _arrange_rows(self, *rows: tuple[str, QWidget | QLayout]) -> None:
-        """Lay out labelled rows, the last of them file and remark."""
+    def _arrange_rows(
+        self, *rows: tuple[str, QWidget | QLayout], beside: QLayout | None = None
+    ) -> None:
+        """Lay out labelled rows, the last of them file and remark, next to something else."""
         file = ("File", self.file_row), ("", self.remark_label)
         parts = ((QLabel(text) if text else None, part) for text, part in (*rows, *file))
-        self._arrange(grid(*parts, spacing=(theme.MARGIN, theme.GAP)))
+        form = grid(*parts, spacing=(theme.MARGIN, theme.GAP))
+        if beside is None:
+            self._arrange(form)
+        else:
+            self._arrange((row((beside,), column(form, None), spacing=20),))
 
     def _arrange(self, *parts: Part, spacing: int = theme.MARGIN) -> None:
         """Lay out the parts above the two buttons."""

@@ -27,7 +27,9 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.series_painter import Picture
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.contact_sheet import ContactSheet
+from meshmash_viewer.app.view.figure import FigureOptions
 from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.app.view.page import MM
 from meshmash_viewer.app.view.picture import straight
 from meshmash_viewer.app.view.series import aspect, series_view
 from meshmash_viewer.errors import InputError
@@ -191,14 +193,14 @@ class GalleryDialog(SeriesDialog):
 
     # -- saving -------------------------------------------------------------------------------
 
-    @property
-    def size_on_screen(self) -> tuple[int, int]:
-        """Width and height of the thumbnails together, in pixels."""
-        ratio = self.devicePixelRatioF()
-        return round(self.list.width() * ratio), round(self.list.height() * ratio)
+    def save(self, path: Path, options: FigureOptions) -> None:
+        """Draw the columns in a sheet, and write it; `saved` follows.
 
-    def save(self, path: Path, size: tuple[int, int], transparent: bool) -> None:
-        """Draw the columns in a sheet of a size in pixels, and write it; `saved` follows."""
+        Of `options`, width, resolution and background count; the sheet is as high as the list
+        is for its width.
+        """
+        wide = options.width_mm / MM * options.dpi
+        size = round(wide), round(wide * self.list.height() / self.list.width())
         self._path, mesh = path, self._document.mesh
         if mesh is None:
             return
@@ -212,14 +214,14 @@ class GalleryDialog(SeriesDialog):
                 size,
                 aspect(drawing),
                 f"{mesh.name} · {label}" if mesh.name else label,
-                dark=theme.is_dark(),
-                transparent=transparent,
+                dark=theme.is_dark() and options.background == "window",
+                ground={"white": "#ffffff", "transparent": ""}.get(options.background),
             )
         except InputError as fault:
             self.remark_label.setText(str(fault))
             return
         drawing.view = series_view(drawing, sheet.picture_size, self._pixels_on_screen)
-        sink = _sheet_file(path, sheet)
+        sink = _sheet_file(path, sheet, options.dpi)
         self._save_series(drawing, sheet.picture_size, shots, sink, transparent=True)
 
     def _show_saving(self, saving: bool) -> None:
@@ -291,7 +293,7 @@ def _image(_at: int, picture: Picture, _caption: Caption | None) -> QImage:
 
 @contextlib.contextmanager
 def _sheet_file(
-    path: Path, sheet: ContactSheet
+    path: Path, sheet: ContactSheet, dpi: int
 ) -> Iterator[Callable[[int, Picture, Caption | None], None]]:
     from meshmash_viewer.io.write import write_picture
 
@@ -300,4 +302,4 @@ def _sheet_file(
         sheet.put(at, straight(picture), caption)
 
     yield put
-    write_picture(path, sheet.pixels())
+    write_picture(path, sheet.pixels(), dpi)

@@ -77,7 +77,7 @@ class PairPanel(QWidget):
             "Keep the largest component of each mesh, and compare these", self._keep_largest,
             role="link",
         )  # fmt: skip
-        self.unit_label = make.muted("Unit of the second mesh")
+        self.unit_label = make.muted("Its unit")
         #: The unit of the second mesh, where there is one.
         self._unit = QVBoxLayout()
         self.figures = Facts(_FIGURES)
@@ -333,7 +333,7 @@ class PairPanel(QWidget):
 
 def _written_distance(found: Comparison) -> str:
     """The spectral distance, with what it is."""
-    text = f"{format_number(found.distance)}: norm of the difference of the eigenvalues × area"
+    text = f"{format_number(found.distance)}: norm of the difference of λ × area"
     share = found.relative_distance
     return f"{text}, {share:.2%} of that of the first" if math.isfinite(share) else text
 

@@ -36,7 +36,8 @@ class ContactSheet:
     """A sheet to which pictures are added one by one; InputError if it is too small.
 
     `size` is that of the sheet in pixels, `aspect` the width over height of the mesh in the
-    pictures. They are to be drawn in `picture_size` without a background.
+    pictures. They are to be drawn in `picture_size` without a background. `ground` is the colour
+    behind them, by default that of the render, and "" for none.
     """
 
     def __init__(
@@ -47,7 +48,7 @@ class ContactSheet:
         title: str,
         *,
         dark: bool = False,
-        transparent: bool = False,
+        ground: str | None = None,
     ) -> None:
         self._captions, self._theme = captions, DARK if dark else LIGHT
         count = len(captions)
@@ -60,8 +61,8 @@ class ContactSheet:
                 f"{len(captions)} pictures on a sheet of {size[0]} × {size[1]} pixels are too"
                 " small to show anything: make it larger, or choose fewer columns."
             )
-        ground = self._theme.background_top
-        self._sheet = Image.new("RGBA", size, (0, 0, 0, 0) if transparent else ground)
+        ground = self._theme.background_top if ground is None else ground
+        self._sheet = Image.new("RGBA", size, ground or (0, 0, 0, 0))
         self._draw = ImageDraw.Draw(self._sheet)
         widest = max((self._font(1.0).getlength(text) for text in captions), default=1.0)
         free = 0.94 * self._layout.cell[0]

@@ -1,4 +1,9 @@
-"""Figures for a paper: renders as images, with text, colour bar and scale bar as vectors."""
+"""Pictures with a size on paper: renders as images; text, colour bar and scale bar as vectors.
+
+They are made in three steps: `seen_of` finds what a render shows of its mesh, `sharpened` draws
+that with the pixels that it has on paper, and `compose` adds the rest. Only the last may run in
+another thread.
+"""
 
 from __future__ import annotations
 
@@ -6,38 +11,44 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import matplotlib
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from meshmash_viewer.app.view.annotations import Caption, Pin
 from meshmash_viewer.app.view.camera import View
-from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, color_table
+from meshmash_viewer.app.view.colors import LIGHT, RenderTheme
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.page import (
+    MM,
+    POINTS,
+    Box,
+    Line,
+    Page,
+    bar_width,
+    text_width,
+    wrapped,
+)
 from meshmash_viewer.app.view.picture import OffScreen, straight
-from meshmash_viewer.app.view.text import bar_labels, exponent_text, scale_bar_text
+from meshmash_viewer.app.view.text import scale_bar_text
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.units import round_length
 
+if TYPE_CHECKING:  # loaded when the first figure is composed
+    from matplotlib.figure import Figure
+
 Background: TypeAlias = Literal["white", "transparent", "window"]
 
-#: Millimetres and points of an inch.
-_MM, _POINTS = 25.4, 72.0
 #: Height over width of the images, at least and at most, where the meshes decide.
 _FLATTEST, _TALLEST = 0.25, 1.5
-#: Pixels of the trial that finds the mesh in its picture, and the image's size over the mesh's.
-_TRIAL, _ROOM = 400, 1.04
+#: Larger side in pixels of the trial that finds the mesh, and the margin around it there.
+_TRIAL, _AROUND = 640, 8
 #: Largest side of an image in pixels.
 _LARGEST = 16_384
-#: Width of the colour bar and of its labels, in font sizes.
-_BAR, _LABELS = 1.2, 5.5
-_AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
-_CELLS = 128
 
 
 @dataclass(frozen=True)
@@ -75,21 +86,109 @@ class FigureOptions:
             raise InputError("The resolution of a figure must be between 30 and 2400 dpi.")
         if not 3.0 <= self.font_points <= 72.0:
             raise InputError("The font size of a figure must be between 3 and 72 points.")
-        if self.width_mm / _MM * self.dpi > _LARGEST:
+        if self.width_mm / MM * self.dpi > _LARGEST:
             raise InputError(
                 f"A figure of {self.width_mm:g} mm at {self.dpi} dpi is wider than {_LARGEST}"
                 " pixels: choose a smaller width or resolution."
             )
 
 
-@dataclass(frozen=True)
-class _Box:
-    """A rectangle of the figure in mm from its lower left corner."""
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """What a figure shows of one mesh.
 
-    left: float
-    below: float
-    width: float
-    height: float
+    Parameters
+    ----------
+    view : View
+        Centred on what is seen of the mesh, `half_size` half the width of that.
+    image : ndarray of uint8, shape (height, width, 4)
+        What is seen, without a background.
+    shape : float
+        Height over width.
+    caption : Caption or None
+    pins : sequence of Pin
+    unit : str
+    theme : RenderTheme
+        Of the render.
+    """
+
+    view: View
+    image: npt.NDArray[np.uint8]
+    shape: float
+    caption: Caption | None
+    pins: Sequence[Pin]
+    unit: str
+    theme: RenderTheme
+
+    @property
+    def bar(self) -> Caption | None:
+        """The caption, if there is a colour bar: colours of labels have none."""
+        caption = self.caption
+        return caption if caption is not None and isinstance(caption.colormap, str) else None
+
+    def in_box(self, box: Box) -> View:
+        """The view for a picture of a box, where `half_size` is of the smaller side."""
+        share = min(box.width, box.height) / box.width
+        return replace(self.view, half_size=self.view.half_size * share)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a panel is: its part of the page, room of the image, image, and lines below `top`."""
+
+    part: Box
+    room: Box
+    image: Box
+    lines: Sequence[Line]
+    top: float
+
+
+def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> Panel:
+    """Find what a drawing, which is in no window, shows of its mesh in a picture of some size.
+
+    Raises
+    ------
+    InputError
+        If the mesh is outside its view.
+    """
+    wide, high = (max(round(side * _TRIAL / max(size)), 1) for side in size)
+    drawing.annotated = False
+    with closing(OffScreen(drawing, (wide, high), transparent=True, samples=1)) as window:
+        picture = straight(window.draw())
+    view, mesh = drawing.view, drawing.mesh
+    opaque = picture[..., 3] > 0
+    if view is None or mesh is None or not opaque.any():
+        raise InputError("No part of the mesh is in the view: reset the camera.")
+    picture = np.pad(picture, ((_AROUND, _AROUND), (_AROUND, _AROUND), (0, 0)))
+    across, along = (np.flatnonzero(opaque.any(axis=axis)) for axis in (0, 1))
+    # of the padded picture, with the margin
+    left, right, top, foot = across[0], across[-1] + 1, along[0], along[-1] + 1
+    right, foot = right + 2 * _AROUND, foot + 2 * _AROUND
+    middle = (left + right) / 2 - _AROUND, high - ((top + foot) / 2 - _AROUND)
+    half = 0.5 * view.length_per_pixel(wide, high) * (right - left)
+    return Panel(
+        replace(view, focus=view.from_pixels(*middle, wide, high), half_size=half),
+        picture[top:foot, left:right],
+        float((foot - top) / (right - left)),
+        drawing.shown_caption,
+        drawing.placed_pins(),
+        mesh.unit,
+        drawing.theme,
+    )
+
+
+def sharpened(
+    drawings: Sequence[MeshRenderer], panels: Sequence[Panel], options: FigureOptions
+) -> list[Panel]:
+    """Draw the images of panels with the pixels that they have on paper."""
+    made = []
+    for drawing, panel, place in zip(drawings, panels, _placed(panels, options), strict=True):
+        drawing.annotated, drawing.view = False, panel.in_box(place.image)
+        sides = (round(side / MM * options.dpi) for side in (place.image.width, place.image.height))
+        wide, high = (max(side, 1) for side in sides)
+        with closing(OffScreen(drawing, (wide, high), transparent=True)) as window:
+            made.append(replace(panel, image=straight(window.draw())))
+    return made
 
 
 def compose_figure(drawings: Sequence[MeshRenderer], options: FigureOptions) -> Figure:
@@ -110,34 +209,39 @@ def compose_figure(drawings: Sequence[MeshRenderer], options: FigureOptions) -> 
     Raises
     ------
     InputError
-        If the mesh is outside its view.
+        If the mesh is outside its view, or the text leaves no room for it.
     """
-    font = options.font_points / _POINTS * _MM
-    captions = [drawing.shown_caption for drawing in drawings]
-    barred = options.color_bar and any(
-        caption is not None and isinstance(caption.colormap, str) for caption in captions
-    )
-    panel = options.width_mm / len(drawings)
-    wide = panel - font * (0.8 + (_BAR + _LABELS if barred else 0.0))
-    if wide < 5.0:
-        raise InputError("The text leaves no room for the mesh: choose a wider figure.")
-    titled = options.title and any(caption is not None for caption in captions)
-    top = font * (3.9 if titled else 0.5)
-    foot = font * (4.2 if options.axes else 2.6 if options.scale_bar else 0.5)
-    seen = [_extent(drawing) for drawing in drawings]
-    shape = max(view.half_size * tall for view, tall in seen) / max(v.half_size for v, _ in seen)
-    tall = wide * min(max(shape, _FLATTEST), _TALLEST)
-    high = top + tall + foot
-    figure = Figure(figsize=(options.width_mm / _MM, high / _MM), dpi=options.dpi)
-    ink = drawings[0].theme.ink if options.background == "window" else LIGHT.ink
-    page = _Page(figure, options.width_mm, high, font, ink)
-    if options.background == "window":
-        page.fill(drawings[0])
-    for at, (drawing, (view, shape)) in enumerate(zip(drawings, seen, strict=True)):
-        box = _Box(at * panel + 0.4 * font, foot, wide, tall)
-        _draw_panel(page, drawing, _fitted(view, shape, box), box, options, titled)
+    panels = [seen_of(drawing) for drawing in drawings]
+    return compose(sharpened(drawings, panels, options), options)
+
+
+def compose(panels: Sequence[Panel], options: FigureOptions) -> Figure:
+    """Put panels side by side on a page, in any thread; see `compose_figure`."""
+    from matplotlib.figure import Figure
+
+    places = _placed(panels, options)
+    high = places[0].part.height
+    figure = Figure(figsize=(options.width_mm / MM, high / MM), dpi=options.dpi)
+    themed = options.background == "window"
+    theme, font = panels[0].theme, options.font_points / POINTS * MM
+    ink, ground = (theme.ink, theme.background_top) if themed else (LIGHT.ink, "#ffffff")
+    page = Page(figure, options.width_mm, high, font, ink, ground)
+    if themed:
+        page.fill(theme)
+    for panel, place in zip(panels, places, strict=True):
+        _draw_panel(page, panel, place, options)
     figure.patch.set_alpha(0.0 if options.background == "transparent" else 1.0)
     return figure
+
+
+def picture_of(figure: Figure, dpi: float) -> npt.NDArray[np.uint8]:
+    """Draw a figure with some pixels an inch; RGBA, shape (height, width, 4), first row on top."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.dpi = dpi
+    canvas: Any = FigureCanvasAgg(figure)  # partly without types
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -155,173 +259,67 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(part, dpi=figure.dpi, format=path.suffix[1:].lower())
 
 
-def _extent(drawing: MeshRenderer) -> tuple[View, float]:
-    """Find what a view shows of the mesh.
+def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
+    """Place the panels: images as large as the text around them allows, and centred.
 
-    Returns
-    -------
-    view : View
-        Centred on it, `half_size` half its width.
-    float
-        Its height over its width.
+    Raises
+    ------
+    InputError
+        If the text leaves no room for them.
     """
-    drawing.annotated = False
-    with closing(OffScreen(drawing, (_TRIAL, _TRIAL), transparent=True)) as window:
-        opaque = window.draw()[::-1, :, 3] > 0
-    view = drawing.view
-    across, along = (np.flatnonzero(opaque.any(axis=axis)) for axis in (0, 1))
-    if view is None or not len(across):
-        raise InputError("No part of the mesh is in the view: reset the camera.")
-    left, right, low, up = across[0], across[-1] + 1, along[0], along[-1] + 1
-    focus = view.from_pixels((left + right) / 2, (low + up) / 2, _TRIAL, _TRIAL)
-    pixel = view.length_per_pixel(_TRIAL, _TRIAL)
-    half = 0.5 * pixel * (right - left)
-    return replace(view, focus=focus, half_size=half), float((up - low) / (right - left))
+    font = options.font_points / POINTS * MM
+    across, edge = options.width_mm / len(panels), 0.4 * font
+    barred = [panel.bar for panel in panels if panel.bar is not None and options.color_bar]
+    aside = font * max(map(bar_width, barred), default=0.0)
+    wide = across - 2.0 * edge - aside
+    if wide < 5.0:
+        raise InputError("The text leaves no room for the mesh: choose a wider figure.")
+    lines = [_lines(panel.caption, font, across - 2.0 * edge, options) for panel in panels]
+    above = 0.5 * font + max(sum(line.space for line in each) for each in lines)
+    foot = font * (4.2 if options.axes else 2.6 if options.scale_bar else 0.5)
+    widths = [2.0 * panel.view.half_size for panel in panels]
+    shape = max(w * panel.shape for w, panel in zip(widths, panels, strict=True)) / max(widths)
+    tall = wide * min(max(shape, _FLATTEST), _TALLEST)
+    high, places = foot + tall + above, []
+    for at, (panel, some) in enumerate(zip(panels, lines, strict=True)):
+        width = min(wide, tall / panel.shape)
+        height = width * panel.shape
+        left = at * across + edge + 0.5 * (wide - width)
+        image = Box(left, foot + 0.5 * (tall - height), width, height)
+        part = Box(at * across + edge, 0.0, across - 2.0 * edge, high)
+        places.append(_Place(part, Box(part.left, foot, wide, tall), image, some, high - edge))
+    return places
 
 
-def _fitted(view: View, shape: float, box: _Box) -> View:
-    """Zoom a view from `_extent` to fill a box."""
-    pixel = _ROOM * 2.0 * view.half_size * max(1.0 / box.width, shape / box.height)
-    return replace(view, half_size=0.5 * pixel * min(box.width, box.height))
+def _lines(
+    caption: Caption | None, font: float, width: float, options: FigureOptions
+) -> list[Line]:
+    """Lines of title and quantity, `width` in mm."""
+    if caption is None or not options.title:
+        return []
+    title = Line(caption.title, 1.2 * font, 1.7 * font, bold=True)
+    return [*wrapped(title, width), *wrapped(Line(caption.quantity, font, 1.5 * font), width)]
 
 
-class _Page:
-    """A figure to which text, lines and images are added at positions in mm."""
-
-    def __init__(self, figure: Figure, width: float, height: float, font: float, ink: str) -> None:
-        self.figure, self.width, self.height = figure, width, height
-        self.font, self.ink = font, ink
-
-    def axes(self, box: _Box) -> Axes:
-        """Add axes without frame."""
-        rectangle = (
-            box.left / self.width,
-            box.below / self.height,
-            box.width / self.width,
-            box.height / self.height,
-        )
-        axes = self.figure.add_axes(rectangle)
-        axes.set_axis_off()
-        return axes
-
-    def text(self, x: float, y: float, text: str, size: float = 1.0, **style: Any) -> None:
-        """Write a line; `size` in font sizes."""
-        points = size * self.font / _MM * _POINTS
-        style = {"color": self.ink, "va": "center", **style}
-        self.figure.text(x / self.width, y / self.height, text, fontsize=points, **style)
-
-    def line(self, points: Sequence[tuple[float, float]], color: str, width: float) -> None:
-        """Draw a line through points, `width` in font sizes."""
-        axes = self.axes(_Box(0.0, 0.0, self.width, self.height))
-        axes.set(xlim=(0.0, self.width), ylim=(0.0, self.height))
-        axes.plot(*zip(*points, strict=True), color=color, lw=width * self.font / _MM * _POINTS)
-
-    def fill(self, drawing: MeshRenderer) -> None:
-        """Fill the page with the background of the render."""
-        axes = self.axes(_Box(0.0, 0.0, self.width, self.height))
-        shades = [[drawing.theme.ground(share)] for share in np.linspace(1.0, 0.0, 64)]
-        axes.imshow(shades, aspect="auto", interpolation="bilinear")
-
-
-def _draw_panel(
-    page: _Page,
-    drawing: MeshRenderer,
-    view: View,
-    box: _Box,
-    options: FigureOptions,
-    titled: bool,
-) -> None:
-    """Draw a mesh into a box, with its annotations."""
-    drawing.view = view
-    size = tuple(round(side / _MM * options.dpi) for side in (box.width, box.height))
-    with closing(OffScreen(drawing, (size[0], size[1]), transparent=True)) as window:
-        pixels = straight(window.draw())
-    page.axes(box).imshow(pixels, aspect="auto", interpolation="none")
-    font, caption = page.font, drawing.shown_caption
-    over = box.below + box.height
-    if titled and caption is not None:
-        page.text(box.left, over + 2.9 * font, caption.title, 1.2, weight="bold")
-        page.text(box.left, over + 1.3 * font, caption.quantity)
-    if options.color_bar and caption is not None and isinstance(caption.colormap, str):
-        _draw_bar(page, drawing, _Box(box.left + box.width, box.below, 0.0, box.height))
+def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions) -> None:
+    """Draw a panel, with its annotations."""
+    image, part, font = place.image, place.part, page.font
+    view, right = panel.in_box(image), part.left + part.width
+    # a preview has other pixels than the page
+    page.axes(image).imshow(panel.image, aspect="auto", interpolation="antialiased")
+    page.lines(place.lines, part.left, place.top)
+    if options.color_bar and panel.bar is not None:
+        page.bar(panel.bar, right - font * bar_width(panel.bar), place.room)
     if options.pins:
-        _draw_pins(page, drawing, view, box)
+        page.pins(panel.pins, view, image)
     if options.axes:
-        _draw_axes(page, view.axes, (box.left + 1.8 * font, 1.6 * font))
-    if options.scale_bar and drawing.mesh is not None:
-        millimetre = view.length_per_pixel(1, 1) / min(box.width, box.height)
-        length = round_length(0.25 * box.width * millimetre)
-        right, up = box.left + box.width, 0.8 * font
-        page.line([(right - length / millimetre, up), (right, up)], page.ink, 0.2)
-        middle = right - 0.5 * length / millimetre
-        text = scale_bar_text(length, drawing.mesh.unit)
+        page.directions(view.axes, (part.left + 1.4 * font, 1.6 * font))
+    if options.scale_bar:
+        millimetre = 2.0 * panel.view.half_size / image.width
+        length = round_length(0.25 * part.width * millimetre)
+        long, up = length / millimetre, 0.8 * font
+        page.line([(right - long, up), (right, up)], page.ink, 0.2)
+        text = scale_bar_text(length, panel.unit)
+        # a text longer than the bar ends where the page does
+        middle = min(right - 0.5 * long, right - 0.5 * font * text_width(text))
         page.text(middle, up + 0.9 * font, text, ha="center")
-
-
-def _draw_bar(page: _Page, drawing: MeshRenderer, box: _Box) -> None:
-    """Draw the colour bar of a field to the right of a box, half as high."""
-    caption, font = drawing.shown_caption, page.font
-    assert caption is not None
-    left, tall = box.left + 0.8 * font, min(0.6 * box.height, 20.0 * font)
-    below = box.below + 0.5 * (box.height - tall)
-    axes = page.axes(_Box(left, below, _BAR * font, tall))
-    colors = color_table(caption.colormap, _CELLS)[:, None, :] / 255.0
-    edges = np.linspace(0.0, 1.0, _CELLS + 1)
-    # quadrilaterals, so that the bar is no image in PDF and SVG
-    axes.pcolormesh([0.0, 1.0], edges, colors, edgecolors="face", linewidth=0.1)
-    most = min(max(int(tall / (2.5 * font)), 3), 7)
-    labels, exponent = bar_labels(caption.low, caption.high, caption.logarithmic, most)
-    right = left + (_BAR + 0.5) * font
-    for share, label in labels:
-        page.text(right, below + tall * share, label.replace("-", "−"))
-    for end, side, up, tip in ((0, 0, 0.0, -0.7), (-1, 1, tall, 0.7)):
-        if caption.beyond[side]:
-            axes = page.axes(_Box(left, below + up + min(tip, 0.0) * font, _BAR * font, 0.7 * font))
-            base, point = (0.0, 1.0) if tip > 0.0 else (1.0, 0.0)
-            axes.fill([0.0, 1.0, 0.5], [base, base, point], color=colors[end, 0])
-            axes.set(xlim=(0, 1), ylim=(0, 1))
-    factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
-    page.text(left, below + tall + 1.4 * font, factor)
-    if caption.missing:
-        axes = page.axes(_Box(left, below - 1.8 * font, _BAR * font, 0.9 * font))
-        axes.fill([0, 1, 1, 0], [0, 0, 1, 1], color=NAN_COLOR)
-        axes.set(xlim=(0, 1), ylim=(0, 1))
-        page.text(right, below - 1.35 * font, "no value")
-
-
-def _draw_pins(page: _Page, drawing: MeshRenderer, view: View, box: _Box) -> None:
-    """Draw the pins as discs with their labels; fainter where the mesh hides them."""
-    pins = drawing.placed_pins()
-    if not pins:
-        return
-    # millimetres as pixels
-    places = view.to_pixels(np.array([pin.position for pin in pins]), *_millimetres(box))
-    scale = box.width / _millimetres(box)[0]
-    axes = page.axes(box)
-    axes.set(xlim=(0.0, box.width), ylim=(0.0, box.height))
-    points = page.font / _MM * _POINTS
-    for pin, (x, y, _) in zip(pins, places * scale, strict=True):
-        alpha = 0.55 if pin.hidden else 1.0
-        axes.plot(
-            x, y, "o", ms=0.8 * points, mfc=pin.color, mec="#ffffff", mew=0.12 * points, alpha=alpha
-        )
-        axes.annotate(
-            pin.label, (x, y), (0.7 * points, 0.7 * points), textcoords="offset points",
-            fontsize=points, color=page.ink, alpha=alpha,
-        )  # fmt: skip
-
-
-def _millimetres(box: _Box) -> tuple[int, int]:
-    """Size of a box in hundredths of a millimetre, as whole numbers."""
-    return round(100.0 * box.width), round(100.0 * box.height)
-
-
-def _draw_axes(page: _Page, axes: npt.NDArray[np.float64], at: tuple[float, float]) -> None:
-    """Draw the directions of x, y and z from a point, those away from the eye first."""
-    length = 1.6 * page.font
-    for axis in np.argsort(axes[2]):
-        across, along = length * axes[:2, axis]
-        color = _AXIS_COLORS[axis]
-        page.line([at, (at[0] + across, at[1] + along)], color, 0.18)
-        if np.hypot(across, along) > 0.25 * length:
-            page.text(at[0] + 1.35 * across, at[1] + 1.35 * along, "xyz"[axis], 0.9, ha="center")

@@ -29,8 +29,8 @@ from meshmash_viewer.model.limits import (
 
 #: Seconds after which a graphics driver is given up.
 _DRIVER_TIMEOUT = 30.0
-#: Largest number of samples of all pixels, of which a driver stores some 8 bytes each.
-_MAX_SAMPLES = 1 << 28
+#: Samples of a pixel, and their largest number for all pixels: a driver stores 8 bytes of each.
+_SAMPLES, _MAX_SAMPLES = 8, 1 << 28
 
 
 def render_picture(
@@ -140,17 +140,22 @@ def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 class OffScreen:
     """An off-screen window that draws pictures of one size in pixels; text grows with it.
 
-    The drawing must be in no other window (`MeshRenderer.twin`).
+    The drawing must be in no other window (`MeshRenderer.twin`). Few `samples` of a pixel are fast.
     """
 
     def __init__(
-        self, drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
+        self,
+        drawing: MeshRenderer,
+        size: tuple[int, int],
+        transparent: bool = False,
+        samples: int = _SAMPLES,
     ) -> None:
         self.drawing, self.transparent = drawing, transparent
         self.size = int(size[0]), int(size[1])
         self._window = new_window()
         self._window.SetOffScreenRendering(True)
-        self._window.SetMultiSamples(max(min(8, _MAX_SAMPLES // (self.size[0] * self.size[1])), 1))
+        most = _MAX_SAMPLES // (self.size[0] * self.size[1])
+        self._window.SetMultiSamples(max(min(samples, most), 1))
         self._window.SetAlphaBitPlanes(transparent)
         self._window.SetSize(*self.size)
         self._window.AddRenderer(drawing.renderer)

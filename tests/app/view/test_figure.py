@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,13 @@ import pytest
 import shapes
 from PIL import Image
 
-from meshmash_viewer.app.view.figure import FigureOptions, compose_figure, save_figure
+from meshmash_viewer.app.view.figure import (
+    FigureOptions,
+    compose_figure,
+    picture_of,
+    save_figure,
+    seen_of,
+)
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import new_drawing
 from meshmash_viewer.cli.main import main
@@ -57,17 +64,66 @@ def test_text_of_svg_and_pdf_is_text(qapp, tmp_path: Path) -> None:
         assert text in texts
     assert svg.count("<image") == 1, "the render alone; the bar is made of vectors"
     save_figure(figure, tmp_path / "a.pdf")
-    pdf = (tmp_path / "a.pdf").read_bytes()
-    fonts = b"/FontType 42" in pdf or b"/Type0" in pdf or b"/TrueType" in pdf
-    streams = re.findall(rb"stream\r?\n(.*?)endstream", pdf, re.S)
-    shown = b""
-    for stream in streams:
+    for text in ("Height", "along x", "soma", "10 mm"):
+        assert text in pdf_text(tmp_path / "a.pdf")
+
+
+def pdf_text(path: Path) -> str:
+    """Text of a PDF as a reader selects it, with the pieces of a kerned line joined."""
+    shown = []
+    for stream in re.findall(rb"stream\r?\n(.*?)endstream", path.read_bytes(), re.S):
         try:
-            shown += zlib.decompress(stream)
+            content = zlib.decompress(stream)
         except zlib.error:
             continue
-    assert fonts
-    assert b"BT" in shown
+        for line in re.findall(rb"\[((?:[^\]\\]|\\.)*)\]\s+TJ|(\(.*?\)) Tj", content, re.S):
+            pieces = re.findall(rb"\(((?:[^()\\]|\\.)*)\)", line[0] or line[1], re.S)
+            # two bytes a character, which its fonts map to the same code points
+            shown.append(b"".join(pieces).replace(b"\x00", b"").decode("latin-1"))
+    return "\n".join(shown)
+
+
+def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Path) -> None:
+    hemispheres = []
+    for name in ("lh.pial.very_long_name_of_a_subject_that_has_no_spaces", "Right"):
+        ball = shapes.icosphere(3, radius=40.0)
+        made = new_drawing(
+            Mesh(ball.vertices * [0.6, 1.0, 0.7], ball.faces, unit="mm"),
+            -1e-7 * ball.vertices[:, 0], title=f"{name} $hemisphere$",
+            quantity="Heat kernel signature at the longest time, t = 1.25×10⁵ mm², up to λ₉₉",
+            unit="mm⁻²",
+        )  # fmt: skip
+        made.fit_view(1000, 500, 1.0, np.array([[0, 1, 0], [0, 0, 1], [1.0, 0, 0]]))
+        hemispheres.append(made)
+    options = FigureOptions(width_mm=85.0, dpi=600)
+    figure = compose_figure(hemispheres, options)
+    save_figure(figure, tmp_path / "a.png")
+    picture = opened(tmp_path / "a.png")
+    assert picture.info["dpi"] == pytest.approx((600, 600), abs=0.02)
+    assert picture.width == pytest.approx(85.0 / 25.4 * 600.0, abs=1.0)
+    pixels = np.asarray(picture.convert("RGB"))
+    edges = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
+    assert all((edge == 255).all() for edge in edges), "nothing is cut off"
+    boxes = [text.get_window_extent() for text in figure.texts if text.get_text()]
+    for at, one in enumerate(boxes):
+        assert not any(one.overlaps(other) for other in boxes[at + 1 :]), figure.texts[at]
+    save_figure(figure, tmp_path / "a.pdf")
+    pdf = (tmp_path / "a.pdf").read_bytes()
+    (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf)
+    assert float(box[0]) / 72.0 * 25.4 == pytest.approx(85.0, abs=0.01)
+    assert float(box[1]) / 72.0 * 600.0 == pytest.approx(picture.height, abs=1.0)
+    assert "$hemisphere$" in pdf_text(tmp_path / "a.pdf")
+    # what a preview shows is what is saved
+    preview = picture_of(figure, 100.0)
+    assert preview.shape[0] / preview.shape[1] == pytest.approx(
+        picture.height / picture.width, rel=0.01
+    )
+
+
+def test_a_view_of_a_part_is_as_wide_as_on_the_screen(qapp) -> None:
+    near = drawing()
+    near.view = replace(near.view, half_size=5.0)
+    assert seen_of(near, (800, 400)).shape == pytest.approx(0.5, abs=0.02)
 
 
 def test_the_scale_bar_is_true(qapp, tmp_path: Path) -> None:

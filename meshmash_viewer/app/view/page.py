@@ -1,0 +1,198 @@
+"""Page of a figure: text, lines and images at positions in mm, as vectors where possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.app.view.annotations import Caption, Pin
+from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table
+from meshmash_viewer.app.view.text import bar_labels, exponent_text
+
+if TYPE_CHECKING:  # loaded when the first figure is composed
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Millimetres and points of an inch.
+MM, POINTS = 25.4, 72.0
+#: Width of a colour bar, the gap to its labels, and the space around both, in font sizes.
+_BAR, _GAP, _AROUND = 1.2, 0.5, 1.2
+#: Most labels of a colour bar.
+_MOST = 7
+_AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
+_CELLS = 128
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of the page in mm from its lower left corner."""
+
+    left: float
+    below: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of text: its size and the distance to the next line in mm, and whether it is bold."""
+
+    text: str
+    size: float
+    space: float
+    bold: bool = False
+
+
+def text_width(text: str, bold: bool = False) -> float:
+    """Width of a text in font sizes."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=100.0, weight="bold" if bold else "normal")
+    return float(text_to_path.get_text_width_height_descent(text, font, ismath=False)[0]) / 100.0
+
+
+def wrapped(line: Line, width: float) -> list[Line]:
+    """Break a line at spaces where it is wider than `width`; longer words become smaller."""
+    lines, begun = list[str](), ""
+    for word in line.text.split():
+        longer = f"{begun} {word}".lstrip()
+        if begun and line.size * text_width(longer, line.bold) > width:
+            lines.append(begun)
+            longer = word
+        begun = longer
+    lines += [begun] if begun else []
+    sizes = (min(line.size, width / text_width(text, line.bold)) for text in lines)
+    return [
+        Line(text, size, line.space, line.bold) for text, size in zip(lines, sizes, strict=True)
+    ]
+
+
+def _bar_texts(caption: Caption, most: int) -> tuple[str, dict[float, str]]:
+    """The factor over a colour bar, and its labels by their position, from 0 to 1."""
+    labels, exponent = bar_labels(caption.low, caption.high, caption.logarithmic, most)
+    factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
+    return factor, {share: label.replace("-", "−") for share, label in labels}
+
+
+def bar_width(caption: Caption) -> float:
+    """Width of a colour bar with its text and the space around both, in font sizes."""
+    factor, labels = _bar_texts(caption, _MOST)
+    texts = [*labels.values(), "no value" if caption.missing else ""]
+    return _AROUND + max(text_width(factor), _BAR + _GAP + max(map(text_width, texts)))
+
+
+class Page:
+    """A figure to which text, lines and images are added at positions in mm.
+
+    `width` and `height` of the page, and the size of its text, `font`, are in mm; text is drawn in
+    the colour `ink`, over the mesh on a plate of the colour `ground`.
+    """
+
+    def __init__(
+        self, figure: Figure, width: float, height: float, font: float, ink: str, ground: str
+    ) -> None:
+        self.figure, self.width, self.height = figure, width, height
+        self.font, self.ink, self.ground = font, ink, ground
+
+    def axes(self, box: Box) -> Axes:
+        """Add axes without frame."""
+        rectangle = (
+            box.left / self.width,
+            box.below / self.height,
+            box.width / self.width,
+            box.height / self.height,
+        )
+        axes = self.figure.add_axes(rectangle)
+        axes.set_axis_off()
+        return axes
+
+    def text(self, x: float, y: float, text: str, size: float = 1.0, **style: Any) -> None:
+        """Write a line; `size` in font sizes."""
+        points = size * self.font / MM * POINTS
+        style = {"color": self.ink, "va": "center", "parse_math": False, **style}
+        self.figure.text(x / self.width, y / self.height, text, fontsize=points, **style)
+
+    def line(self, points: Sequence[tuple[float, float]], color: str, width: float) -> None:
+        """Draw a line through points, `width` in font sizes."""
+        axes = self.axes(Box(0.0, 0.0, self.width, self.height))
+        axes.set(xlim=(0.0, self.width), ylim=(0.0, self.height))
+        axes.plot(*zip(*points, strict=True), color=color, lw=width * self.font / MM * POINTS)
+
+    def fill(self, theme: RenderTheme) -> None:
+        """Fill the page with the background of the render."""
+        axes = self.axes(Box(0.0, 0.0, self.width, self.height))
+        shades = [[theme.ground(share)] for share in np.linspace(1.0, 0.0, 64)]
+        axes.imshow(shades, aspect="auto", interpolation="bilinear")
+
+    def lines(self, lines: Sequence[Line], left: float, top: float) -> None:
+        """Write lines under each other."""
+        for line in lines:
+            size, weight = line.size / self.font, "bold" if line.bold else "normal"
+            self.text(left, top - 0.5 * line.space, line.text, size, weight=weight)
+            top -= line.space
+
+    def bar(self, caption: Caption, left: float, box: Box) -> None:
+        """Draw the colour bar of a field at `left`, next to a box and lower than that."""
+        font = self.font
+        left, tall = left + 0.5 * _AROUND * font, min(0.6 * box.height, 20.0 * font)
+        below = box.below + 0.5 * (box.height - tall)
+        axes = self.axes(Box(left, below, _BAR * font, tall))
+        colors = color_table(caption.colormap, _CELLS)[:, None, :] / 255.0
+        edges = np.linspace(0.0, 1.0, _CELLS + 1)
+        # quadrilaterals, so that the bar is no image in PDF and SVG
+        axes.pcolormesh([0.0, 1.0], edges, colors, edgecolors="face", linewidth=0.1)
+        factor, labels = _bar_texts(caption, min(max(int(tall / (1.3 * font)), 3), _MOST))
+        right = left + (_BAR + _GAP) * font
+        for place, text in labels.items():
+            self.text(right, below + place * tall, text)
+        for end, side, up, tip in ((0, 0, 0.0, -0.7), (-1, 1, tall, 0.7)):
+            if caption.beyond[side]:
+                place = below + up + min(tip, 0.0) * font
+                axes = self.axes(Box(left, place, _BAR * font, 0.7 * font))
+                base, point = (0.0, 1.0) if tip > 0.0 else (1.0, 0.0)
+                axes.fill([0.0, 1.0, 0.5], [base, base, point], color=colors[end, 0])
+                axes.set(xlim=(0, 1), ylim=(0, 1))
+        self.text(left, below + tall + 1.4 * font, factor)
+        if caption.missing:
+            axes = self.axes(Box(left, below - 1.8 * font, _BAR * font, 0.9 * font))
+            axes.fill([0, 1, 1, 0], [0, 0, 1, 1], color=NAN_COLOR)
+            axes.set(xlim=(0, 1), ylim=(0, 1))
+            self.text(right, below - 1.35 * font, "no value")
+
+    def pins(self, pins: Sequence[Pin], view: View, box: Box) -> None:
+        """Draw pins as discs with their labels; fainter where the mesh hides them."""
+        if not pins:
+            return
+        # hundredths of a millimetre as pixels
+        size = round(100.0 * box.width), round(100.0 * box.height)
+        places = view.to_pixels(np.array([pin.position for pin in pins]), *size) / 100.0
+        axes = self.axes(box)
+        axes.set(xlim=(0.0, box.width), ylim=(0.0, box.height))
+        points = self.font / MM * POINTS
+        for pin, (x, y, _) in zip(pins, places, strict=True):
+            alpha = 0.55 if pin.hidden else 1.0
+            axes.plot(
+                x, y, "o", ms=0.8 * points, mfc=pin.color, mec="#ffffff", mew=0.12 * points,
+                alpha=alpha, clip_on=False,
+            )  # fmt: skip
+            axes.annotate(
+                pin.label, (x, y), (0.7 * points, 0.7 * points), textcoords="offset points",
+                fontsize=points, color=self.ink, alpha=alpha, parse_math=False,
+                bbox={"boxstyle": "round,pad=0.15", "fc": self.ground, "ec": "none", "alpha": 0.6},
+            )  # fmt: skip
+
+    def directions(self, axes: npt.NDArray[np.float64], at: tuple[float, float]) -> None:
+        """Draw the directions of x, y and z from a point, those away from the eye first."""
+        length = 1.6 * self.font
+        for axis in np.argsort(axes[2]):
+            across, along = length * axes[:2, axis]
+            self.line([at, (at[0] + across, at[1] + along)], _AXIS_COLORS[axis], 0.18)
+            if np.hypot(across, along) > 0.25 * length:
+                end = at[0] + 1.35 * across, at[1] + 1.35 * along
+                self.text(*end, "xyz"[axis], 0.9, ha="center")
