@@ -34,7 +34,7 @@ from meshmash_viewer.io.read import mesh_name
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import write_results
-from meshmash_viewer.model.pieces import described_seams, write_in_pieces
+from meshmash_viewer.model.pieces import PiecesJob, described_seams
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
 from meshmash_viewer.units import counted
@@ -122,21 +122,20 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
 
 def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:
     mesh = prepared(raw, options)
+    job = PiecesJob(
+        mesh,
+        path,
+        family,
+        options.pieces,
+        options.target,
+        chosen_operator(options),
+        options.repair,
+        raw if options.whole_mesh else None,
+        options.drop_first,
+        options.jobs or -1,
+    )
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
-        report = write_in_pieces(
-            mesh,
-            path,
-            family,
-            options.pieces,
-            options.target,
-            chosen_operator(options),
-            repairs=options.repair,
-            file_mesh=raw if options.whole_mesh else None,
-            drop_first=options.drop_first,
-            n_jobs=options.jobs,
-            progress=bar,
-            cancel=cancel,
-        )
+        report = job.write(bar, cancel)
     return report, f"{path}: {described_seams(report)}"
 
 

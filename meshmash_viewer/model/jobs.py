@@ -65,7 +65,6 @@ class ReadJob:
             before=tuple(before),
             source=source,
             unasked=bool(before and self.source),
-            asked_unit=self.unit,
         )
         remarks = [remark]
         for each in caught:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.truncation import Truncation, measure_truncation, percent
@@ -56,7 +56,7 @@ class _Task:
     bank: FilterBank
     drop_first: bool
 
-    def __call__(self, piece: Piece) -> npt.NDArray[np.float64]:
+    def __call__(self, piece: Piece) -> FloatArray:
         from meshmash_viewer.features.sums import accumulate_features
         from meshmash_viewer.laplacian import cotangent_laplacian
         from meshmash_viewer.spectral.eigensolver import solve
@@ -75,100 +75,6 @@ class _Task:
         return np.column_stack([values, density, pairs.mass])
 
 
-def write_in_pieces(
-    mesh: Mesh,
-    path: Path,
-    family: Family,
-    count: int,
-    target: Target,
-    operator: OperatorOptions,
-    *,
-    repairs: Sequence[str] = (),
-    file_mesh: Mesh | None = None,
-    drop_first: bool = False,
-    n_jobs: int | None = None,
-    done: Callable[[npt.NDArray[np.int64], npt.NDArray[np.float64]], None] | None = None,
-    progress: ProgressCallback | None = None,
-    cancel: CancelCallback | None = None,
-) -> dict[str, Any]:
-    """Compute features on overlapping pieces, write them as of the whole, and return a report.
-
-    The family has all that would otherwise be taken from the spectrum of the whole; there are about
-    `count` pieces, solved as far up as the `target` of the whole. With `file_mesh`, the mesh before
-    the repairs, results are written at all its vertices. `drop_first` leaves out the first pair of
-    the whole, which is constant on a component; `done` is that of `MeshStitcher.apply`.
-
-    The report, for JSON, has the differences at the seams relative to the values there, and the
-    columns that differ by more than 1 % in the median. `InputError` is raised if the columns depend
-    on the spectrum of the whole, or there are too many pieces.
-    """
-    from meshmash_viewer.features.sums import Features
-    from meshmash_viewer.io.provenance import export_options
-    from meshmash_viewer.io.write import write_features
-    from meshmash_viewer.units import power_unit
-
-    began = time.perf_counter()
-    n = mesh.n_vertices - len(mesh.unreferenced)
-    if count > 1 and n / count < LEAST:
-        raise InputError(
-            f"{count} pieces of {n:,} vertices would have fewer than {LEAST} each: give at most"
-            f" {max(n // LEAST, 1)}."
-        )
-    top = Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
-    bank = _common_bank(family, top)
-    stitcher = MeshStitcher(mesh, n_jobs=-1 if n_jobs is None else n_jobs)
-    _split(stitcher, bank, n, count)
-    task = _Task(operator, top, bank, drop_first)
-    whole = stitcher.apply(
-        task,
-        stitch=False,
-        done=None if done is None else lambda vertices, rows: done(vertices, rows[:, :-2]),
-        progress=progress,
-        cancel=cancel,
-    )
-    seams = stitcher.seams([rows[:, :-2] for rows in whole])
-    options = export_options(
-        family.export,
-        operator,
-        target,
-        "each piece complete",
-        repairs,
-        whole_mesh=file_mesh is not None,
-    )
-    *columns, density, mass = stitcher.stitch_features(whole).T
-    values = np.stack(columns, axis=1)
-    truncation = _truncation(bank, values, density, np.nan_to_num(mass), top)
-    median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
-    found = {
-        "pieces": len(stitcher.pieces),
-        "largest_piece": max(len(piece) for piece in stitcher.pieces),
-        "seam_vertices": len(seams),
-        "seam_largest": _columns(np.max(seams, axis=0, initial=0.0)),
-        "seam_median": _columns(median),
-        "seam_flagged": [bank.columns[at] for at in np.flatnonzero(median > TOLERANCE)],
-        "truncation": None if truncation is None else truncation.as_dict(),
-        "drop_first": drop_first,
-    }
-    features = Features(
-        values, bank.columns, power_unit(mesh.unit, -2), family.export, found, truncation
-    )
-    features = features if file_mesh is None else features.on_file(mesh)
-    write_features(path, features, file_mesh or mesh, meta={**options, **found})
-    said = (_flagged_sentence(found), features.missing)
-    return {
-        "mesh": mesh.name,
-        "output": str(path),
-        "kind": family.export,
-        "n_vertices": len(features.values),
-        "max_eigenvalue": top,
-        **found,
-        "columns": list(bank.columns),
-        "n_features": len(bank.columns),
-        "remarks": [f"{sentence}." for sentence in said if sentence],
-        "seconds": round(time.perf_counter() - began, 3),
-    }
-
-
 def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
     """The same with what it would take from the spectrum of the whole taken from Weyl's law.
 
@@ -182,8 +88,7 @@ def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
 
 def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
     """Eigenvalues 0, the first one and the last one up to a target, by Weyl's law."""
-    n = mesh.n_vertices - len(mesh.unreferenced)
-    top = Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
+    top = _top(mesh, target)
     values = np.array([0.0, min(weyl_eigenvalue(mesh.area, 1), 0.5 * top), top])
     return Eigenpairs(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
 
@@ -197,11 +102,18 @@ class PiecesJob:
 
     mesh: Mesh
     path: Path
+    #: With all that would otherwise be taken from the spectrum of the whole.
     family: Family
+    #: Approximate number of pieces, which are solved as far up as the `target` of the whole.
     count: int
     target: Target
     operator: OperatorOptions
-    repairs: tuple[str, ...] = ()
+    repairs: Sequence[str] = ()
+    #: The mesh before the repairs, to write the results at all its vertices.
+    file_mesh: Mesh | None = None
+    #: Whether to leave out the first pair of the whole, which is constant on a component.
+    drop_first: bool = False
+    n_jobs: int = -1
 
     @property
     def label(self) -> str:
@@ -212,15 +124,12 @@ class PiecesJob:
 
         shown, name = self._shown()
 
-        def done(vertices: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
+        def done(vertices: IntArray, values: FloatArray) -> None:
             channel.send(MapGrew(name, vertices, values[:, shown]))
 
         channel.report(Progress("splitting", message="Cutting the mesh into pieces"))
         try:
-            report = write_in_pieces(
-                self.mesh, self.path, self.family, self.count, self.target, self.operator,
-                repairs=self.repairs, done=done, progress=channel.report, cancel=channel.cancelled,
-            )  # fmt: skip
+            report = self.write(channel.report, channel.cancelled, done)
         finally:
             # those that worked on pieces would wait for more for minutes, with their memory
             if (executor := reusable_executor._executor) is not None:
@@ -241,6 +150,86 @@ class PiecesJob:
         time = format_quantity(float(bank.parameters[column]), self.mesh.unit, 2)
         return column, f"{self.family.short}, t = {time}, in pieces"
 
+    def write(
+        self,
+        progress: ProgressCallback | None,
+        cancel: CancelCallback | None,
+        done: Callable[[IntArray, FloatArray], None] = lambda vertices, values: None,
+    ) -> dict[str, Any]:
+        """Compute features on overlapping pieces, write them as of the whole, and return a report.
+
+        For `done` see `MeshStitcher.apply`. The report, for JSON, has the differences at the seams
+        relative to the values there, and the columns that differ by more than 1 % in the median.
+        `InputError` is raised if the columns depend on the spectrum of the whole, or there are too
+        many pieces.
+        """
+        from meshmash_viewer.features.sums import Features
+        from meshmash_viewer.io.provenance import export_options
+        from meshmash_viewer.io.write import write_features
+        from meshmash_viewer.units import power_unit
+
+        began, mesh, count = time.perf_counter(), self.mesh, self.count
+        n = mesh.n_vertices - len(mesh.unreferenced)
+        if count > 1 and n / count < LEAST:
+            raise InputError(
+                f"{count} pieces of {n:,} vertices would have fewer than {LEAST} each: give at most"
+                f" {max(n // LEAST, 1)}."
+            )
+        top = _top(mesh, self.target)
+        bank = _common_bank(self.family, top)
+        stitcher = MeshStitcher(mesh, n_jobs=self.n_jobs)
+        _split(stitcher, bank, n, count)
+        whole = stitcher.apply(
+            _Task(self.operator, top, bank, self.drop_first),
+            stitch=False,
+            done=lambda vertices, rows: done(vertices, rows[:, :-2]),
+            progress=progress,
+            cancel=cancel,
+        )
+        seams = stitcher.seams([rows[:, :-2] for rows in whole])
+        *columns, density, mass = stitcher.stitch_features(whole).T
+        values = np.stack(columns, axis=1)
+        truncation = _truncation(bank, values, density, np.nan_to_num(mass), top)
+        median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
+        found = {
+            "pieces": len(stitcher.pieces),
+            "largest_piece": max(len(piece) for piece in stitcher.pieces),
+            "seam_vertices": len(seams),
+            "seam_largest": np.max(seams, axis=0, initial=0.0).tolist(),
+            "seam_median": median.tolist(),
+            "seam_flagged": [bank.columns[at] for at in np.flatnonzero(median > TOLERANCE)],
+            "truncation": None if truncation is None else truncation.as_dict(),
+            "drop_first": self.drop_first,
+        }
+        kind, file_mesh = self.family.export, self.file_mesh
+        unit = power_unit(mesh.unit, -2)
+        features = Features(values, bank.columns, unit, kind, found, truncation)
+        features = features if file_mesh is None else features.on_file(mesh)
+        proof, is_whole = "each piece complete", file_mesh is not None
+        options = export_options(
+            kind, self.operator, self.target, proof, self.repairs, whole_mesh=is_whole
+        )
+        write_features(self.path, features, file_mesh or mesh, meta={**options, **found})
+        said = (_flagged_sentence(found), features.missing)
+        return {
+            "mesh": mesh.name,
+            "output": str(self.path),
+            "kind": kind,
+            "n_vertices": len(features.values),
+            "max_eigenvalue": top,
+            **found,
+            "columns": list(bank.columns),
+            "n_features": len(bank.columns),
+            "remarks": [f"{sentence}." for sentence in said if sentence],
+            "seconds": round(time.perf_counter() - began, 3),
+        }
+
+
+def _top(mesh: Mesh, target: Target) -> float:
+    """Return the largest eigenvalue of a target, by Weyl's law."""
+    n = mesh.n_vertices - len(mesh.unreferenced)
+    return Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
+
 
 def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int) -> None:
     """Cut into about so many pieces, with an overlap that follows the longest time."""
@@ -256,9 +245,9 @@ def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int
 
 def _truncation(
     bank: FilterBank,
-    values: npt.NDArray[np.float64],
-    density: npt.NDArray[np.float64],
-    mass: npt.NDArray[np.float64],
+    values: FloatArray,
+    density: FloatArray,
+    mass: FloatArray,
     top: float,
 ) -> Truncation | None:
     """What the pairs beyond `top` would add, from the sums of squares of those up to it."""
@@ -281,7 +270,7 @@ def _flagged_sentence(report: dict[str, Any]) -> str:
 
 
 def described_seams(report: dict[str, Any]) -> str:
-    """What `write_in_pieces` found where pieces meet, as a sentence without its stop."""
+    """What `PiecesJob.write` found where pieces meet, as a sentence without its stop."""
     worst, typical = (max(report[name], default=0.0) for name in ("seam_largest", "seam_median"))
     return (
         f"{counted(report['pieces'], 'piece')} of at most"
@@ -289,10 +278,6 @@ def described_seams(report: dict[str, Any]) -> str:
         f" next to seams they differ by {100 * worst:.2g} % at most, by {100 * typical:.2g} % in"
         " the median of the worst column"
     )
-
-
-def _columns(values: npt.NDArray[np.float64]) -> list[float]:
-    return [float(value) for value in values]
 
 
 def _common_bank(family: Family, top: float) -> FilterBank:

@@ -41,8 +41,6 @@ class MeshReady:
     source: str = ""
     #: Whether its repairs were repeated because they had been made last time.
     unasked: bool = False
-    #: The unit that was given for the file; "" for the one that the file states.
-    asked_unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)

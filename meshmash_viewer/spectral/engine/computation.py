@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -29,6 +29,8 @@ from meshmash_viewer.spectral.engine.factorization import (
 )
 from meshmash_viewer.spectral.engine.known import KnownPairs
 from meshmash_viewer.spectral.engine.lanczos import (
+    Found,
+    Interval,
     IntervalPairs,
     find_pairs,
     run_slices,
@@ -132,7 +134,7 @@ class Computation:
         if self.request.op_inv is not None:
             pairs = self._through_given_inverse(self._order())
             if pairs is not None:
-                yield from self._write_all(*pairs)
+                yield from self._write_all(pairs)
                 return
         if self._is_dense(self.request.n_components or 0):
             yield from self._dense()
@@ -237,13 +239,7 @@ class Computation:
         found = find_pairs(ordered, interval, self.request.tolerance, self._stop)
         null = np.zeros(self.pencil.n_null if below == 0.0 else 0)
         kept = self._kept(np.concatenate([null, found.values]), threshold) - len(null)
-        pairs = replace(
-            found,
-            values=found.values[:kept],
-            residuals=found.residuals[:kept],
-            rows=found.rows[:kept],
-        )
-        return below, pairs
+        return below, found.first(kept)
 
     def _refuse_negative(self, plan: SpectrumPlan) -> None:
         if negative := plan.negative():
@@ -264,6 +260,13 @@ class Computation:
             self._remark = f"the threshold is an eigenvalue, {number} included"
         return kept
 
+    def _found(
+        self, ordered: OrderedPencil, intervals: Iterable[Interval], count: int
+    ) -> Iterator[IntervalPairs]:
+        """Find the pairs of intervals, up to `count` in all."""
+        jobs = self._workers(ordered, count)
+        return run_slices(ordered, intervals, self.request.tolerance, jobs, self._stop)
+
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
         return self.request.n_jobs or worker_count(ordered, self._cores, pairs, self.request.lean)
 
@@ -277,22 +280,16 @@ class Computation:
         """
         if low >= high:
             return
-        started = time.perf_counter()
-        jobs = self._workers(ordered, plan.count(high))
-        self._report(partial(self._pace.begin_slices, plan.count(high) - plan.count(low)))
+        started, count = time.perf_counter(), plan.count(high)
+        self._report(partial(self._pace.begin_slices, count - plan.count(low)))
         for settled in (False, True):
+            intervals = (
+                replace(each, most=self._needed(each.first))
+                for each in plan.slices(low, high, settled)
+                if self._needed(each.first) != 0
+            )
             try:
-                for pairs in run_slices(
-                    ordered,
-                    (
-                        replace(each, most=self._needed(each.first))
-                        for each in plan.slices(low, high, settled)
-                        if self._needed(each.first) != 0
-                    ),
-                    self.request.tolerance,
-                    jobs,
-                    self._stop,
-                ):
+                for pairs in self._found(ordered, intervals, count):
                     yield from self._place_slice(ordered, pairs)
                     low = pairs.interval.high
                     del pairs  # free its memory
@@ -312,10 +309,10 @@ class Computation:
         """Write the pairs of a slice that are not known."""
         first, kept = pairs.interval.first, self._n_kept
         if self._known is None or kept <= first:
-            yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
+            yield from self._place(pairs)
         elif kept < first + len(pairs.values):
             values, rows = self._known.complement(first, kept, pairs.values, pairs.rows)
-            yield from self._place(values, measure_pairs(ordered, rows)[1], rows)
+            yield from self._place(Found(values, measure_pairs(ordered, rows)[1], rows))
 
     def _place_null(self) -> Iterator[slice]:
         """Write the null space, as far as it is requested and not kept."""
@@ -324,7 +321,7 @@ class Computation:
         if kept < count:
             rows = pencil.null_rows(count)[kept:]
             residuals = pencil.null_residuals[kept:count]
-            yield from self._place(np.zeros(count - kept), residuals, rows)
+            yield from self._place(Found(np.zeros(count - kept), residuals, rows))
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
         """Compute all pairs within a radius that holds enough, and select those nearest a value."""
@@ -337,23 +334,17 @@ class Computation:
         if self._is_dense(inside if low == 0.0 else inside + pencil.n_null):
             yield from self._dense()
             return
-        parts = []
+        parts: list[Found] = []
         if low == 0.0:
             null = min(pencil.n_null, wanted)
-            parts.append((np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null)))
+            residuals = pencil.null_residuals[:null]
+            parts.append(Found(np.zeros(null), residuals, pencil.null_rows(null)))
         ordered.solve_repeated(_BEYOND * high)
-        jobs = self._workers(ordered, inside)
         self._report(partial(self._pace.begin_slices, inside))
-        for pairs in run_slices(
-            ordered,
-            plan.slices(low, high, settled=True),
-            self.request.tolerance,
-            jobs,
-            self._stop,
-        ):
-            parts.append((pairs.values, pairs.residuals, pairs.rows))
-        values, residuals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-        rows = np.concatenate([part[2] for part in parts])
+        parts += self._found(ordered, plan.slices(low, high, settled=True), inside)
+        values = np.concatenate([part.values for part in parts])
+        residuals = np.concatenate([part.residuals for part in parts])
+        rows = np.concatenate([part.rows for part in parts])
         chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
         unit = pencil.unit
         # Without lower end these are the lowest pairs.
@@ -363,7 +354,7 @@ class Computation:
         if len(parts) > 1:
             orthonormalise(rows)
             residuals[chosen] = np.maximum(residuals[chosen], measure_pairs(ordered, rows)[1])
-        yield from self._write_all(values[chosen], residuals[chosen], rows)
+        yield from self._write_all(Found(values[chosen], residuals[chosen], rows))
 
     # -- other methods ----------------------------------------------------------------------------
 
@@ -405,7 +396,7 @@ class Computation:
         values, rows, null = values[: count - kept], rows[: count - kept], null[kept:]
         residuals = dense_residuals(pencil, values, rows)
         residuals[: len(null)] = pencil.null_residuals[null]
-        yield from self._place(values, residuals, rows)
+        yield from self._place(Found(values, residuals, rows))
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
         """Return the indices of the requested pairs among all eigenvalues in ascending order."""
@@ -418,9 +409,7 @@ class Computation:
         distance = np.abs(values - min(request.target / pencil.unit, values.max(initial=0.0)))
         return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
 
-    def _through_given_inverse(
-        self, ordered: OrderedPencil
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    def _through_given_inverse(self, ordered: OrderedPencil) -> Found | None:
         """Compute pairs with `op_inv`; return None if a count shows that some were missed."""
         started = time.perf_counter()
         found = pairs_around(self.pencil, self.request, self._check)
@@ -438,7 +427,7 @@ class Computation:
         # Without any below them these are the lowest pairs.
         begin = low * unit if below + found.first else None
         self._count = Certificate("inertia", counted, counted, high * unit, begin)
-        return found.values, measure_pairs(ordered, found.rows)[1], found.rows
+        return Found(found.values, measure_pairs(ordered, found.rows)[1], found.rows)
 
     # -- output -----------------------------------------------------------------------------------
 
@@ -452,23 +441,15 @@ class Computation:
             yield self.output.keep(known.given.eigenvalues[:kept], known.given.residuals[:kept])
             self._spend("output", started)
 
-    def _write_all(
-        self, values: FloatArray, residuals: FloatArray, rows: FloatArray
-    ) -> Iterator[slice]:
-        yield from self._open(len(values))
-        yield from self._place(values, residuals, rows)
+    def _write_all(self, pairs: Found) -> Iterator[slice]:
+        yield from self._open(len(pairs.values))
+        yield from self._place(pairs)
 
-    def _place(
-        self,
-        values: FloatArray,
-        residuals: FloatArray,
-        rows: FloatArray,
-        orthonormality: float | None = None,
-    ) -> Iterator[slice]:
+    def _place(self, pairs: Found) -> Iterator[slice]:
         """Write the next pairs, as far as they are requested."""
-        if len(values) and self.output.written < self.output.total:
+        if len(pairs.values) and self.output.written < self.output.total:
             started = time.perf_counter()
-            place = self.output.write(values, residuals, rows, orthonormality)
+            place = self.output.write(pairs)
             self._spend("output", started)
             yield place
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -42,8 +43,6 @@ _MOVE, _MOVES = 0.3, 5
 class Interval:
     """An interval of the spectrum with the number of its eigenvalues."""
 
-    #: Number of the slice, lowest first.
-    index: int
     #: Ends, in the unit of the reduced problem.
     low: float
     high: float
@@ -64,18 +63,33 @@ class UnclearBorder(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class IntervalPairs:
-    """The pairs of an interval."""
+class Found:
+    """Pairs of the reduced problem."""
 
-    interval: Interval
     #: Shape (p,): Rayleigh quotients, ascending up to rounding.
     values: FloatArray
     #: Shape (p,): ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit.
     residuals: FloatArray
     #: Shape (p, n): Orthonormal, in elimination order.
     rows: FloatArray
-    #: Largest defect of the rows' inner products.
-    orthonormality: float
+    #: Largest defect of the rows' inner products, if it has been measured.
+    orthonormality: float | None = None
+
+    def first(self, count: int) -> Self:
+        """Return the first pairs."""
+        return replace(
+            self,
+            values=self.values[:count],
+            residuals=self.residuals[:count],
+            rows=self.rows[:count],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalPairs(Found):
+    """The pairs of an interval."""
+
+    interval: Interval = field(kw_only=True)
 
 
 def usual_rows(pairs: float) -> int:
@@ -147,7 +161,7 @@ def find_pairs(
     lowest = interval.low < 0.0
     values, residuals, defect = refine_pairs(ordered, factor, rows, tolerance, lowest, stop)
     orthonormality = max(orthonormality, defect)
-    return IntervalPairs(interval, values, residuals, rows, orthonormality)
+    return IntervalPairs(values, residuals, rows, orthonormality, interval=interval)
 
 
 def _search(

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.engine.lanczos import Found
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
 
@@ -90,21 +91,15 @@ class Output:
             mass=self.mass,
         )
 
-    def write(
-        self,
-        values: FloatArray,
-        residuals: FloatArray,
-        rows: FloatArray,
-        orthonormality: float | None = None,
-    ) -> slice:
+    def write(self, pairs: Found) -> slice:
         """Finish pairs of the reduced problem and write them after those already written.
 
-        `residuals` are in the reduced unit, not relative; `rows`, shape (p, n), are orthonormal and
-        are overwritten; `orthonormality` is their largest defect, if it has been measured.
+        Their residuals are in the reduced unit, not relative; their rows are overwritten.
         """
         pencil = self.pencil
-        count = min(len(values), self.total - self.written)
-        values, residuals, rows = values[:count], residuals[:count], rows[:count]
+        count = min(len(pairs.values), self.total - self.written)
+        pairs = pairs.first(count)
+        values, rows, orthonormality = pairs.values, pairs.rows, pairs.orthonormality
         place = slice(self.written, self.written + count)
         # Equal eigenvalues may descend by rounding; the final ones ascend.
         before = self.eigenvalues[self.written - 1] if self.written else -np.inf
@@ -112,7 +107,7 @@ class Output:
         if self.ceiling is not None:
             eigenvalues = np.minimum(eigenvalues, self.ceiling)
         self.eigenvalues[place] = eigenvalues
-        residuals = residuals + np.abs(eigenvalues / pencil.unit - values)
+        residuals = pairs.residuals + np.abs(eigenvalues / pencil.unit - values)
         self.residuals[place] = residuals / np.where(values > _ZERO, values, 1.0)
         written = self.rows[place]
 

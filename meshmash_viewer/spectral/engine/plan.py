@@ -271,24 +271,23 @@ class SpectrumPlan:
             cuts = [cut for cut in cuts if cut.border != cut.shift]
         for knot in [knot for knot in self._ordered.kept if not low < knot < high]:
             del self._ordered.kept[knot]
-        start, index = low, 0
+        start = low
         for cut in cuts:
             end = high
             if cut is not cuts[-1]:
                 end = self.find(*_window(cut.border, cut.slack))
                 end = min(self.settle(end, wide=True) if settled else end, high)
             if self.count(end) > self.count(start):
-                yield self.interval(start, end, index)
-                index += 1
+                yield self.interval(start, end)
             start = end
 
-    def interval(self, start: float, end: float, index: int = 0) -> Interval:
+    def interval(self, start: float, end: float) -> Interval:
         """Return the slice between two knots."""
         # The null space is deflated; its rounding errors lie above the lower end.
         inner = start - 0.5 * self._clearance[start] if start > 0.0 else -0.02 * end
         first, shift = self.count(start), self._shift(start, end, inner)
         n_expected = self.count(end) - first
-        return Interval(index, inner, end, first, n_expected, shift, self._clearance[end])
+        return Interval(inner, end, first, n_expected, shift, self._clearance[end])
 
     def _cuts(self, first: int, last: int) -> list[_Cut]:
         """Return the cuts of slices with eigenvalues `first` to `last`."""
