@@ -77,6 +77,9 @@ from meshmash_viewer.features.comparison import FunctionMatches as FunctionMatch
 from meshmash_viewer.features.comparison import compare_shapes as compare_shapes
 from meshmash_viewer.features.comparison import corresponding_vertices as corresponding_vertices
 from meshmash_viewer.features.comparison import match_functions as match_functions
+from meshmash_viewer.features.functional_map import FunctionalMap as FunctionalMap
+from meshmash_viewer.features.functional_map import functional_map as functional_map
+from meshmash_viewer.features.functional_map import zoomout as zoomout
 from meshmash_viewer.features.shape import distinct_matches as distinct_matches
 from meshmash_viewer.features.shape import feature_distance as feature_distance
 from meshmash_viewer.features.shape import low_pass_vertices as low_pass_vertices

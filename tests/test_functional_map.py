@@ -1,0 +1,107 @@
+"""Functional maps and ZoomOut: copies of a shape, whose true correspondence is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+
+import meshmash_viewer as mv
+from meshmash_viewer.progress import Cancelled
+
+
+def body(level: int = 4) -> mv.Mesh:
+    """Make an ellipsoid with bumps, without any symmetry."""
+    ball = trimesh.creation.icosphere(level)
+    x, y, z = ball.vertices.T
+    bumps = 1.0 + 0.3 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.2 * np.sin(4 * z + y) + 0.2 * x * y
+    return mv.Mesh(ball.vertices * [1.0, 1.4, 2.0] * bumps[:, None], ball.faces)
+
+
+def pairs_of(mesh: mv.Mesh, count: int = 80) -> mv.Decomposition:
+    return mv.solve(*mv.cotangent_laplacian(mesh, robust=True), count)
+
+
+def moved(mesh: mv.Mesh, noise: float = 0.0) -> tuple[mv.Mesh, np.ndarray]:
+    """Turn, enlarge and permute a mesh; return it with the vertex there of each vertex."""
+    rng = np.random.default_rng(5)
+    order = rng.permutation(mesh.n_vertices)
+    there = np.argsort(order)
+    turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
+    edge = np.linalg.norm(mesh.vertices[mesh.faces[:, 0]] - mesh.vertices[mesh.faces[:, 1]], axis=1)
+    shifts = noise * edge.mean() * rng.standard_normal(mesh.vertices.shape)
+    return mv.Mesh(1e3 * ((mesh.vertices + shifts) @ turn.T)[order], there[mesh.faces]), there
+
+
+@pytest.mark.parametrize(("noise", "level"), [(0.0, 4), (0.03, 4), (0.0, 5)])
+def test_a_turned_permuted_and_noisy_copy_is_matched(noise: float, level: int) -> None:
+    mesh = body(level)
+    copy, there = moved(mesh, noise)
+    first, second = pairs_of(mesh), pairs_of(copy)
+    start = mv.functional_map(first, second)
+    found = mv.zoomout(first, second, start)
+    assert found.matrix.shape == (80, 80)
+    assert np.mean(found.matches.indices == there) >= 0.99
+    assert np.mean(found.matches.indices == there) >= np.mean(start.matches.indices == there)
+
+
+def test_the_map_of_a_shape_to_itself_is_the_identity() -> None:
+    pairs = pairs_of(body(3), 30)
+    found = mv.functional_map(pairs, pairs, n_functions=20)
+    np.testing.assert_allclose(found.matrix, np.eye(20), atol=1e-6)
+    np.testing.assert_array_equal(found.matches.indices, np.arange(642))
+    np.testing.assert_allclose(found.matches.scores, 0.0, atol=1e-4)
+
+
+def test_a_landmark_distinguishes_the_sides_of_a_symmetric_shape() -> None:
+    box = trimesh.creation.box((1, 2, 3)).subdivide().subdivide().subdivide()
+    mesh = mv.Mesh(box.vertices, box.faces)
+    copy, there = moved(mesh)
+    first, second = pairs_of(mesh, 40), pairs_of(copy, 40)
+    corner = int(np.argmax(mesh.vertices.sum(axis=1)))
+    without = mv.zoomout(first, second, mv.functional_map(first, second))
+    start = mv.functional_map(first, second, landmarks=[[corner, there[corner]]])
+    found = mv.zoomout(first, second, start)
+    assert np.mean(without.matches.indices == there) < 0.5
+    assert np.mean(found.matches.indices == there) >= 0.99
+
+
+def test_maps_labels_and_features_are_carried() -> None:
+    mesh = body(3)
+    copy, there = moved(mesh)
+    loose = mv.Mesh(np.vstack([copy.vertices, [[0.0, 0.0, 0.0]]]), copy.faces)
+    more = mv.Mesh(np.vstack([[[9.0, 9.0, 9.0]], mesh.vertices]), mesh.faces + 1)
+    first, second = pairs_of(more, 40), pairs_of(loose, 40)
+    found = mv.zoomout(first, second, mv.functional_map(first, second))
+    assert found.matches.indices[0] == -1
+    assert np.isnan(found.matches.scores[0])
+    np.testing.assert_array_equal(found.matches.indices[1:], there)
+    heights = loose.vertices[:, 2].copy()
+    np.testing.assert_array_equal(found.carry(heights)[1:], copy.vertices[there, 2])
+    assert np.isnan(found.carry(heights)[0])
+    labels = np.arange(len(heights), dtype=np.uint8)
+    assert found.carry(labels)[0] == -1
+    np.testing.assert_array_equal(found.carry(labels)[1:], labels[there])
+    assert found.carry(np.stack([heights, heights], axis=1)).shape == (643, 2)
+
+
+def test_what_cannot_be_mapped_is_refused() -> None:
+    pairs = pairs_of(body(2), 12)
+    start = mv.functional_map(pairs, pairs, n_functions=6)
+    with pytest.raises(mv.InputError, match="10 values"):
+        start.carry(np.zeros(10))
+    refusals: list[tuple[str, Callable[[], object]]] = [
+        ("Vertex 162", lambda: mv.functional_map(pairs, pairs, landmarks=[[0, 162]])),
+        ("Vertex -1", lambda: mv.functional_map(pairs, pairs, landmarks=[[-1, 0]])),
+        ("pairs of vertices", lambda: mv.functional_map(pairs, pairs, landmarks=[0, 1])),
+        ("pairs of vertices", lambda: mv.functional_map(pairs, pairs, landmarks=[[0.5, 1]])),
+        ("at least two", lambda: mv.functional_map(pairs, pairs, n_functions=1)),
+        ("step is 0", lambda: mv.zoomout(pairs, pairs, start, step=0)),
+    ]
+    for sentence, call in refusals:
+        with pytest.raises(mv.InputError, match=sentence):
+            call()
+    with pytest.raises(Cancelled):
+        mv.zoomout(pairs, pairs, start, cancel=lambda: True)
