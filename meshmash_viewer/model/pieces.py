@@ -129,7 +129,7 @@ class PiecesJob:
 
         channel.report(Progress("splitting", message="Cutting the mesh into pieces"))
         try:
-            report = self.write(channel.report, channel.cancelled, done)
+            report = self.write(channel.report, channel.cancelled, done=done)
         finally:
             # those that worked on pieces would wait for more for minutes, with their memory
             if (executor := reusable_executor._executor) is not None:

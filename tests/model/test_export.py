@@ -23,7 +23,6 @@ from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import pieces
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.pieces import PiecesJob
@@ -190,7 +189,7 @@ def test_pieces_show_the_chosen_time_and_warn_of_large_differences(
         done(np.arange(2), np.broadcast_to(times, (2, 9)))
         return report
 
-    monkeypatch.setattr(pieces, "write_in_pieces", write)
+    monkeypatch.setattr(PiecesJob, "write", write)
     sent: list[Any] = []
     channel = SimpleNamespace(report=lambda _: None, cancelled=lambda: False, send=sent.append)
     mesh = shapes.icosphere(3, radius=500.0).in_unit("nm")
