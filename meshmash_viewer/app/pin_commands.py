@@ -136,10 +136,7 @@ class PinCommands:
     def add(self, table: PinTable) -> None:
         """Pin the vertices of a table.
 
-        Raises
-        ------
-        InputError
-            If one of them does not exist; nothing is pinned then.
+        `InputError` is raised if one of them does not exist; nothing is pinned then.
         """
         mesh = self._document.mesh
         if mesh is None:

@@ -107,23 +107,10 @@ def _draw_without_a_full_disk() -> None:
 def run_app(
     path: Path | None = None, unit: str = "", maps: Sequence[Path] = (), *, fresh: bool = False
 ) -> int:
-    """Open the window and stay until it is closed.
+    """Open the window, on a mesh or session if given, until it is closed; return the status.
 
-    Parameters
-    ----------
-    path : Path, optional
-        Mesh or session to open.
-    unit : str
-        As `read_mesh` takes it; empty for what the file states.
-    maps : sequence of Path
-        Files with values per vertex of that mesh.
-    fresh : bool
-        Whether to ignore stored settings.
-
-    Returns
-    -------
-    int
-        Exit status.
+    `unit` is as `read_mesh` takes it, empty for what the file states; `maps` are files with values
+    per vertex of that mesh. If `fresh`, stored settings are ignored.
     """
     app = application()
     # Ctrl+C in the terminal, or the end of the desktop's session, closes the window as its cross;

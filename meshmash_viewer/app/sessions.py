@@ -26,16 +26,9 @@ from meshmash_viewer.spectral.weyl import Target
 
 
 def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = None) -> Session:
-    """Return what a window shows.
+    """Return what a window shows, with the second mesh where there is one.
 
-    Parameters
-    ----------
-    document : Document
-        With a mesh.
-    camera : dict
-        As `View.to_json` gives it; empty while there is no render.
-    pair : Pair, optional
-        With the second mesh, where there is one.
+    `camera` is as `View.to_json` gives it, and empty while there is no render.
     """
     mesh, ready, pins = document.mesh, document.ready, document.pins.placed
     assert mesh is not None and ready is not None  # noqa: PT018  one has the other
@@ -72,22 +65,10 @@ def _map_files(mesh: Mesh | None) -> list[str]:
 class Restoration:
     """A session that is being opened: checked whole, then its mesh is read, then the rest is set.
 
-    Parameters
-    ----------
-    document : Document
-    path : Path
-    session : Session, optional
-        What is in the file, where that is known.
-    saved_itself : bool
-        Whether the window saved it (`LastSession`), not the user; it is then restored only if the
-        content of the mesh file is the same.
-    maps : sequence of Path
-        Files of more maps to add.
-
-    Raises
-    ------
-    InputError
-        If the file is no session, or one of its entries makes no sense; nothing has changed then.
+    `session` is what is in the file, where that is known. If the window saved it itself
+    (`LastSession`), not the user, it is restored only if the content of the mesh file is the same.
+    `maps` are files of more maps to add. `InputError` is raised if the file is no session, or one
+    of its entries makes no sense; nothing has changed then.
     """
 
     #: All is there again, but for the camera.

@@ -59,32 +59,21 @@ class _Request:
 
 @dataclass(frozen=True, eq=False)
 class DrawnShape:
-    """Displayed positions of the vertices.
+    """Displayed positions of the vertices."""
 
-    Parameters
-    ----------
-    spectrum : Eigenpairs
-        Of the displayed mesh.
-    points : ndarray of float32, shape (n, 3), or None
-        Relative to the centre of the mesh; None for the positions of the mesh.
-    normals : ndarray of float32, shape (n, 3), or None
-        None for the previous ones.
-    count : int
-        Number of eigenfunctions in the sum; 0 if it is none.
-    morph : float
-        As in `Shape`.
-    distance : float
-        Root mean square distance from the positions of the mesh.
-    rests : bool
-        Whether this is the requested shape, without a vibration.
-    """
-
+    #: Of the displayed mesh.
     spectrum: Eigenpairs
+    #: Shape (n, 3): Relative to the centre of the mesh; None for the positions of the mesh.
     points: npt.NDArray[np.float32] | None = None
+    #: Shape (n, 3): None for the previous ones.
     normals: npt.NDArray[np.float32] | None = None
+    #: Number of eigenfunctions in the sum; 0 if it is none.
     count: int = 0
+    #: As in `Shape`.
     morph: float = 1.0
+    #: Root mean square distance from the positions of the mesh.
     distance: float = 0.0
+    #: Whether this is the requested shape, without a vibration.
     rests: bool = True
 
     @property

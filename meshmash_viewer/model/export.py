@@ -123,10 +123,7 @@ class ExportJob:
 def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Channel) -> Eigenpairs:
     """Return the leading eigenpairs of a mesh from the store.
 
-    Raises
-    ------
-    InputError
-        If they are no longer there, or damaged.
+    `InputError` is raised if they are no longer there, or damaged.
     """
     from meshmash_viewer.io.spectrum import find_eigenpairs
     from meshmash_viewer.model.decomposition import SPARE
@@ -147,26 +144,16 @@ def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Cha
 
 @dataclass(frozen=True, eq=False)
 class PinExportJob:
-    """Compute features by the direct sum, and write those of the pins as a table.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    operator : OperatorOptions
-        Operator of the eigenpairs in the store.
-    path : Path
-    pins : tuple of Pin
-    families : tuple of Family
-        Their columns are written, with their (resolved) parameters.
-    n_pairs : int
-        Number of leading eigenpairs to use.
-    """
+    """Compute features by the direct sum, and write those of the pins as a table."""
 
     mesh: Mesh
+    #: Operator of the eigenpairs in the store.
     operator: OperatorOptions
     path: Path
     pins: tuple[Pin, ...]
+    #: Their columns are written, with their (resolved) parameters.
     families: tuple[Family, ...]
+    #: Number of leading eigenpairs to use.
     n_pairs: int
 
     @property
@@ -176,13 +163,8 @@ class PinExportJob:
     def run(self, channel: Channel) -> Written:
         """Write the file.
 
-        Raises
-        ------
-        InputError
-            If the eigenpairs are no longer in the store or damaged there, a column cannot be
-            computed, or the file cannot be written.
-        Cancelled
-            If the user cancelled.
+        `InputError` is raised if the eigenpairs are no longer in the store or damaged there, a
+        column cannot be computed, or the file cannot be written; `Cancelled` if the user cancelled.
         """
         from meshmash_viewer.io.pins import write_pins
 

@@ -31,22 +31,14 @@ _COLOR = re.compile("#[0-9A-Fa-f]{6}")
 
 @dataclass(frozen=True)
 class Pin:
-    """A vertex whose profile is compared.
-
-    Parameters
-    ----------
-    vertex : int
-    number : int
-        From 1.
-    name : str
-        Given by the user; "" for none.
-    own_color : str
-        Chosen by the user, "#RRGGBB"; "" for the colour of the number.
-    """
+    """A vertex whose profile is compared."""
 
     vertex: int
+    #: From 1.
     number: int
+    #: Given by the user; "" for none.
     name: str = ""
+    #: Chosen by the user, "#RRGGBB"; "" for the colour of the number.
     own_color: str = ""
 
     @property
@@ -119,10 +111,7 @@ def pin_at(pins: Iterable[Pin], vertex: int | None) -> Pin | None:
 def checked_color(text: str) -> str:
     """Return a colour "#rrggbb" in capitals, or "" for none.
 
-    Raises
-    ------
-    InputError
-        If it is something else.
+    `InputError` is raised if it is something else.
     """
     if text and not _COLOR.fullmatch(text):
         raise InputError(f"{printable(text, 30)!r} is not a colour: write it as #E69F00.")

@@ -72,10 +72,7 @@ def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
 def _vertex_of(mesh: Mesh, index: int, position: FloatArray, agrees: float) -> int:
     """Return the vertex of an index; -1 where the position counts.
 
-    Raises
-    ------
-    InputError
-        If there is neither a vertex of that index nor a position.
+    `InputError` is raised if there is neither a vertex of that index nor a position.
     """
     placed = bool(np.isfinite(position).all())
     if index < 0 and placed:

@@ -113,14 +113,7 @@ class Entry:
 
 
 class CommandPalette(QDialog):
-    """Runs the chosen command, or puts the focus on the chosen setting.
-
-    Parameters
-    ----------
-    window : QMainWindow
-    actions : Actions
-        Its commands.
-    """
+    """Runs the chosen command of a window, or puts the focus on the chosen setting."""
 
     def __init__(self, window: QMainWindow, actions: Actions) -> None:
         super().__init__(window, Qt.WindowType.Popup)

@@ -129,10 +129,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     def _frames(self) -> tuple[list[Family], int, float]:
         """Family of each frame (none for a turn), number of frames, and frames per second.
 
-        Raises
-        ------
-        InputError
-            If there is no such movie.
+        `InputError` is raised if there is no such movie.
         """
         spectrum, display = self._document.spectrum, self._document.display
         rate, seconds = self.rate_spin.value(), self.seconds_spin.value()

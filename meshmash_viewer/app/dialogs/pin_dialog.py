@@ -72,18 +72,10 @@ class PinDialog(QDialog):
 
 
 def nearest_vertex(mesh: Mesh, x: float, y: float, z: float) -> tuple[int, str]:
-    """Find the vertex nearest to a position in the mesh's unit or in its voxels.
+    """Find the vertex nearest to a position in the mesh's unit or in its voxels, and a remark.
 
-    Returns
-    -------
-    vertex : int
-    remark : str
-        Its distance from the position.
-
-    Raises
-    ------
-    InputError
-        If the position is farther from the mesh than the mesh is large.
+    That is its distance from the position. `InputError` is raised if the position is farther from
+    the mesh than the mesh is large.
     """
     position, used = np.array([x, y, z]), np.flatnonzero(mesh.referenced)
     places = mesh.vertices[used]

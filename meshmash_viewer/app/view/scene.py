@@ -34,17 +34,9 @@ def missing_pages() -> str:
 def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
     """Copy the mesh as it is drawn, in its own coordinates, with the displayed field.
 
-    Returns
-    -------
-    pyvista.PolyData
-        The field is its active scalars, named by its title, NaN where there is no value;
-        ``user_dict`` has ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the colours),
-        ``"limits"`` and ``"log_scale"``.
-
-    Raises
-    ------
-    ValueError
-        If no mesh is displayed.
+    The field is its active scalars, named by its title, NaN where there is no value; ``user_dict``
+    has ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the colours), ``"limits"`` and
+    ``"log_scale"``. `ValueError` is raised if no mesh is displayed.
     """
     if drawing.mesh is None:
         raise ValueError("No mesh is shown: open one first.")
@@ -74,10 +66,8 @@ def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
 
     The path ends in ".gltf" (one self-contained file) or ".html" (a page that needs no server).
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown, trame is missing, or the file cannot be written.
+    `InputError` is raised if the ending is unknown, trame is missing, or the file cannot be
+    written.
     """
     path = Path(path)
     check_output(path, "scene")
