@@ -19,7 +19,7 @@ from meshmash_viewer.units import LENGTH_UNITS
 __all__ = ["MOST_PINS", "PinTable", "pin_table", "read_pins", "write_pins"]
 
 #: Largest number of rows that are read.
-MOST_PINS = 1000
+MOST_PINS = 500
 #: Other names of columns.
 _ALIASES = {"vertex": "index", "vertex_index": "index", "colour": "color", "label": "name"}
 _AXES = ("x", "y", "z")

@@ -21,7 +21,10 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QFileDialog,
+    QInputDialog,
     QLabel,
+    QLineEdit,
+    QMenu,
     QPushButton,
     QWidget,
 )
@@ -414,6 +417,37 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
     assert window.opening.second_view.pair.cameras == "free"
     window.close()
     window.deleteLater()
+
+
+def test_a_right_click_on_the_second_pins_and_names_both(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second = beside(window, folder / "copy.npz", monkeypatch)
+    wait_for(lambda: second.scene.can_pick)
+    at = second.scene.rect().center()
+
+    def choose(name: str) -> None:
+        QTest.mouseClick(second.scene.plotter, Qt.MouseButton.RightButton, pos=at)
+        wait_for(lambda: isinstance(QApplication.activePopupWidget(), QMenu))
+        menu = QApplication.activePopupWidget()
+        entry = next(each for each in menu.actions() if each.objectName() == f"menu_{name}")
+        QTest.mouseClick(menu, LEFT, pos=menu.actionGeometry(entry).center())
+        wait_for(lambda: QApplication.activePopupWidget() is None)
+
+    vertex = second.scene.vertex_at(at.x(), at.y())
+    choose("pin")
+    assert [pin.vertex for pin in second.document.pins.placed] == [vertex]
+    choose("rename")
+    wait_for(lambda: bool(window.findChildren(QInputDialog)))
+    (dialog,) = window.findChildren(QInputDialog)
+    QTest.keyClicks(dialog.findChild(QLineEdit), "soma")
+    QTest.keyClick(dialog.findChild(QLineEdit), Qt.Key.Key_Return)
+    for document in (window.document, second.document):
+        assert [pin.name for pin in document.pins.placed] == ["soma"]
+    choose("copy_index")
+    assert QGuiApplication.clipboard().text() == str(vertex)
+    choose("unpin")
+    assert window.document.pins.placed == ()
 
 
 def test_a_pin_has_its_match_and_colours_are_carried(

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from closed_form import rectangle_document, rectangle_spectrum, shown
 from PySide6.QtCore import QPoint, QRegularExpression, Qt
+from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QToolButton, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QToolButton, QWidget
 
 from meshmash_viewer.app.panels.profile_panel import ProfilePanel
 from meshmash_viewer.features.filter_parameters import hks_times
@@ -18,6 +19,7 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.pins import Pin
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")
@@ -247,3 +249,32 @@ def test_each_family_shows_profiles_that_are_in_the_list(panel: ProfilePanel, do
         document.display.kind = name
         assert panel.view_choice.currentText(), name
     assert panel.view_choice.currentData() == "eigenfunction", "maps have none of their own"
+
+
+def test_the_table_is_there_without_eigenpairs(qtbot) -> None:
+    document = rectangle_document()
+    document.accept_mesh(replace(document.ready, known=None))
+    panel = shown(qtbot, ProfilePanel(document), 700, 260)
+    document.pins.set("pins", [Pin(5, 1, "soma"), Pin(300, 2)])
+    assert panel.empty.isVisible()
+    QTest.mouseClick(panel.table_check, LEFT)
+    assert panel.table.isVisible()
+    assert [panel.table.model().index(row, 1).data() for row in range(2)] == ["soma", ""]
+    assert [panel.table.model().index(row, 2).data() for row in range(2)] == ["5", "300"]
+    document.pins.clear()
+    assert panel.empty.isVisible()
+    panel.close()
+
+
+def test_a_right_click_on_a_line_of_the_legend_asks_for_its_menu(
+    panel: ProfilePanel, document
+) -> None:
+    document.pins.set("pins", [Pin(5, 1, "soma"), Pin(300, 2)])
+    asked: list[int] = []
+    panel.menu_requested.connect(lambda vertex, _place: asked.append(vertex))
+    line = panel.findChild(QWidget, "pin_row_5")
+    at = line.rect().center()
+    reason = QContextMenuEvent.Reason.Mouse
+    QApplication.sendEvent(line, QContextMenuEvent(reason, at, line.mapToGlobal(at)))
+    assert asked == [5]
+    assert panel.findChild(QLabel, "pin_label_5").text() == "soma"

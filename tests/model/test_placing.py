@@ -106,7 +106,7 @@ def test_what_cannot_be_placed_is_said_and_nothing_else_lost(ball: Mesh, tmp_pat
         ("", "its columns are none"),
         ("index\n1.5\n", "'1.5' as index in row 1"),
         ("x,y,z\n1,2,here\n", "'here' as z in row 1"),
-        ("index\n" + "1\n" * (MOST_PINS + 1), "1,001 rows, and at most 1,000"),
+        ("index\n" + "1\n" * (MOST_PINS + 1), "501 rows, and at most 500"),
     ],
 )
 def test_other_tables_are_refused(ball: Mesh, tmp_path: Path, text: str, says: str) -> None:

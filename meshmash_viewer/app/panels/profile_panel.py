@@ -327,7 +327,9 @@ class ProfilePanel(PlotPanel):
             self._marker.setValue(at)
             self._turn_page(at, float(self._profile.dots.places[-1]))
         self._missing.setVisible(missing is not None)
-        self.missing_label.setText("" if missing is None else "Hatched: misses over 1 %")
+        n_pins = len(self._document.pins.placed)
+        first = f"First {MOST_SHOWN} of {n_pins} pins" if n_pins > MOST_SHOWN else ""
+        self.missing_label.setText(first if missing is None else "Hatched: misses over 1 %")
         self.head.fit()
         if missing is not None:
             self._missing.setRegion(missing)

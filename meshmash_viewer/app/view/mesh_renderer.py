@@ -28,6 +28,8 @@ from meshmash_viewer.surface.rays import RayTarget
 
 #: Number of visible points from which the first view is found.
 _SAMPLED = 100_000
+#: Number of pins with labels.
+_LABELLED = 40
 
 
 class MeshRenderer:
@@ -306,22 +308,31 @@ class MeshRenderer:
         self._placed = view, camera.GetMTime()
 
     def placed_pins(self) -> list[Pin]:
-        """The pins with their positions, and whether the mesh hides them."""
+        """The pins with their positions, and whether the mesh hides them.
+
+        Rays and labels take a quarter of a millisecond each. Further pins have no label, and are
+        hidden where the surface faces away.
+        """
         if self.mesh is None or self.view is None or not self._pins:
             return []
         known = (self.view, self.picker, self._pins)
         if self._hidden != known:
             self._hidden = known
-            eye = self.view.axes[2]
+            eye, (_, normals) = self.view.axes[2], self.drawn
             self._pins_placed = [
                 Pin(
                     vertex,
                     tuple(self.place(vertex).tolist()),
                     color,
-                    label,
-                    self.picker is not None and self.picker.hidden(vertex, eye),
+                    label if at < _LABELLED else "",
+                    self.picker is not None
+                    and (
+                        self.picker.hidden(vertex, eye)
+                        if at < _LABELLED
+                        else bool(normals[vertex] @ eye < 0.0)
+                    ),
                 )
-                for vertex, color, label in self._pins
+                for at, (vertex, color, label) in enumerate(self._pins)
             ]
         return self._pins_placed
 

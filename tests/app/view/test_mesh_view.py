@@ -321,6 +321,21 @@ def test_pins_are_drawn_in_their_colours(scene: MeshView, sphere: Mesh, qtbot) -
     assert not (picture[..., 1] - picture[..., 0] > 150).any()
 
 
+def test_many_pins_are_hidden_where_the_surface_faces_away(
+    scene: MeshView, sphere: Mesh, qtbot
+) -> None:
+    mesh = show(scene, sphere, qtbot)
+    eye = scene.renderer.view.axes[2]
+    facing_eye = mesh.vertices @ eye
+    vertices = [vertex for vertex in range(0, 600, 3) if abs(facing_eye[vertex]) > 0.2]
+    named = [SimpleNamespace(vertex=vertex, color="#00ff00", label="a") for vertex in vertices]
+    scene.set_pins(named)
+    placed = scene.renderer.placed_pins()
+    assert [pin.vertex for pin in placed] == vertices
+    assert [pin.hidden for pin in placed] == (facing_eye[vertices] < 0.0).tolist()
+    assert (placed[0].label, placed[-1].label) == ("a", "")
+
+
 def test_the_camera_goes_through_json_and_back(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     before = json.loads(json.dumps(scene.camera()))
