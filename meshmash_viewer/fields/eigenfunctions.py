@@ -11,7 +11,7 @@ import numpy as np
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields.family import Answer, Description, Family, Profile, Samples, Table
 from meshmash_viewer.fields.parameter import Listing, Whole, parameter
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Multiplet, first_nonzero
 from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ class Eigenfunctions(Family):
     index: int = parameter(1, Whole())
     #: Indices of those drawn with flipped sign.
     flipped: frozenset[int] = parameter(frozenset(), Listing(Whole(), 1_000_000, into=frozenset))
+    #: An index, one of the same multiplet, and the angle in degrees by which the function of the
+    #: former is rotated towards that of the latter; empty for none.
+    rotation: tuple[int, ...] = parameter((), Listing(Whole(), 3, into=tuple))
 
     @property
     def signed(self) -> bool:
@@ -43,20 +46,35 @@ class Eigenfunctions(Family):
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         index = self.within(spectrum).index
-        return replace(self, index=index, flipped=self.flipped & {index})
+        known = replace(self, index=index, flipped=self.flipped & {index})
+        return known if known.rotated(spectrum) else replace(known, rotation=())
+
+    def space(self, spectrum: Eigenpairs) -> Multiplet | None:
+        """The multiplet of the function, within which it can be rotated; None if it has none."""
+        return None if self.index < first_nonzero(spectrum) else spectrum.multiplet(self.index)
+
+    def rotated(self, spectrum: Eigenpairs) -> tuple[Multiplet, int, int] | None:
+        """The multiplet, another index in it, and the angle in degrees; None if not rotated."""
+        space = self.space(spectrum)
+        if space is None or len(self.rotation) != 3:
+            return None
+        index, other, degrees = self.rotation
+        within = index == self.index != other and space.first <= other <= space.last
+        return (space, other, degrees) if within and degrees else None
 
     def for_other_mesh(self, n_components: int) -> Self:
         """Select the first function that is not constant on every component."""
-        return replace(self, index=n_components, flipped=frozenset())
+        return replace(self, index=n_components, flipped=frozenset(), rotation=())
 
     def carried(self, to: Correspondence) -> Self:
         """Select the corresponding function with its sign, or that of the same index."""
         same, index = to.functions, self.index
         if same is None or index >= len(same.indices) or same.indices[index] < 0:
-            return self
+            return replace(self, rotation=())
         other = int(same.indices[index])
         flipped = (same.signs[index] < 0.0) != (index in self.flipped)
-        return replace(self, index=other, flipped=frozenset({other} if flipped else ()))
+        signs = frozenset({other} if flipped else ())
+        return replace(self, index=other, flipped=signs, rotation=())
 
     def correspondence_text(self, to: Correspondence) -> str:
         """Describe the corresponding eigenfunction of another shape."""
@@ -83,11 +101,23 @@ class Eigenfunctions(Family):
                 f"λ{subscript(self.index)} ≈ {written} · preview, within about"
                 f" {100.0 * spectrum.error:.0f} %"
             )
+        if rotated := self.rotated(spectrum):
+            space, other, degrees = rotated
+            size = space.last - space.first + 1
+            towards = f" towards φ{subscript(other)}" if size > 2 else ""
+            cut = space.last == len(spectrum) - 1 and len(spectrum) < spectrum.n_vertices
+            of = f"a space of at least {size}" if cut else f"the space of {size}"
+            quantity += f" · rotated by {degrees}°{towards} in {of}"
         return Description(quantity, f"Eigenfunction {self.index}", power=-1)
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
-        """Return one row in single precision, with the chosen sign."""
+        """Return one row in single precision, with the chosen rotation and sign."""
         values = np.array(spectrum.shown_rows[self.index], dtype=np.float32)
+        if rotated := self.rotated(spectrum):
+            _, other, degrees = rotated
+            angle = np.radians(np.float32(degrees))
+            values *= np.cos(angle)
+            values += np.sin(angle) * np.asarray(spectrum.shown_rows[other], dtype=np.float32)
         if self.index in self.flipped:
             np.negative(values, out=values)
         return Answer(values, not spectrum.is_exact(self.index))
@@ -112,13 +142,24 @@ class Eigenfunctions(Family):
         about = f"Eigenvalues up to {format_quantity(float(spectrum.eigenvalues[-1]), unit, -2)}"
         values = power_unit(unit, -1)
         names = tuple(f"eigenvector_{at}" for at in range(len(spectrum)))
-        return names, f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
+        rotated = " as solved, without the rotation shown," if self.rotated(spectrum) else ""
+        unit = f" in {values}" if values else ""
+        return names, f"{about}, eigenvectors{rotated}{unit}, M-orthonormal."
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
-        alignment = spectrum.alignment
-        shown_sign = 1.0 if alignment is None else alignment.sign(self.index)
-        sign = "-" if (self.index in self.flipped) != (shown_sign == -1.0) else ""
-        lines = [f"values = {sign}decomposition.eigenvectors[:, {self.index}]"]
-        if shown_sign is None:
+        rotated, alignment = self.rotated(spectrum), spectrum.alignment
+        shown = [self.index] if rotated is None else [self.index, rotated[1]]
+        signs = [1.0 if alignment is None else alignment.sign(each) for each in shown]
+        flipped = self.index in self.flipped
+        columns = [
+            f"{'-' if flipped != (sign == -1.0) else ''}decomposition.eigenvectors[:, {each}]"
+            for sign, each in zip(signs, shown, strict=True)
+        ]
+        values = columns[0]
+        if rotated is not None:
+            angle = f"np.radians({rotated[2]})"
+            values = f"np.cos({angle}) * {columns[0]} + np.sin({angle}) * {columns[1]}"
+        lines = [f"values = {values}"]
+        if None in signs:
             lines.insert(0, "# one of a multiplet: on screen it is rotated within that")
         return lines

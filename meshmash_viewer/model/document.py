@@ -213,6 +213,11 @@ class Document(OpenMesh):
             lambda: display[Eigenfunctions].flipped,
             lambda flipped: display.change(Eigenfunctions, flipped=flipped),
         )
+        keep(
+            "rotation",
+            lambda: display[Eigenfunctions].rotation,
+            lambda rotation: display.change(Eigenfunctions, rotation=rotation),
+        )
         for part, label in _RECORDED.items():
             keep(part, partial(getattr, display, part), partial(setattr, display, part))
             # held weakly, so that a closed document is freed
@@ -352,6 +357,12 @@ class Document(OpenMesh):
         if isinstance(family, Eigenfunctions):
             self.history.record("flip of a sign", "signs")
             self.display.put(family.sign_flipped())
+
+    def rotate(self, other: int, degrees: int) -> None:
+        """Rotate the chosen eigenfunction towards another one of its multiplet."""
+        chosen = self.display[Eigenfunctions]
+        self.history.record("rotation", before={"rotation": chosen.rotation})
+        self.display.change(Eigenfunctions, rotation=(chosen.index, other, degrees))
 
     @property
     def can_flip(self) -> bool:

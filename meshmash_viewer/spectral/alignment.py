@@ -61,7 +61,7 @@ def align(
     """
     blocks = list(before.blocks[:-1]) if before is not None else []
     known = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
-    for start, stop in _multiplets(eigenvalues, known, min(len(shown), len(eigenvalues))):
+    for start, stop in multiplets(eigenvalues, known, min(len(shown), len(eigenvalues))):
         products = _inner(rows[start:stop], shown[start:stop], mass)
         blocks.append((start, _nearest_orthogonal(products)))
     return Alignment(tuple(blocks))
@@ -80,7 +80,7 @@ def align_multiplets(
     have the same vertices, `mass` are their areas.
     """
     blocks = []
-    for start, stop in _multiplets(eigenvalues, 0, len(eigenvalues)):
+    for start, stop in multiplets(eigenvalues, 0, len(eigenvalues)):
         if stop - start > 1:
             products = _inner(rows[start:stop], shown, mass)
             shares = np.square(products).sum(axis=0)
@@ -90,7 +90,7 @@ def align_multiplets(
     return Alignment(tuple(blocks))
 
 
-def _multiplets(
+def multiplets(
     eigenvalues: npt.NDArray[np.float64], start: int, stop: int
 ) -> Iterator[tuple[int, int]]:
     """Yield first and last index (exclusive) of each run of near-equal values in [start, stop)."""

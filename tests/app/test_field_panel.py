@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,12 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.model.display import (
+    Display,
+    display_from_json,
+    display_to_json,
+    read_display,
+)
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import DecomposeJob
@@ -93,6 +100,39 @@ def test_zero_modes_and_multiplets_are_said(panel: FieldPanel, document) -> None
     assert said == "λ₁₂…λ₁₅ within 1e-6: any rotation of these is as good."
     document.display.change(Eigenfunctions, index=20)
     assert part(panel, "multiplet_label").isHidden()
+
+
+def test_an_eigenfunction_is_rotated_within_its_multiplet(panel: FieldPanel, document) -> None:
+    document.display.change(Eigenfunctions, index=20)
+    assert part(panel, "rotation_controls").isHidden()
+    document.display.change(Eigenfunctions, index=14)
+    assert not part(panel, "rotation_controls").isHidden()
+    slider, combo = part(panel, "rotation_slider"), part(panel, "rotation_combo")
+    assert [combo.itemText(at) for at in range(combo.count())] == ["φ₁₂", "φ₁₃", "φ₁₅"]
+    assert combo.currentText() == "φ₁₅"
+    for _ in range(2):
+        QTest.keyClick(slider, Qt.Key.Key_PageDown)
+    assert part(panel, "rotation_label").text() == "30°"
+    field = compute_field(request_of(document), LiveFeatures())
+    rows = document.spectrum.rows
+    turned = np.cos(np.pi / 6) * rows[14] + np.sin(np.pi / 6) * rows[15]
+    np.testing.assert_allclose(field.values, turned, rtol=1e-5, atol=1e-6 * np.abs(turned).max())
+    assert field.quantity.endswith(" · rotated by 30° towards φ₁₅ in the space of 4")
+    QTest.keyClick(combo, Qt.Key.Key_Up)
+    assert document.display[Eigenfunctions].rotation == (14, 13, 30)
+    # it is that of this function alone, comes back with a session, and is undone
+    document.display.change(Eigenfunctions, index=13)
+    assert slider.value() == 0
+    document.display.change(Eigenfunctions, index=14)
+    assert (slider.value(), combo.currentText()) == (30, "φ₁₃")
+    restored = Display()
+    display_from_json(restored, read_display(display_to_json(document.display), Path("a.json")))
+    assert restored[Eigenfunctions].rotation == (14, 13, 30)
+    while document.history.past:
+        assert document.history.undo_label == "rotation"
+        document.history.undo()
+    assert document.display[Eigenfunctions].rotation == ()
+    assert slider.value() == 0
 
 
 def test_only_what_has_converged_can_be_scrolled_to(qtbot) -> None:

@@ -57,6 +57,18 @@ def test_draws_every_eigenvalue_and_weyls_law(panel: SpectrumPanel, document) ->
     assert panel.plot.getAxis("left").labelText == "λ (nm⁻²)"
 
 
+def test_equal_eigenvalues_have_a_band(qtbot) -> None:
+    document = rectangle_document(twins=slice(12, 16))
+    panel = shown(qtbot, SpectrumPanel(document), 700, 260)
+    x, y = panel.view.multiplets.getData()
+    assert x.tolist() == [12.0, 15.0]
+    assert y.tolist() == [document.spectrum.eigenvalues[12]] * 2
+    assert "equal" in panel.view.legend()
+    document.accept_spectrum(rectangle_spectrum(document.mesh, 120))
+    assert not len(panel.view.multiplets.getData()[0])
+    assert "equal" not in panel.view.legend()
+
+
 def test_a_click_puts_that_eigenfunction_on_the_render(panel: SpectrumPanel, document) -> None:
     click(panel, 80, 1e-7)
     assert document.display[Eigenfunctions].index == 80

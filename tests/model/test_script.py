@@ -77,6 +77,19 @@ def test_script_makes_the_field_again(
     assert len(list(tmp_path.glob("my neuron_*"))) == 1
 
 
+def test_a_script_rotates_within_a_multiplet(sphere: Mesh) -> None:
+    spectrum = spectrum_of(sphere, 10)
+    chosen = Eigenfunctions(index=5, flipped=frozenset({5}), rotation=(5, 7, 40))
+    described = chosen.describe(spectrum, "").quantity
+    assert described.endswith(" · rotated by 40° towards φ₇ in the space of 5")
+    assert "without the rotation shown" in chosen.exported_columns(spectrum, "")[1]
+    assert "a space of at least 4" in chosen.describe(spectrum_of(sphere, 8), "").quantity
+    shown = chosen.compute(spectrum, None).values
+    variables = {"np": np, "decomposition": spectrum}
+    exec("\n".join(chosen.script(spectrum)), variables)
+    np.testing.assert_allclose(shown, variables["values"], atol=1e-6)
+
+
 def test_a_script_runs_by_itself(document: Document, tmp_path: Path) -> None:
     """In an interpreter of its own, where nothing is imported yet and warnings are shown."""
     done = subprocess.run(

@@ -9,12 +9,14 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 import pyqtgraph as pg
+from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.plots.plot import color, dashed, marker, solid
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.alignment import multiplets
 from meshmash_viewer.spectral.eigenpairs import first_nonzero
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import named_quantity
@@ -34,16 +36,20 @@ class EigenvalueView:
         #: Whether the left axis is logarithmic.
         self.log = False
         self.weyl = pg.PlotCurveItem()
+        #: A band behind the points of each multiplet.
+        self.multiplets = pg.PlotCurveItem(connect="pairs")
+        self._has_multiplets = False
         self.points = pg.ScatterPlotItem(pxMode=True)
         self.zeros = pg.ScatterPlotItem(pxMode=True)
         self.current = pg.ScatterPlotItem(pxMode=True)
         self.marker = marker(self._drag, self.refresh_current)
         self.expected = pg.PlotCurveItem()  # invisible: extends the axes to the requested pairs
         self.items = (
-            self.expected, self.weyl, self.points, self.zeros, self.marker, self.current,
+            self.expected, self.weyl, self.multiplets, self.points, self.zeros, self.marker,
+            self.current,
         )  # fmt: skip
         # neurons have far more eigenvalues than Weyl's law, which must not set the scale
-        self.unbounded = (self.weyl, self.marker)
+        self.unbounded = (self.weyl, self.marker, self.multiplets)
         self.dress()
 
     def dress(self) -> None:
@@ -51,6 +57,9 @@ class EigenvalueView:
         colors = theme.palette()
         self.expected.setPen(None)
         self.weyl.setPen(dashed(colors.reference, 1.5))
+        band = solid(colors.accent, 14.0, 0.25)
+        band.setCapStyle(Qt.PenCapStyle.RoundCap)
+        self.multiplets.setPen(band)
         self.points.setPen(None)
         self.points.setBrush(color(colors.accent))
         self.zeros.setBrush(color(colors.surface))
@@ -73,6 +82,8 @@ class EigenvalueView:
         if spectrum is not None and (count := first_nonzero(spectrum)):
             what = "zero mode" if count == 1 else f"{count} zero modes"
             parts.append(f'<span style="color:{colors.accent}">○</span> {what}')
+        if self._has_multiplets:
+            parts.append(f'<span style="color:{colors.accent}">▬</span> equal')
         parts.append(f'<span style="color:{colors.reference}">╌╌</span> Weyl’s law')
         return "&nbsp;&nbsp; ".join(parts)
 
@@ -80,8 +91,9 @@ class EigenvalueView:
         """Draw the pairs computed so far, on axes that extend to all requested ones."""
         spectrum, mesh = self._document.spectrum, self._document.mesh
         if spectrum is None or not len(spectrum):
-            for item in (self.points, self.zeros, self.current, self.weyl, self.expected):
-                item.setData([], [])
+            for item in self.items:
+                if item is not self.marker:
+                    item.setData([], [])
             self.marker.setVisible(False)
             return
         zeros, length = first_nonzero(spectrum), len(spectrum)
@@ -92,6 +104,10 @@ class EigenvalueView:
         self.points.setBrush(color(theme.palette().accent, 0.45 if spectrum.preview else 1.0))
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
+        runs = ((first, end - 1) for first, end in multiplets(spectrum.eigenvalues, zeros, length))
+        ends = [each for run in runs if run[1] > run[0] for each in run]
+        self._has_multiplets = bool(ends)
+        self.multiplets.setData(index[ends], heights[ends])
         last = max(spectrum.total, length) - 1
         top = heights[-1] if self.log else heights[-1] * max(last, 1) / max(length - 1, 1)
         self.expected.setData([0.0, float(last)], [heights[0], top])

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
+from PySide6.QtWidgets import QWidget
+
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import (
     Facts,
@@ -11,6 +15,8 @@ from meshmash_viewer.app.controls.facts import (
     show_note,
     show_quietly,
 )
+from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.keys import native_text
 from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
@@ -45,6 +51,7 @@ class EigenfunctionTab(FamilyTab):
             partial(setattr, self._document.display, "nodal_lines"),
         )
         self.multiplet_note = note("multiplet_label")
+        self._build_rotation()
         self.preview_note = note("preview_label", "warning")
         self._fill(
             "eigenvalue_label",
@@ -60,8 +67,45 @@ class EigenfunctionTab(FamilyTab):
             self.facts,
             self.nodal_check,
             self.multiplet_note,
+            self.rotation,
             self.preview_note,
         )
+
+    def _build_rotation(self) -> None:
+        """Make the controls that rotate the function within its multiplet."""
+        self.towards_combo = make.combo(
+            "rotation_combo", "Eigenfunction towards which this one is rotated", self._rotate
+        )
+        self.angle_label = make.label("rotation_label", role="value")
+        self.angle = theme.named(StepSlider(), "rotation_slider", "Angle of the rotation")
+        self.angle.setRange(0, 180)
+        self.angle.setPageStep(15)
+        self.angle.valueChanged.connect(self._rotate)
+        self.rotation = theme.named(QWidget(), "rotation_controls")
+        above = row(make.muted("Rotate towards"), self.towards_combo, None, self.angle_label)
+        self.rotation.setLayout(column(above, self.angle))
+
+    def _rotate(self, _: int) -> None:
+        if self.angle.value() or self._document.display[Eigenfunctions].rotation:
+            self._document.rotate(self.towards_combo.currentData(), self.angle.value())
+
+    def _show_rotation(self, chosen: Eigenfunctions, spectrum: Eigenpairs | None) -> None:
+        space = None if spectrum is None else chosen.space(spectrum)
+        self.rotation.setVisible(space is not None)
+        if space is None or spectrum is None:
+            return
+        rotated, combo = chosen.rotated(spectrum), self.towards_combo
+        others = [each for each in range(space.first, space.last + 1) if each != chosen.index]
+        if [combo.itemData(at) for at in range(combo.count())] != others:
+            combo.clear()
+            for each in others:
+                combo.addItem(f"φ{subscript(each)}", each)
+            combo.setCurrentIndex(combo.findData(chosen.index + 1))
+        if rotated is not None or combo.currentIndex() < 0:
+            combo.setCurrentIndex(combo.findData(others[0] if rotated is None else rotated[1]))
+        degrees = 0 if rotated is None else rotated[2]
+        show_quietly(self.angle, degrees)
+        self.angle_label.setText(f"{degrees}°")
 
     def refresh(self) -> None:
         """Show what the model holds."""
@@ -91,6 +135,7 @@ class EigenfunctionTab(FamilyTab):
                     f"Preview: from a coarse mesh, λ within about {100.0 * spectrum.error:.0f} %. "
                     "The exact eigenfunctions take its place as they converge."
                 )
+        self._show_rotation(replace(chosen, index=index), spectrum)
         self.title.setText(title)
         self.facts.show_values(facts)
         show_note(self.multiplet_note, multiplet)
