@@ -38,7 +38,13 @@ METRES |= {f"{name}s": METRES[name] for name in METRES if name[-2:] in ("on", "e
 #: The micro sign is written; the Greek letter mu is read, too.
 _ALIASES = {**{unit: unit for unit in LENGTH_UNITS}, "none": "", "μm": "µm", "um": "µm"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_FROM_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+#: The blank before a unit, at which no line is broken.
+NO_BREAK = "\N{NO-BREAK SPACE}"
+_POWER_OF_LENGTH = re.compile("(nm|µm|mm|m)([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]*)")
+#: From where to where numbers of a length and of an area, and of their inverses, are short.
+_SHORT = {1: (0.1, 1e3), 2: (0.01, 1e4)}
 #: Numbers below this are written without an exponent.
 _LONG = 1e6
 _NUMBER = r"[0-9.]+(?:[eE][+-]?[0-9]+)?"
@@ -92,17 +98,83 @@ def power_unit(unit: str, power: int) -> str:
     return unit if power == 1 else unit + superscript(power)
 
 
-def format_quantity(value: float, unit: str, power: int = 1, digits: int = 4) -> str:
-    """Write a number with a power of a length unit: "1.234e-08 nm⁻²"."""
-    text = format_number(value, digits)
-    written = power_unit(unit, power)
-    return f"{text} {written}" if written else text
+def engineering(size: float, unit: str) -> tuple[int, str]:
+    """Choose the unit in which a quantity is a short number.
+
+    Parameters
+    ----------
+    size : float
+        The largest magnitude that is written.
+    unit : str
+        As written by `power_unit`; any other text, such as "mV", is kept.
+
+    Returns
+    -------
+    exponent : int
+        Numbers are multiplied by this power of ten.
+    unit : str
+
+    Examples
+    --------
+    >>> engineering(40_370.0, "nm"), engineering(1.2e-8, "nm⁻²"), engineering(98_000.0, "mm²")
+    ((-3, 'µm'), (6, 'µm⁻²'), (0, 'mm²'))
+    """
+    match = _POWER_OF_LENGTH.fullmatch(unit)
+    power = int(match[2].translate(_FROM_SUPERSCRIPTS) or 1) if match else 0
+    if match is None or abs(power) not in _SHORT or not 0.0 < size < math.inf:
+        return 0, unit
+    low, high = _SHORT[abs(power)]
+    # square metres and their inverse are too far from the next unit to be read at a glance
+    lengths = LENGTH_UNITS[1:] if abs(power) == 1 or match[1] == "m" else LENGTH_UNITS[1:-1]
+    at = lengths.index(match[1])
+    step = 1 if (size >= high) == (power > 0) else -1
+    exponent = 0
+    while not low <= size * 10.0**exponent < high and 0 <= at + step < len(lengths):
+        at += step
+        exponent -= 3 * power * step
+    return exponent, power_unit(lengths[at], power)
+
+
+def format_quantity(
+    value: float, unit: str, power: int = 1, digits: int = 3, *, like: float | None = None
+) -> str:
+    """Write a number with a power of a length in a unit of its size: "40.4 µm", "12 µm⁻²".
+
+    The blank between them breaks no line. The unit may also be any other text, or empty. `like` is
+    the size that chooses the unit, where several numbers are to have the same.
+    """
+    exponent, written = engineering(abs(value if like is None else like), power_unit(unit, power))
+    text = format_number(value * 10.0**exponent, digits)
+    return f"{text}{NO_BREAK}{written}" if written else text
+
+
+def plain_number(value: float, digits: int = 4) -> str:
+    """Write a number as it is typed into a field, as 1.2e-08 only where it would be long."""
+    text = f"{value:.{digits}g}"
+    if "e+" in text and abs(float(text)) < _LONG:
+        text = f"{float(text):.0f}"
+    return minus(text[:1]) + text[1:]
 
 
 def format_number(value: float, digits: int = 4) -> str:
-    """Write a number with some digits, as 1.2e-08 or 1e+06 only where it would be long."""
-    text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e+" in text and abs(float(text)) < _LONG else text
+    """Write a number to be read: "1.2×10⁻⁸", "−0.5"."""
+    text, _, exponent = plain_number(value, digits).partition("e")
+    return text + (f"×10{superscript(int(exponent))}" if exponent else "")
+
+
+def minus(text: str) -> str:
+    """Write the minus signs of numbers as such."""
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def plain_text(text: str) -> str:
+    """Write text for files and terminals: with plain blanks and minus signs."""
+    return text.replace(NO_BREAK, " ").replace("\N{MINUS SIGN}", "-")
+
+
+def format_share(share: float, digits: int = 3) -> str:
+    """Write a share in percent: "81.9 %"."""
+    return f"{format_number(100.0 * share, digits)}{NO_BREAK}%"
 
 
 def format_position(position: Iterable[float], digits: int = 9) -> str:
@@ -111,10 +183,13 @@ def format_position(position: Iterable[float], digits: int = 9) -> str:
 
 
 def format_range(
-    low: float, high: float, unit: str, power: int = 1, *, word: str = "–", digits: int = 4
+    low: float, high: float, unit: str, power: int = 1, *, word: str = "–", digits: int = 3
 ) -> str:
-    """Write two numbers with a power of a unit: "0 – 1.2e-08 nm⁻²"."""
-    return f"{format_number(low, digits)} {word} {format_quantity(high, unit, power, digits)}"
+    """Write two numbers with a power of a unit that suits the larger one: "0 – 12 µm⁻²"."""
+    like = max(abs(low), abs(high))
+    exponent, _ = engineering(like, power_unit(unit, power))
+    first = format_number(low * 10.0**exponent, digits)
+    return f"{first} {word} {format_quantity(high, unit, power, digits, like=like)}"
 
 
 def round_length(longest: float) -> float:

@@ -249,7 +249,7 @@ def test_the_proof_counts_in_the_unit_of_the_mesh(
     mesh, path, out = shapes.icosphere(5), tmp_path / "large.npz", tmp_path / "out.npz"
     np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
     said = run(capsys, "features", path, "--count", 12, "--unit", "4 x 4 x 40 nm", "-o", out)[1]
-    assert re.search(r"below [-+.0-9e]+ nm⁻²\)", said)
+    assert re.search(r"below [.0-9]+ [nµm]+m⁻²\)", said)
     with np.load(out) as archive:
         about = json.loads(str(archive["meta"]))
     assert about["options"]["proof"] in said

@@ -5,13 +5,20 @@ import math
 import pytest
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.quantities import parse_number
 from meshmash_viewer.units import (
     LENGTH_UNITS,
+    NO_BREAK,
     NO_VOXEL,
     Voxel,
     counted,
     format_number,
+    format_quantity,
+    format_range,
+    format_share,
     parse_unit,
+    plain_text,
+    power_unit,
     whole_number,
     written_unit,
 )
@@ -60,16 +67,52 @@ def test_what_is_no_unit_is_refused_with_what_is(text: str) -> None:
     [
         (64_005.0, 2, "64000"),
         (64_005.0, 5, "64005"),
-        (999_999.0, 4, "1e+06"),
-        (1_000_000.0, 4, "1e+06"),
-        (-64_005.0, 3, "-64000"),
-        (1.2345e-8, 3, "1.23e-08"),
+        (999_999.0, 4, "1×10⁶"),
+        (1_000_000.0, 4, "1×10⁶"),
+        (-64_005.0, 3, "−64000"),
+        (-1.2345e-8, 3, "−1.23×10⁻⁸"),
         (12.0, 4, "12"),
         (math.inf, 4, "inf"),
     ],
 )
 def test_numbers_are_written_out_where_that_is_short(value: float, digits: int, text: str) -> None:
     assert format_number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "power", "text"),
+    [
+        (40_370.0, "nm", 1, "40.4 µm"),
+        (-40_370.0, "nm", 1, "−40.4 µm"),
+        (500.0, "nm", 1, "500 nm"),
+        (0.5, "µm", 1, "0.5 µm"),
+        (0.05, "mm", 1, "50 µm"),
+        (0.0, "nm", 1, "0 nm"),
+        (1.2e-8, "nm", -2, "0.012 µm⁻²"),
+        (1e-4, "mm", -2, "0.0001 mm⁻²"),
+        (3.47e7, "nm", 2, "34.7 µm²"),
+        (98_120.0, "mm", 2, "98100 mm²"),
+        (3e-5, "nm", -1, "30 mm⁻¹"),
+        (1e-7, "", 2, "1×10⁻⁷"),
+        (12_000.0, "mV", 1, "12000 mV"),
+        (math.nan, "nm", 1, "nan nm"),
+    ],
+)
+def test_a_quantity_is_written_in_a_unit_of_its_size(
+    value: float, unit: str, power: int, text: str
+) -> None:
+    written = format_quantity(value, unit, power)
+    assert written == text.replace(" ", NO_BREAK), "no line is broken before a unit"
+    if math.isfinite(value):
+        known = power_unit(unit, power)
+        assert parse_number(written, known) == pytest.approx(value, rel=1e-2), "it can be typed"
+    assert plain_text(written) == text.replace("−", "-")
+
+
+def test_numbers_of_a_range_share_the_unit_of_the_larger_one() -> None:
+    assert plain_text(format_range(2.0, 40_370.0, "nm", word="to")) == "0.002 to 40.4 µm"
+    assert plain_text(format_quantity(2.0, "nm", like=40_370.0)) == "0.002 µm"
+    assert plain_text(format_share(0.8191)) == "81.9 %"
 
 
 @pytest.mark.parametrize(

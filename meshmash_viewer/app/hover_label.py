@@ -12,7 +12,7 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import pin_at
-from meshmash_viewer.units import counted
+from meshmash_viewer.units import NO_BREAK, counted, format_number
 
 
 class HoverLabel(QLabel):
@@ -47,7 +47,8 @@ class HoverLabel(QLabel):
                 named = field.labels or not math.isfinite(field.values[vertex])
                 value = field.value_text(vertex)
                 parts.append(value if named else f"value {value}")
-            place = ", ".join(f"{x:.6g}" for x in mesh.vertices[vertex])
-            parts.append(f"at ({place}) {mesh.unit}".rstrip())
+            # as a position is asked for, in the unit of the file
+            place = ", ".join(format_number(x, 6) for x in mesh.vertices[vertex])
+            parts.append(f"at ({place}){NO_BREAK}{mesh.unit}".rstrip())
             parts.append(f"click to unpin {pin.title}; a drag moves it" if pin else "click to pin")
         self.setText("  ·  ".join(parts))

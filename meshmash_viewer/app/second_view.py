@@ -27,6 +27,7 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
+from meshmash_viewer.units import format_share
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.colors import ColorMap
@@ -164,7 +165,7 @@ class SecondView(QWidget):
         text = ""
         if job is not None:
             share = job.progress.fraction
-            text = job.job.label + ("" if share is None else f" · {share:.0%}")
+            text = job.job.label + ("" if share is None else f" · {format_share(round(share, 2))}")
         elif self.pair.comparing:
             text = "comparing …"
         elif first is None or not first.complete:

@@ -13,7 +13,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
-from meshmash_viewer.units import NO_VOXEL, format_position
+from meshmash_viewer.units import NO_VOXEL, format_position, plain_text
 
 #: Significant digits of copied values.
 _DIGITS = 7
@@ -74,7 +74,7 @@ class VertexMenu:
         mesh, field, place = self.mesh, self.field, self.mesh.vertices[self.vertex]
         copies = {}
         if field is not None and len(field.values) == mesh.n_vertices:
-            copies["copy_value"] = "Copy value", field.value_text(self.vertex, _DIGITS)
+            copies["copy_value"] = "Copy value", plain_text(field.value_text(self.vertex, _DIGITS))
         unit = f" in {mesh.unit}" if mesh.unit else ""
         copies["copy_coordinates"] = f"Copy coordinates{unit}", format_position(place)
         if mesh.voxel != NO_VOXEL:

@@ -40,7 +40,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target, Translation
-from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, written_unit
+from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, format_share, written_unit
 
 # info -----------------------------------------------------------------------------------------
 
@@ -195,10 +195,10 @@ def _described_comparison(report: dict[str, Any]) -> str:
     flipped = sum(1 for each in matched if each["sign"] < 0)
     moved = sum(1 for each in matched if each["first"] != each["second"])
     distance = f"{report['spectral_distance']:.4g}"
-    share = f"{100 * report['relative_distance']:.2g} % of the spectrum"
+    share = f"{format_share(report['relative_distance'], 2)} of the spectrum"
     vertices = "by index: the faces are the same"
     if not report["same_vertices"]:
-        mutual = f"{100 * report['mutual_share']:.1f} %"
+        mutual = format_share(report["mutual_share"])
         vertices = f"matched in {report['kind']}, {mutual} of {first} mutually"
     rows = [
         ("eigenvalues compared", f"{compared:,}, times area"),

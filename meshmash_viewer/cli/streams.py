@@ -16,6 +16,7 @@ import sys
 import unicodedata
 from typing import TextIO
 
+from meshmash_viewer.units import plain_text
 from meshmash_viewer.work import closed_pipe_errors
 
 PROGRAM = "meshmash-viewer"
@@ -57,9 +58,12 @@ def prepare_streams() -> None:
 
 
 def answer(text: str) -> None:
-    """Print a result; `BrokenPipeError` is raised if nothing reads standard output any more."""
+    """Print a result, with plain blanks and minus signs, which other programs read.
+
+    `BrokenPipeError` is raised if nothing reads standard output any more.
+    """
     with closed_pipe_errors():
-        print(text, flush=True)
+        print(plain_text(text), flush=True)
 
 
 def say(sentence: str) -> None:

@@ -34,7 +34,7 @@ from meshmash_viewer.spectral.weyl import (
     weyl_count,
     weyl_eigenvalue,
 )
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_quantity, format_share
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filter_responses import TailedResponse
@@ -328,7 +328,7 @@ def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: boo
 
 def percent(share: float) -> str:
     """Format a share with two significant digits: "95 %", "1.4 %"."""
-    return f"{100.0 * share:.2g} %" if share < 0.095 else f"{100.0 * share:.0f} %"
+    return format_share(share, 2) if share < 0.995 else format_share(share, 3)
 
 
 def check_tail(tail: str | None, kind: str) -> None:

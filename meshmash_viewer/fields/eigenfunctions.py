@@ -12,7 +12,13 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields.family import Answer, Description, Family, Profile, Samples, Table
 from meshmash_viewer.fields.parameter import Listing, Whole, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Multiplet, first_nonzero
-from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
+from meshmash_viewer.units import (
+    format_quantity,
+    format_share,
+    named_quantity,
+    power_unit,
+    subscript,
+)
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
@@ -94,12 +100,12 @@ class Eigenfunctions(Family):
         return replace(self, flipped=self.flipped ^ {self.index})
 
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
-        written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2)
+        written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2, 4)
         quantity = f"λ{subscript(self.index)} = {written}"
         if not spectrum.is_exact(self.index):  # shown on the render, and so in every picture
             quantity = (
                 f"λ{subscript(self.index)} ≈ {written} · preview, within about"
-                f" {100.0 * spectrum.error:.0f} %"
+                f" {format_share(spectrum.error, 2)}"
             )
         if rotated := self.rotated(spectrum):
             space, other, degrees = rotated

@@ -70,7 +70,7 @@ class Table:
 class Description:
     """Texts of a field."""
 
-    #: Position within the family, with its unit: "λ₅ = 1.2e-08 nm⁻²".
+    #: Position within the family, with its unit: "λ₅ = 0.012 µm⁻²".
     quantity: str
     #: Title on the render.
     title: str

@@ -121,11 +121,16 @@ class HeatKernelSignature(BankFamily):
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         time = self.time_in(spectrum)
         length = format_quantity(time**0.5, unit)
-        return Description(f"t = {format_quantity(time, unit, 2)} (√t = {length})", self.label)
+        return Description(f"{self._written(spectrum, unit)} (√t = {length})", self.label)
+
+    def _written(self, spectrum: Eigenpairs, unit: str) -> str:
+        """Write the time in the unit of the slider, which suits the middle of the range."""
+        like = math.prod(self.range(spectrum)) ** 0.5
+        return f"t = {format_quantity(self.time_in(spectrum), unit, 2, like=like)}"
 
     def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
         time, (low, high) = self.time_in(spectrum), self.range(spectrum)
-        title, facts = f"t = {format_quantity(time, unit, 2)}", (format_quantity(time**0.5, unit),)
+        title, facts = self._written(spectrum, unit), (format_quantity(time**0.5, unit),)
         unresolved, mesh = self.unresolved(spectrum), spectrum.mesh
         if unresolved is None or mesh is None:
             return Reading(title, facts)

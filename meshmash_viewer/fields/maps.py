@@ -38,7 +38,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
 from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.surface.curvature import DIRECTION_FAULT
-from meshmash_viewer.units import format_number, format_quantity, power_unit
+from meshmash_viewer.units import format_quantity, format_range, format_share, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Maps of every mesh: power of length in their unit, and name of the public function.
@@ -186,12 +186,12 @@ class OwnMaps(Family):
     def _quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         known = self.map_spectrum(spectrum)
         if self.view in SUMS:
-            share = math.nan if known is None else 100.0 * known.varying_share(self.pairs)
+            share = math.nan if known is None else known.varying_share(self.pairs)
             word = "from"
             if self.view == "residual":
-                share, word = 100.0 - share, "without"
+                share, word = 1.0 - share, "without"
             text = f"{word} its lowest {self.pairs:,} pairs"
-            return text if known is None else f"{text}, {share:.3g} % of what varies"
+            return text if known is None else f"{text}, {format_share(share)} of what varies"
         if self.filter is not None:
             return f"through {self.filter.describe(spectrum, unit).quantity}"
         if self.view == "band":
@@ -201,8 +201,7 @@ class OwnMaps(Family):
             return ""
         if shown.labels:
             return f"{len(shown.labels)} labels"
-        low, high = (format_number(end) for end in shown.range)
-        text = f"{low} to {high} {shown.unit}".rstrip()
+        text = format_range(*shown.range, shown.unit, word="to", digits=4)
         signed = self.shown is None and CURVATURES[self.chosen][1] == "mean_curvature"
         if signed and spectrum.mesh is not None and spectrum.mesh.derived.get(DIRECTION_FAULT):
             return f"{text}, unreliable: faces do not agree on which side is outside"
@@ -458,8 +457,7 @@ def _band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:
     return tuple(
         Label(
             at,
-            f"{format_quantity(edges[at], unit, digits=3)} to"
-            f" {format_quantity(edges[at + 1], unit, digits=3)}",
+            f"{format_quantity(edges[at], unit)} to {format_quantity(edges[at + 1], unit)}",
             "#" + "".join(f"{part:02x}" for part in shades[at][:3].tolist()),
         )
         for at in range(len(edges) - 1)

@@ -14,7 +14,13 @@ from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Reading, Response
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import format_wavelength
-from meshmash_viewer.units import format_quantity, format_range, named_quantity
+from meshmash_viewer.units import (
+    format_number,
+    format_quantity,
+    format_range,
+    named_quantity,
+    power_unit,
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,7 @@ class WaveKernelSignature(BankColumns):
 
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         energy = self.place(spectrum)
-        return f"ln λ = {energy:.4g} (λ = {format_quantity(np.exp(energy), unit, -2)})"
+        return f"ln λ = {format_number(energy)} (λ = {format_quantity(np.exp(energy), unit, -2)})"
 
     def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
         bands = self.bands(spectrum)
@@ -51,11 +57,11 @@ class WaveKernelSignature(BankColumns):
         facts = (
             format_quantity(float(np.exp(energy)), unit, -2),
             format_wavelength(float(np.exp(energy)), unit),
-            f"{width:.3g}",
+            format_number(width, 3),
             f"{last - first:,}",
         )
         decades = (float(low), float(high)) if self.count > 1 else None
-        return Reading(f"ln λ = {energy:.4g}", facts, decades=decades)
+        return Reading(f"ln λ = {format_number(energy)}", facts, decades=decades)
 
     def bands(self, spectrum: Eigenpairs) -> LogGaussianResponse:
         """Return the bands without normalisation, with their energies and width in ln λ."""
@@ -79,7 +85,7 @@ class WaveKernelSignature(BankColumns):
 
     def axes(self, unit: str) -> tuple[str, str]:
         # a logarithm has no unit: name that of λ
-        energy = named_quantity("Energy ln λ, λ", unit, -2) if unit else "Energy ln λ"
+        energy = f"Energy ln λ, λ in {power_unit(unit, -2)}" if unit else "Energy ln λ"
         return energy, named_quantity("WKS", unit, -2)
 
     # -- files --------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.errors import printable
-from meshmash_viewer.units import LENGTH_UNITS
+from meshmash_viewer.units import LENGTH_UNITS, plain_text
 
 if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions
@@ -66,7 +66,11 @@ def export_options(
     """
     options: dict[str, Any] = {"kind": kind}
     if proof:
-        options |= {"operator": asdict(operator), "target": asdict(target), "proof": proof}
+        options |= {
+            "operator": asdict(operator),
+            "target": asdict(target),
+            "proof": plain_text(proof),
+        }
     if repairs:
         options |= {"repairs": list(repairs), "whole_mesh": whole_mesh}
     return options

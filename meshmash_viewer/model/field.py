@@ -24,7 +24,7 @@ from meshmash_viewer.model.limits import (
 )
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.units import format_number, round_length
+from meshmash_viewer.units import engineering, format_quantity, round_length
 from meshmash_viewer.vertex_map import Label
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ class Field:
 
     @property
     def quantity(self) -> str:
-        """Position with its unit: "λ₅ = 1.2e-08 nm⁻²", "t = 3.1e+05 nm² (√t = 557 nm)"."""
+        """Position with its unit: "λ₅ = 0.012 µm⁻²", "t = 0.31 µm² (√t = 557 nm)"."""
         return self.texts.quantity
 
     @property
@@ -235,14 +235,24 @@ class Field:
             return "no value"
         if self.labels:
             return self.labels[int(value)].name
-        return f"{format_number(value, digits)} {self.unit}".rstrip()
+        return format_quantity(value, self.unit, 1, digits, like=self._size)
+
+    @cached_property
+    def _size(self) -> float:
+        """Largest magnitude of the values, which chooses the unit they are written in."""
+        return max(map(abs, self._extremes))
+
+    @property
+    def written_unit(self) -> str:
+        """The unit that `value_text` writes."""
+        return engineering(self._size, self.unit)[1]
 
     @property
     def spacing_text(self) -> str:
         """Spacing of the contour lines, "lines every 500 nm"; empty without contour lines."""
         if not self.spacing:
             return ""
-        return f"lines every {format_number(self.spacing)} {self.unit}".rstrip()
+        return f"lines every {format_quantity(self.spacing, self.unit)}"
 
     def description(self, lines: bool) -> str:
         """Describe the field: its quantity, and the spacing of lines if they are drawn."""

@@ -30,7 +30,7 @@ from meshmash_viewer.spectral.weyl import (
 )
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
-from meshmash_viewer.units import counted, format_quantity
+from meshmash_viewer.units import counted, format_quantity, format_share
 from meshmash_viewer.work import Channel
 
 #: Fewest vertices that a piece is worth having, and how many are solved in seconds.
@@ -275,8 +275,8 @@ def described_seams(report: dict[str, Any]) -> str:
     return (
         f"{counted(report['pieces'], 'piece')} of at most"
         f" {counted(report['largest_piece'], 'vertex')}; at {report['seam_vertices']:,} vertices"
-        f" next to seams they differ by {100 * worst:.2g} % at most, by {100 * typical:.2g} % in"
-        " the median of the worst column"
+        f" next to seams they differ by {format_share(worst, 2)} at most, by"
+        f" {format_share(typical, 2)} in the median of the worst column"
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from meshmash_viewer.units import counted, format_quantity, format_range
+from meshmash_viewer.units import counted, format_number, format_quantity, format_range
 
 #: How eigenvalues were counted: by the signs of a factorization (Sylvester's law of inertia), from
 #: the dense matrix, as one zero for each connected component, or not at all.
@@ -53,12 +53,12 @@ class Certificate:
         # Written so that NaN, which is no proof, fails as well.
         if not self.residual <= residual:
             lacks.append(
-                f"a residual of {self.residual:.0e} (pair {self.residual_index}) above "
-                f"{residual:.0e}"
+                f"a residual of {_short(self.residual)} (pair {self.residual_index}) above "
+                f"{_short(residual)}"
             )
         if not self.orthonormality <= orthonormality:
             lacks.append(
-                f"an orthonormality of {self.orthonormality:.0e} above {orthonormality:.0e}"
+                f"an orthonormality of {_short(self.orthonormality)} above {_short(orthonormality)}"
             )
         return tuple(lacks)
 
@@ -78,22 +78,26 @@ class Certificate:
         assert self.bound is not None  # a count by inertia has an upper end
         found = counted(self.counted, "eigenvalue")
         if self.low is not None:
-            between = format_range(self.low, self.bound, unit, -2, word="to")
+            between = format_range(self.low, self.bound, unit, -2, word="to", digits=4)
             return f"{found} counted from {between}"
-        return f"{found} counted below {format_quantity(self.bound, unit, -2)}"
+        return f"{found} counted below {format_quantity(self.bound, unit, -2, 4)}"
 
     def sentence(self, n_pairs: int, unit: str = "") -> str:
         """Describe in one line the number of pairs, their count and errors; lengths are in `unit`.
 
-        "200 pairs · complete (201 eigenvalues counted below 1.135e-05 nm⁻²) · worst residual 3e-10
-        · orthonormality 3e-13".
+        "200 pairs · complete (201 eigenvalues counted below 11.35 µm⁻²) · worst residual 3×10⁻¹⁰
+        · orthonormality 3×10⁻¹³".
         """
         state = "complete" if self.complete else f"not proven complete: {', '.join(self.lacks)}"
         how = f" ({self.count_sentence(unit)})" if self.method != "none" else ""
         parts = [
             counted(n_pairs, "pair"),
             state + how,
-            f"worst residual {self.residual:.0e}",
-            f"orthonormality {self.orthonormality:.0e}",
+            f"worst residual {_short(self.residual)}",
+            f"orthonormality {_short(self.orthonormality)}",
         ]
         return " · ".join([*parts, *([self.remark] if self.remark else [])])
+
+
+def _short(error: float) -> str:
+    return format_number(error, 1)

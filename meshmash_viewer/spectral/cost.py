@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine.factorization import OrderedPencil
-from meshmash_viewer.units import counted
+from meshmash_viewer.units import NO_BREAK, counted, format_number
 
 #: Seconds a vertex and pair on two cores of 2024; replaced by what the last run took.
 _SECONDS = 2.5e-7
@@ -96,9 +96,9 @@ def written_bytes(count: float) -> str:
     """Format a number of bytes: "1.2 GB"."""
     for unit in ("B", "kB", "MB"):
         if count < 999.5:
-            return f"{count:.3g} {unit}"
+            return f"{count:.3g}{NO_BREAK}{unit}"
         count /= 1000.0
-    return f"{count:.3g} GB"
+    return f"{format_number(count, 3)}{NO_BREAK}GB"
 
 
 def written_duration(seconds: float) -> str:
@@ -107,10 +107,12 @@ def written_duration(seconds: float) -> str:
         return "under a second"
     whole = round(seconds)
     if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s" if whole < 600 else f"{round(whole / 60)} min"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
+        text = f"{whole} s"
+    elif whole < 3600:
+        text = f"{whole // 60} min {whole % 60} s" if whole < 600 else f"{round(whole / 60)} min"
+    else:
+        text = f"{whole // 3600} h {whole % 3600 // 60} min"
+    return text.replace(" ", NO_BREAK)
 
 
 #: Number of pairs of a slice: with more its basis takes most of the time, with fewer its factor. In

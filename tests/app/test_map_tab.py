@@ -185,13 +185,16 @@ def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
         left = float(part(window, QLabel, "map_residual_label").text())
         rest_of_it, whole = (np.sum(mass * each**2) for each in (DEPTH - wanted, DEPTH))
         assert left == pytest.approx(np.sqrt(rest_of_it / whole), rel=1e-3, abs=1e-6)
-        share = float(part(window, QLabel, "map_share_label").text().removesuffix(" %"))
+        share = float(part(window, QLabel, "map_share_label").text().removesuffix("%"))
         assert share == pytest.approx(100.0 - 100.0 * rest_of_it / whole, rel=1e-3)
         varying = np.sum(mass * (DEPTH - np.average(DEPTH, weights=mass)) ** 2)
-        said, of = part(window, QLabel, "map_varying_label").text().split(" % of what varies: ")
-        assert float(said) == pytest.approx(100.0 - 100.0 * rest_of_it / varying, abs=0.1)
+        told = part(window, QLabel, "map_varying_label").text()
+        said, of = told.split(" of what varies: ")
+        assert float(said.removesuffix("%")) == pytest.approx(
+            100.0 - 100.0 * rest_of_it / varying, abs=0.1
+        )
         assert f"these {counts[-1]} pairs" in of
-        assert f"{said} % of what varies" in field.quantity
+        assert f"{said} of what varies" in field.quantity
     assert counts[0] == 2
     assert counts[1] > counts[2] > 2
     assert counts[3] == 40
@@ -218,7 +221,7 @@ def test_the_views_of_a_map_share_limits_unless_others_are_asked_for(window: Mai
     asked = window.document.display.limits
     assert asked is not None
     assert len({field.limits(asked) for field in found.values()}) == 3
-    window.document.undo()
+    window.document.history.undo()
     QTest.mouseClick(part(window, QPushButton, "map_view_pairs"), LEFT)
     rest(window)
 

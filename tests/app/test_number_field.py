@@ -54,8 +54,8 @@ def test_a_refusal_is_withdrawn_when_other_numbers_are_shown(field: NumberField)
     ("text", "says"),
     [
         ("abc", "abc is not a number"),
-        ("-1", "Shortest time: between about 0 and 1e+15 nm² on this mesh."),
-        ("1e16", "Shortest time: between about 0 and 1e+15 nm² on this mesh."),
+        ("-1", "Shortest time: between about 0 and 1000\N{NO-BREAK SPACE}mm² on this mesh."),
+        ("1e16", "Shortest time: between about 0 and 1000\N{NO-BREAK SPACE}mm² on this mesh."),
         ("inf", "inf is not a number"),
         ("nan", "nan is not a number"),
         ("18,800", "18,800 may be 18800 or 18.8"),

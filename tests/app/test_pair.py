@@ -45,6 +45,7 @@ from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.pair import MATCHED_IN
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import format_share
 
 LEFT = Qt.MouseButton.LeftButton
 PAIRS = 40
@@ -205,7 +206,7 @@ def test_figures_are_the_librarys(
         assert told == "by index: same faces"
         assert found.functions.determined[:10].all()
     else:
-        assert told == f"by features, {100 * wanted.mutual_share:.1f}% mutual"
+        assert told == f"by features, {format_share(wanted.mutual_share)} mutual"
     assert "complete" in text(window, "second_label")
 
 

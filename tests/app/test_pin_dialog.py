@@ -113,7 +113,10 @@ def test_a_position_pins_the_nearest_vertex_and_goes_there(
     QTest.keyClicks(edit, form.format(*(f"{each:.3f}" for each in place)))
     QTest.keyClick(edit, Qt.Key.Key_Return)
     assert pinned(window) == [123]
-    assert "Vertex 123 is 5 nm from that position" in window.stage.message_bar.notice.text
+    assert (
+        "Vertex 123 is 5\N{NO-BREAK SPACE}nm from that position"
+        in window.stage.message_bar.notice.text
+    )
     np.testing.assert_allclose(window.scene.camera()["focus"], mesh.vertices[123])
 
 

@@ -95,7 +95,7 @@ def test_what_is_taken(form: Form, text: str, value: int) -> None:
         ("5", 5.0, "5.0 %"), ("5 %", 5.0, "5.0 %"), ("2,5", 2.5, "2.5 %"),
         ("99.95", 99.95, "99.95 %"),
         ("1e-3", 0.001, "0.001 %"), ("100", 100.0, "100.0 %"),
-        ("101", None, "is between 0 and 100 %, not 101."), ("-1", None, "not -1."),
+        ("101", None, "is between 0 and 100\N{NO-BREAK SPACE}%, not 101."), ("-1", None, "not -1."),
         ("1,000", None, "1,000 may be 1000 or 1.0"), ("5 nm", None, "has a unit"),
     ],
 )  # fmt: skip

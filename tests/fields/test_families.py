@@ -171,7 +171,7 @@ def test_a_time_outside_the_range_is_forgotten_and_one_inside_kept(spectrum: Eig
 
 def test_axes_name_their_units(spectrum: Eigenpairs) -> None:
     assert HeatKernelSignature().profile(spectrum, "nm").axes == ("Time t (nm²)", "HKS (nm⁻²)")
-    assert WaveKernelSignature().axes("nm") == ("Energy ln λ, λ (nm⁻²)", "WKS (nm⁻²)")
+    assert WaveKernelSignature().axes("nm") == ("Energy ln λ, λ in nm⁻²", "WKS (nm⁻²)")
     assert WaveKernelSignature().axes("") == ("Energy ln λ", "WKS")
 
 

@@ -10,6 +10,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.units import format_number, format_quantity
 
 
 def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
@@ -26,7 +27,7 @@ def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
     np.testing.assert_allclose(found.values, wanted, rtol=1e-5)
     assert chosen.place(spectrum) == pytest.approx(energy)
     assert chosen.quantity(spectrum, "nm") == (
-        f"ln λ = {energy:.4g} (λ = {np.exp(energy):.4g} nm⁻²)"
+        f"ln λ = {format_number(energy)} (λ = {format_quantity(np.exp(energy), 'nm', -2)})"
     )
     described = chosen.describe(spectrum, "nm")
     assert (described.title, described.unit("nm")) == ("Wave kernel signature", "nm⁻²")

@@ -52,7 +52,7 @@ def test_eigenfunction_and_its_other_sign(document: Document) -> None:
     assert field.values.dtype == np.float32
     np.testing.assert_allclose(field.values, document.spectrum.rows[5], rtol=1e-6)
     assert (field.title, field.unit, field.signed) == ("Eigenfunction 5", "nm⁻¹", True)
-    assert field.quantity == f"λ₅ = {document.spectrum.eigenvalues[5]:.4g} nm⁻²"
+    assert field.quantity == f"λ₅ = {document.spectrum.eigenvalues[5]:.4g}\N{NO-BREAK SPACE}nm⁻²"
     document.flip()
     flipped = compute_field(request_of(document), LiveFeatures())
     np.testing.assert_array_equal(flipped.values, -field.values)
@@ -77,7 +77,7 @@ def test_hks_names_time_and_length(document: Document) -> None:
     document.display.kind = "hks"
     document.display.change(HeatKernelSignature, time=0.25)
     field = compute_field(request_of(document), LiveFeatures())
-    assert field.quantity == "t = 0.25 nm² (√t = 0.5 nm)"
+    assert field.quantity == "t = 0.25\N{NO-BREAK SPACE}nm² (√t = 0.5\N{NO-BREAK SPACE}nm)"
     assert (field.unit, field.signed, field.family.time) == ("nm⁻²", False, 0.25)
 
 

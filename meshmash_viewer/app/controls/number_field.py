@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QAbstractSpinBox
 from meshmash_viewer.app import theme
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number
-from meshmash_viewer.units import format_number, format_range
+from meshmash_viewer.units import NO_BREAK, format_number, format_range, plain_number
 
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
 _LARGEST = 1e150
@@ -101,9 +101,10 @@ class NumberField(QAbstractSpinBox):
         before it, as "≈ " before an estimate.
         """
         self._unit, self._prefix = unit, prefix
-        self._suffix = f" {unit}" if with_unit and unit else ""
+        self._suffix = f"{NO_BREAK}{unit}" if with_unit and unit else ""
         if value is not None and not self._tipped:
-            self.setToolTip(f"{self.accessibleName()}: {value:.10g} {unit}".rstrip())
+            written = f"{plain_number(value, 10)}{NO_BREAK}{unit}"
+            self.setToolTip(f"{self.accessibleName()}: {written}".rstrip())
         if not (self.hasFocus() and self.lineEdit().isModified()):
             self._value = self._before = value
             self._write()
@@ -172,7 +173,7 @@ class NumberField(QAbstractSpinBox):
             between = format_range(low, high, self._unit, word="and", digits=1)
             return f"{self.accessibleName()}: between about {between} on this mesh."
         if number and not 1.0 / _LARGEST <= abs(number) <= _LARGEST:
-            return f"{number:g} is no size of a mesh: write a number such as 3.1e5."
+            return f"{format_number(number)} is no size of a mesh: write a number such as 3.1e5."
         return ""
 
     def _within(self, number: float) -> float:
@@ -250,7 +251,7 @@ class NumberField(QAbstractSpinBox):
             text = f"{self._value:.0f}"
         elif self._value is not None:
             # what was typed stays as it was; what was computed is written as everywhere else
-            text = format_number(self._value, 10 if self._value == self._given else 4)
+            text = plain_number(self._value, 10 if self._value == self._given else 4)
         text = f"{self._prefix}{text}{self._suffix}"
         if text != self.text() or self.lineEdit().isModified():
             self.lineEdit().setText(text)

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QSpinBox, QWidge
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number, parse_whole
-from meshmash_viewer.units import format_number
+from meshmash_viewer.units import format_range
 
 if TYPE_CHECKING:
 
@@ -157,7 +157,7 @@ class DecimalField(_Typed, QDoubleSpinBox):
         text, unit = self._bare(text), self.suffix().strip()
         number, low, high = parse_number(text, unit), self.minimum(), self.maximum()
         if not low <= number <= high:
-            between = f"{format_number(low)} and {format_number(high)} {unit}".rstrip()
+            between = format_range(low, high, unit, word="and")
             name = self.accessibleName() or "The number"
             raise InputError(f"{name} is between {between}, not {text}.")
         return number

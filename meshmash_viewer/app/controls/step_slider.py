@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from PySide6.QtCore import QEvent, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QBrush,
@@ -17,6 +19,7 @@ from PySide6.QtWidgets import QSizePolicy, QSlider
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.scale_marks import Mark, decade_marks, log_share
+from meshmash_viewer.units import engineering
 
 _NOTCH = 120  # eighths of a degree, as Qt counts
 #: Where the range begins, from either end of the widget: half a handle of the style sheet.
@@ -167,12 +170,19 @@ class LogSlider(StepSlider):
         self.setSingleStep(one)
         self.setPageStep(min(10 * one, _POSITIONS))
 
-    def show_number(self, value: float, ends: tuple[float, float], *, marked: bool = True) -> None:
-        """Show a number in a range, with its marks or without, and say nothing."""
+    def show_number(self, value: float, ends: tuple[float, float], unit: str | None = None) -> None:
+        """Show a number in a range, and say nothing.
+
+        Marks are in a multiple of the unit that suits the middle of the range; None for no marks.
+        """
         self._ends = ends
         share = log_share(value, *ends) if value > 0.0 else 0.0
         show_quietly(self, round(min(max(share, 0.0), 1.0) * _POSITIONS))
-        self.set_marks(decade_marks(*ends) if marked else ())
+        if unit is None:
+            self.set_marks(())
+        else:
+            exponent, _ = engineering(math.sqrt(ends[0]) * math.sqrt(ends[1]), unit)
+            self.set_marks(decade_marks(*(end * 10.0**exponent for end in ends)))
 
     def _give(self, position: int) -> None:
         low, high = self._ends

@@ -13,6 +13,7 @@ from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.units import format_share
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,9 @@ class HealthTable(QWidget):
             count.setText(f"{number:,}")
             if each.attribute == "n_components":
                 share = ready.health.largest_component / max(ready.health.n_vertices, 1)
-                count.setToolTip(f"{each.tooltip}. The largest has {share:.1%} of the vertices")
+                count.setToolTip(
+                    f"{each.tooltip}. The largest has {format_share(share)} of the vertices"
+                )
             if each.fault:
                 name, color = ("warning", colors.warning) if number else ("good", colors.good)
                 mark.setPixmap(icons.pixmap(name, color, 14))

@@ -30,7 +30,14 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import expected_bytes
 from meshmash_viewer.spectral import cost
-from meshmash_viewer.units import counted, format_quantity, power_unit
+from meshmash_viewer.units import (
+    NO_BREAK,
+    counted,
+    engineering,
+    format_number,
+    format_quantity,
+    superscript,
+)
 
 #: Least width, in pixels: that of the panel before a mesh is open.
 _WIDTH = 280
@@ -147,7 +154,7 @@ class MeshPanel(QWidget):
         left = "" if mesh.numbering is None else f" of {mesh.n_file_vertices:,} in the file"
         self._facts["Vertices"].setText(f"{health.n_vertices:,}{left}")
         self._facts["Faces"].setText(f"{health.n_faces:,}")
-        self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2))
+        self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2, 4))
         self._facts["Extent"].setText(_size(extent, mesh.unit))
         for label in self._facts.values():
             label.setToolTip(label.text())
@@ -311,25 +318,14 @@ class MeshPanel(QWidget):
         theme.change_role(self.proof_label, role)
 
 
-#: The unit a thousand times as long, in which long meshes are easier to read.
-_LARGER = {"nm": "µm", "µm": "mm", "mm": "m"}
-
-
 def _size(extent: np.ndarray, unit: str) -> str:
-    """Three lengths that fit the panel: "150 × 207 × 142 µm", "(1.92 × 2.65 × 0.18)·10⁷"."""
+    """Three lengths in one unit: "15.9 × 15.8 × 6.04 µm", "(1.92 × 2.65 × 0.18)×10⁷"."""
     largest = float(extent.max())
-    while largest >= 99_950 and unit in _LARGER:
-        unit, extent, largest = _LARGER[unit], extent / 1000.0, largest / 1000.0
-    unit = power_unit(unit, 1)
-    if largest == 0.0 or 1e-3 <= largest < 999_500:
-        return f"{' × '.join(_short(length) for length in extent)} {unit}".strip()
-    power = math.floor(math.log10(largest))
-    digits = " × ".join(f"{length / 10.0**power:.2f}" for length in extent)
-    return f"({digits})·{power_unit('10', power)} {unit}".strip()
-
-
-def _short(length: float) -> str:
-    """Three digits without an exponent where that is short: "15,900", "0.0123"."""
-    if length >= 1e3:
-        return f"{float(f'{length:.3g}'):,.0f}"
-    return f"{round(length, 6):.3g}"
+    exponent, written = engineering(largest, unit)
+    power = math.floor(math.log10(largest)) + exponent if largest > 0.0 else 0
+    power = 0 if -4 < power < 6 else power
+    scale = 10.0 ** (exponent - power)
+    sides = " × ".join(format_number(length * scale, 3) for length in extent)
+    if power:
+        sides = f"({sides})×10{superscript(power)}"
+    return f"{sides}{NO_BREAK}{written}" if written else sides

@@ -24,7 +24,7 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
-from meshmash_viewer.units import format_number
+from meshmash_viewer.units import format_number, format_share
 
 _FIGURES = {
     "pair_distance_label": "Spectral distance",
@@ -247,7 +247,7 @@ class PairPanel(QWidget):
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
                 "pair_told_label": "by index: same faces"
                 if found.given
-                else f"by features, {found.mutual_share:.1%} mutual",
+                else f"by features, {format_share(found.mutual_share)} mutual",
                 "pair_functions_label": _written_functions(found.functions),
             }
             shown = self._document.display.family
@@ -299,7 +299,9 @@ class PairPanel(QWidget):
         found = pair.best_matches(pin.vertex)
         mesh = pair.second.mesh
         assert mesh is not None or not found
-        return [f"{mesh.named_vertex(at)} · {score:.3g}" for at, score in found if mesh] or [""]
+        return [
+            f"{mesh.named_vertex(at)} · {format_number(score, 3)}" for at, score in found if mesh
+        ] or [""]
 
     def _match_text(self, pair: Pair) -> str:
         """What the numbers after the matches are."""
@@ -335,7 +337,7 @@ def _written_distance(found: Comparison) -> str:
     """The spectral distance, with what it is."""
     text = f"{format_number(found.distance)}: norm of the difference of λ × area"
     share = found.relative_distance
-    return f"{text}, {share:.2%} of that of the first" if math.isfinite(share) else text
+    return f"{text}, {format_share(share)} of that of the first" if math.isfinite(share) else text
 
 
 def _written_functions(found: FunctionMatches) -> str:

@@ -21,7 +21,7 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
-from meshmash_viewer.units import format_position
+from meshmash_viewer.units import NO_BREAK, format_position
 
 _Index: TypeAlias = QModelIndex | QPersistentModelIndex
 _NUMBER, NAME, _VERTEX, _VALUE, _PLACE = range(5)
@@ -72,7 +72,7 @@ class _Rows(QAbstractTableModel):
 
     @property
     def _unit(self) -> str:
-        return "" if self.field is None else self.field.unit
+        return "" if self.field is None else self.field.written_unit
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         pin, column = self.pins[index.row()], index.column()
@@ -98,7 +98,7 @@ class _Rows(QAbstractTableModel):
             return format_position(mesh.vertices[pin.vertex], 6)
         if field is None or len(field.values) != mesh.n_vertices:
             return ""
-        return field.value_text(pin.vertex).removesuffix(f" {self._unit}")
+        return field.value_text(pin.vertex).removesuffix(f"{NO_BREAK}{self._unit}")
 
     def setData(self, index: _Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
         self.renamed.emit(self.pins[index.row()].vertex, str(value))

@@ -27,7 +27,7 @@ from meshmash_viewer.model.display import FEWEST_PAIRS, MOST_AMPLITUDE
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.spectral.weyl import format_wavelength
-from meshmash_viewer.units import counted, format_quantity
+from meshmash_viewer.units import counted, format_quantity, format_share
 
 _FACTS = {"shape_distance_label": "Moved by (rms)", "shape_wave_label": "Shortest wave"}
 
@@ -151,9 +151,9 @@ class ShapePanel(QWidget):
         self.spin.setSuffix(f" of {known:,}" if usable else "")
         show_quietly(self.check, shown)
         show_quietly(self.morph, round(100 * shape.morph))
-        self.morph_label.setText(f"{round(100 * shape.morph)} %")
+        self.morph_label.setText(format_share(shape.morph))
         show_quietly(self.amplitude, round(100 * shape.amplitude))
-        self.amplitude_label.setText(f"{round(100 * shape.amplitude)} %")
+        self.amplitude_label.setText(format_share(shape.amplitude))
         for control in (self.check, self.slider, self.spin, self.morph):
             control.setEnabled(usable)
         self.save_button.setEnabled(shown)

@@ -152,7 +152,7 @@ class SpectrumPanel(PlotPanel):
         value = float(spectrum.eigenvalues[index])
         text = (
             f"λ{subscript(index)} {'=' if spectrum.is_exact(index) else '≈'} "
-            f"{format_quantity(value, unit, -2)}, "
+            f"{format_quantity(value, unit, -2, 4)}, "
             f"wavelength {format_wavelength(value, unit)}"
         )
         self.readout.setText(text)

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QToolButton
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.scale_marks import power_text
 from meshmash_viewer.app.listening import later
-from meshmash_viewer.units import superscript
+from meshmash_viewer.units import engineering, minus, named_quantity, superscript
 
 #: Exponent of a number, "e-08".
 _EXPONENT = re.compile(r"e([-+]\d+)")
@@ -55,20 +55,42 @@ def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) 
     return line
 
 
+def _named(label: str) -> tuple[str, str]:
+    """Split what `units.named_quantity` has written into name and unit."""
+    name, _, unit = label.removesuffix(")").rpartition(" (")
+    return (name, unit) if name and label.endswith(")") else (label, "")
+
+
 #: A label as wide as those of the left axis get.
-_WIDEST = "-2.5×10⁻⁵"
+_WIDEST = "−2.5×10⁻⁵"
 
 
 class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
-    """An axis with labels such as 2×10⁻⁸."""
+    """An axis with labels such as 2×10⁻⁸, in a unit that suits its range."""
+
+    #: Unit of the data.
+    unit = ""
 
     def __init__(self, orientation: str) -> None:
         super().__init__(orientation)
-        self.enableAutoSIPrefix(False)  # units such as nm⁻² have none
         #: Whether ticks are integers.
         self.whole = False
         #: Number of powers of ten from 0 to 1; 0 for a linear axis.
         self.decades = 0
+
+    def updateAutoSIPrefix(self) -> None:
+        """Choose the unit that suits the range; pyqtgraph's own prefixes fit no nm⁻²."""
+        low, high = self.range
+        size = 10.0 ** ((low + high) / 2.0) if self.logMode else max(abs(low), abs(high))
+        exponent, written = engineering(size, self.unit)
+        self.autoSIPrefixScale: float = 10.0**exponent
+        self.labelUnits: str = written
+        self._updateLabel()
+
+    def labelString(self) -> str:
+        """Name and unit in the style of the axis, as rich text."""
+        style = ";".join(f"{name}: {value}" for name, value in self.labelStyle.items())
+        return f"<span style='{style}'>{named_quantity(self.labelText, self.labelUnits)}</span>"
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
         """Labels of ticks, None for a tick without."""
@@ -83,7 +105,9 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
                 text.replace("·", "×") if round(10.0 ** (value % 1.0)) in factors else None
                 for text, value in zip(texts, values, strict=True)
             ]
-        return [_EXPONENT.sub(lambda found: f"×10{superscript(int(found[1]))}", t) for t in texts]
+        return [
+            minus(_EXPONENT.sub(lambda found: f"×10{superscript(int(found[1]))}", t)) for t in texts
+        ]
 
     def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
         """Spacings of ticks, the largest first, each with an offset."""
@@ -179,7 +203,10 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
                 hideOverlappingLabels=True,
             )
             axis.label.setFont(font)
-            axis.setLabel(text, **{"color": colors.axis, "font-size": f"{font.pointSizeF()}pt"})
+            name, axis.unit = _named(text)
+            style = {"color": colors.axis, "font-size": f"{font.pointSizeF()}pt"}
+            axis.setLabel(name, axis.unit, **style)
+            axis.updateAutoSIPrefix()
             axis.setGrid(False)
 
     def show_all(self) -> None:

@@ -17,7 +17,7 @@ from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_quantity, power_unit
 
 _LINES = "Lines at round distances"
 _ABOUT = {
@@ -86,9 +86,11 @@ class DistanceTab(PinChooser):
 
     def _show_time(self, chosen: Distances, spectrum: Eigenpairs) -> None:
         time, unit = chosen.time_in(spectrum), self._document.unit
-        self.times.show_number(time, spectrum.time_range)
+        between = spectrum.time_range
+        self.times.show_number(time, between, power_unit(unit, 2))
+        written = format_quantity(time, unit, 2, like=math.sqrt(math.prod(between)))
         length = format_quantity(math.sqrt(time), unit)
-        self.time_label.setText(f"t = {format_quantity(time, unit, 2)}, √t = {length}")
+        self.time_label.setText(f"t = {written}, √t = {length}")
 
     def show_field(self, field: Field | None) -> None:
         """Say how far the other pins are, and what is missing."""
@@ -96,8 +98,7 @@ class DistanceTab(PinChooser):
         if field is None or not isinstance(family, Distances):
             return
         far = [
-            f"{pin.label}: {format_quantity(float(field.values[pin.vertex]), '', digits=4)}"
-            f" {field.unit}".rstrip()
+            f"{pin.label}: {field.value_text(pin.vertex, 4)}"
             for pin in self._document.pins.placed
             if pin.vertex != family.vertex and np.isfinite(field.values[pin.vertex])
         ]

@@ -22,7 +22,7 @@ from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import format_wavelength
-from meshmash_viewer.units import counted, format_quantity, subscript
+from meshmash_viewer.units import counted, format_number, format_quantity, format_share, subscript
 
 _FACTS = {
     "wavelength_label": "Wavelength 2π/√λ",
@@ -123,17 +123,18 @@ class EigenfunctionTab(FamilyTab):
             unit, zeros = self._document.unit, first_nonzero(spectrum)
             value = 0.0 if index < zeros else float(spectrum.eigenvalues[index])
             exact = spectrum.is_exact(index)
-            written = format_quantity(value, unit, -2) if value else "0"
+            written = format_quantity(value, unit, -2, 4) if value else "0"
             title = f"λ{subscript(index)} {'=' if exact else '≈'} {written}"
             facts["wavelength_label"] = format_wavelength(value, unit)
             if exact and index < len(spectrum.residuals):
-                facts["residual_label"] = f"{spectrum.residuals[index]:.1e}"
+                facts["residual_label"] = format_number(spectrum.residuals[index], 2)
             facts["converged_label"] = _converged(spectrum)
             multiplet = _multiplet(spectrum, index, zeros)
             if not exact:
                 preview = (
-                    f"Preview: from a coarse mesh, λ within about {100.0 * spectrum.error:.0f} %. "
-                    "The exact eigenfunctions take its place as they converge."
+                    "Preview: from a coarse mesh, λ within about"
+                    f" {format_share(spectrum.error, 2)}. The exact eigenfunctions take its place"
+                    " as they converge."
                 )
         self._show_rotation(replace(chosen, index=index), spectrum)
         self.title.setText(title)
@@ -167,6 +168,6 @@ def _multiplet(spectrum: Eigenpairs, index: int, zeros: int) -> str:
     if found is None:
         return ""
     return (
-        f"λ{subscript(found.first)}…λ{subscript(found.last)} within {found.gap:.0e}: "
+        f"λ{subscript(found.first)}…λ{subscript(found.last)} within {format_number(found.gap, 1)}: "
         "any rotation of these is as good."
     ).replace("e-0", "e-")

@@ -110,7 +110,7 @@ class ParameterRow(QWidget):
         self.label.setText(name)
         for control in (self.slider, self.field):
             control.setAccessibleName(f"Parameter {name}")
-        self.slider.show_number(value, span, marked=False)
+        self.slider.show_number(value, span)
         written = power_unit(unit, power) if power else ""
         self.unit.setText(written)
         self.unit.setVisible(bool(written))

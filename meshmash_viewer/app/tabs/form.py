@@ -335,7 +335,8 @@ class FamilyForm(FamilyTab):
         if spectrum is None or between is None:
             self.times.set_marks(())
         else:
-            self.times.show_number(10.0 ** chosen.place(spectrum), between)
+            unit = power_unit(self._document.unit, chosen.declared()[self.position].power)
+            self.times.show_number(10.0 ** chosen.place(spectrum), between, unit)
 
     def _show_range(self) -> None:
         assert self.family.ordered is not None

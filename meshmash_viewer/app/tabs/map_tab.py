@@ -26,7 +26,14 @@ from meshmash_viewer.io.writers import SPECTRUM_WRITERS
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.units import counted, format_number
+from meshmash_viewer.units import (
+    counted,
+    format_number,
+    format_quantity,
+    format_range,
+    format_share,
+    plain_text,
+)
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 _FACTS = {
@@ -162,8 +169,8 @@ class MapTab(FamilyTab):
     def _keep(self) -> None:
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
-            made = VertexMap(f"{field.title} {field.quantity}", field.values, unit=field.unit)
-            document.maps.add(document.mesh, [made])
+            name = plain_text(f"{field.title} {field.quantity}")
+            document.maps.add(document.mesh, [VertexMap(name, field.values, unit=field.unit)])
 
     def _can_keep(self) -> bool:
         """Whether the render has the very sum that is chosen: no draft, no approximate pairs."""
@@ -278,26 +285,24 @@ def _told(shown: VertexMap, mean: float) -> dict[str, str]:
     count = {"map_count_label": f"{shown.n_values:,}{of}"}
     if shown.labels:
         return count | {"map_range_label": counted(len(shown.labels), "label")}
-    low, high = (format_number(end) for end in shown.range)
     return count | {
-        "map_range_label": f"{low} to {high} {shown.unit}".rstrip(),
-        "map_mean_label": f"{format_number(mean)} {shown.unit}".rstrip()
-        if np.isfinite(mean)
-        else "",
+        "map_range_label": format_range(*shown.range, shown.unit, word="to", digits=4),
+        "map_mean_label": format_quantity(mean, shown.unit, 1, 4) if np.isfinite(mean) else "",
     }
 
 
 def _shares(known: MapSpectrum, count: int) -> dict[str, str]:
     return {
-        "map_residual_label": f"{known.residual(count):.4g}",
-        "map_share_label": f"{100.0 * known.share(count):.4g} %",
+        "map_residual_label": format_number(known.residual(count)),
+        "map_share_label": format_share(known.share(count), 4),
     }
 
 
 def _meaning(known: MapSpectrum, count: int) -> str:
-    share = 100.0 * known.varying_share(count)
-    left = f"; the other {100.0 - share:.3g} % is finer detail" if share < 99.95 else ""
+    share = known.varying_share(count)
+    left = f"; the other {format_share(1.0 - share)} is finer detail" if share < 0.9995 else ""
+    pairs = "this pair" if count == 1 else f"these {count:,} pairs"
     return (
-        f"{share:.3g} % of what varies: of the differences from the mean, squared and summed over"
-        f" the area, is in {'this pair' if count == 1 else f'these {count:,} pairs'}{left}."
+        f"{format_share(share)} of what varies: of the differences from the mean, squared and"
+        f" summed over the area, is in {pairs}{left}."
     )

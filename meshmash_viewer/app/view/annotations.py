@@ -27,7 +27,6 @@ from meshmash_viewer.app.view.colors import (
 )
 from meshmash_viewer.app.view.text import (
     bar_labels,
-    exponent_text,
     fitted,
     scale_bar_text,
     set_style,
@@ -221,9 +220,10 @@ class _Painter:
         next_to, theme = left + _BAR + _GAP, self._theme
         self._strip(caption.table, left, below, tall)
         count = min(max(int(tall / 34), 2), _MAX_LABELS)
-        labels, exponent = bar_labels(caption.low, caption.high, caption.logarithmic, count)
-        factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
-        self._text(factor, _LABEL, theme.faint_ink, left, below + tall + 12, edge=_PAD)
+        labels, heading = bar_labels(
+            caption.low, caption.high, caption.unit, caption.logarithmic, count
+        )
+        self._text(heading, _LABEL, theme.faint_ink, left, below + tall + 12, edge=_PAD)
         for share, label in labels:
             up = below + tall * share
             self._text(label, _LABEL, theme.ink, next_to, up, along=_MIDDLE, edge=_PAD)

@@ -13,7 +13,7 @@ from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.colors import DARK, LIGHT
 from meshmash_viewer.app.view.text import fitted, font_file
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_range
 
 #: Smallest width and height in pixels of a picture.
 _LEAST = 24
@@ -105,8 +105,7 @@ class ContactSheet:
     def _draw_strip(self, middle: float, at: float, caption: Caption) -> None:
         """Draw the colour bar between its limits, centred in a cell."""
         font, gap = self._font(0.72), 0.4 * self._layout.text
-        low = format_quantity(caption.low, "", digits=2)
-        high = f"{format_quantity(caption.high, '', digits=2)} {caption.unit}".rstrip()
+        low, high = format_range(caption.low, caption.high, caption.unit, digits=2).split(" – ")
         high += ", log scale" if caption.logarithmic else ""
         free = 0.94 * self._layout.cell[0] - 2 * gap
         strip = free - font.getlength(low) - font.getlength(high)

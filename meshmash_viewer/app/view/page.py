@@ -12,7 +12,7 @@ import numpy.typing as npt
 from meshmash_viewer.app.view.annotations import Caption, Pin
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table
-from meshmash_viewer.app.view.text import bar_labels, exponent_text
+from meshmash_viewer.app.view.text import bar_labels
 
 if TYPE_CHECKING:  # loaded when the first figure is composed
     from matplotlib.axes import Axes
@@ -60,7 +60,7 @@ def text_width(text: str, bold: bool = False) -> float:
 def wrapped(line: Line, width: float) -> list[Line]:
     """Break a line at spaces where it is wider than `width`; longer words become smaller."""
     lines, begun = list[str](), ""
-    for word in line.text.split():
+    for word in line.text.split(" "):  # not before units
         longer = f"{begun} {word}".lstrip()
         if begun and line.size * text_width(longer, line.bold) > width:
             lines.append(begun)
@@ -74,10 +74,9 @@ def wrapped(line: Line, width: float) -> list[Line]:
 
 
 def _bar_texts(caption: Caption, most: int) -> tuple[str, dict[float, str]]:
-    """The factor over a colour bar, and its labels by their position, from 0 to 1."""
-    labels, exponent = bar_labels(caption.low, caption.high, caption.logarithmic, most)
-    factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
-    return factor, {share: label.replace("-", "−") for share, label in labels}
+    """The heading of a colour bar, and its labels by their position, from 0 to 1."""
+    labels, heading = bar_labels(caption.low, caption.high, caption.unit, caption.logarithmic, most)
+    return heading, dict(labels)
 
 
 def bar_width(caption: Caption) -> float:

@@ -13,12 +13,9 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE
 from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer
 
+from meshmash_viewer.app.controls.scale_marks import power_text
 from meshmash_viewer.app.view.colors import rgb
-from meshmash_viewer.units import format_quantity, superscript
-
-#: Next larger and next smaller unit of each, with the factor between them.
-_LARGER = {"nm": ("µm", 1000.0), "µm": ("mm", 1000.0), "mm": ("m", 1000.0)}
-_SMALLER = {"m": ("mm", 1000.0), "mm": ("µm", 1000.0), "µm": ("nm", 1000.0)}
+from meshmash_viewer.units import NO_BREAK, engineering, format_quantity, minus, superscript
 
 
 @cache
@@ -58,16 +55,8 @@ def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
 
 
 def scale_bar_text(length: float, unit: str) -> str:
-    """Format a length in a unit of its size: 2000 nm is "2 µm"."""
-    while unit in _LARGER and length >= 1000.0:
-        unit, factor = _LARGER[unit]
-        length /= factor
-    while unit in _SMALLER and length < 0.1:
-        unit, factor = _SMALLER[unit]
-        length *= factor
-    if not unit:
-        return f"{length:g} units" if 1e-4 <= length < 1e6 else f"{length:.0e} units"
-    return format_quantity(length, unit)
+    """Write a length, in "units" where its unit is not known."""
+    return format_quantity(length, unit or "units")
 
 
 def exponent_text(exponent: int) -> str:
@@ -76,34 +65,39 @@ def exponent_text(exponent: int) -> str:
 
 
 def bar_labels(
-    low: float, high: float, logarithmic: bool = False, most: int = 6
-) -> tuple[list[tuple[float, str]], int]:
-    """Return heights on a colour bar from 0 to 1 with their labels, and a common power of ten.
+    low: float, high: float, unit: str, logarithmic: bool = False, most: int = 6
+) -> tuple[list[tuple[float, str]], str]:
+    """Label a colour bar in a unit of the size of its values.
 
     A logarithmic bar has decades; where these are fewer than two, twice and five times them too.
+
+    Returns
+    -------
+    labels : list of (float, str)
+        Position from 0 at the lower end to 1 at the upper, and text.
+    heading : str
+        Power of ten and unit.
     """
+    size = (low * high) ** 0.5 if logarithmic else max(abs(low), abs(high))
+    shift, unit = engineering(size, unit)
+    low, high = low * 10.0**shift, high * 10.0**shift
     values, form, exponent = ticks(low, high, most)
-    unit = 10.0**exponent
-    if not logarithmic:
-        low, high = low / unit, high / unit
-        return [((each - low) / (high - low), form % each) for each in values], exponent
-    marks = [(each * unit, form % each) for each in values]
-    powers = range(floor(log10(low)), ceil(log10(high)) + 1)
-    for factors in (1,), (1, 2, 5):
-        found = [(k * 10.0**power, _decade(k, power)) for power in powers for k in factors]
-        found = [each for each in found if each[0] / low > 1.0 - 1e-9 and each[0] / high < 1 + 1e-9]
-        if len(found) > 1:
-            marks, exponent = found[:: ceil(len(found) / most)], 0
-            break
-    start, length = log10(low), log10(high / low)
-    return [((log10(value) - start) / length, text) for value, text in marks], exponent
-
-
-def _decade(factor: int, power: int) -> str:
-    """Format a multiple of a power of ten: "0.2", "2·10⁻⁵"."""
-    if -3 < power < 4:
-        return f"{factor * 10.0**power:g}"
-    return f"{f'{factor}·' if factor > 1 else ''}10{superscript(power)}"
+    scale = 10.0**exponent
+    if logarithmic:
+        marks = [(value * scale, form % value) for value in values]
+        powers = range(floor(log10(low)), ceil(log10(high)) + 1)
+        for factors in (1,), (1, 2, 5):
+            found = [(k * 10.0**power, power_text(power, k)) for power in powers for k in factors]
+            found = [each for each in found if low <= 1.000000001 * each[0] <= 1.000000002 * high]
+            if len(found) > 1:
+                marks, exponent = found[:: ceil(len(found) / most)], 0
+                break
+        start, length = log10(low), log10(high / low)
+        labels = [((log10(value) - start) / length, text) for value, text in marks]
+    else:
+        start, length = low / scale, (high - low) / scale
+        labels = [((value - start) / length, minus(form % value)) for value in values]
+    return labels, NO_BREAK.join(part for part in (exponent_text(exponent), unit) if part)
 
 
 def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int]:

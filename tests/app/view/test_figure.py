@@ -60,7 +60,7 @@ def test_text_of_svg_and_pdf_is_text(qapp, tmp_path: Path) -> None:
     save_figure(figure, tmp_path / "a.svg")
     svg = (tmp_path / "a.svg").read_text(encoding="utf-8")
     texts = re.findall(r"<text[^>]*>([^<]*)</text>", svg)
-    for text in ("Height", "along x", "mm", "soma", "10", "−10", "10 mm"):
+    for text in ("Height", "along x", "mm", "soma", "10", "−10", "10\N{NO-BREAK SPACE}mm"):
         assert text in texts
     assert svg.count("<image") == 1, "the render alone; the bar is made of vectors"
     save_figure(figure, tmp_path / "a.pdf")
@@ -140,7 +140,7 @@ def test_the_scale_bar_is_true(qapp, tmp_path: Path) -> None:
     ball = int(np.flatnonzero(colored)[-1] - np.flatnonzero(colored)[0] + 1)
     svg = tmp_path / "a.svg"
     save_figure(compose_figure([drawing()], options), svg)
-    (length,) = re.findall(r">(\d+) mm<", svg.read_text(encoding="utf-8"))
+    (length,) = re.findall(r">(\d+)\smm<", svg.read_text(encoding="utf-8"))
     assert bar / ball == pytest.approx(float(length) / 40.0, rel=0.03)
 
 

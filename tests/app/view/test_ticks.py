@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.app.view.text import bar_labels, exponent_text, scale_bar_text, ticks
-from meshmash_viewer.units import round_length
+from meshmash_viewer.units import NO_BREAK, round_length
 
 
 @pytest.mark.parametrize(
@@ -28,11 +28,11 @@ def test_lengths_are_round(longest: float, length: float, power: int) -> None:
         (0.05, "mm", "50 µm"),
         (50.0, "mm", "50 mm"),
         (0.2, "", "0.2 units"),
-        (1e-7, "", "1e-07 units"),
+        (1e-7, "", "1×10⁻⁷ units"),
     ],
 )
 def test_lengths_are_written_in_the_unit_of_their_size(length: float, unit: str, text: str) -> None:
-    assert scale_bar_text(length, unit) == text
+    assert scale_bar_text(length, unit) == text.replace(" ", NO_BREAK)
 
 
 def test_exponents() -> None:
@@ -70,19 +70,28 @@ def test_a_narrow_range_far_from_zero_is_told_apart() -> None:
 
 
 def test_a_logarithmic_bar_has_decades_at_their_places() -> None:
-    labels, exponent = bar_labels(1e-9, 1e-5, logarithmic=True)
-    assert exponent == 0
+    labels, heading = bar_labels(1e-9, 1e-5, "", logarithmic=True)
+    assert heading == ""
     assert [label for _, label in labels] == ["10⁻⁹", "10⁻⁸", "10⁻⁷", "10⁻⁶", "10⁻⁵"]
     assert [share for share, _ in labels] == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
+def test_a_bar_is_labelled_in_a_unit_of_the_size_of_its_values() -> None:
+    labels, heading = bar_labels(-40_000.0, 40_000.0, "nm", most=3)
+    assert heading == "µm"
+    assert labels == [(pytest.approx(0.25), "−20"), (0.5, "0"), (pytest.approx(0.75), "20")]
+    labels, heading = bar_labels(1e-8, 1e-4, "nm⁻²", logarithmic=True)
+    assert heading == "µm⁻²"
+    assert [text for _, text in labels] == ["0.01", "0.1", "1", "10", "100"]
+
+
 @pytest.mark.parametrize(
-    ("low", "high", "first"), [(0.15, 40.0, "1"), (2e-6, 9e-6, "2·10⁻⁶"), (3.2, 3.3, None)]
+    ("low", "high", "first"), [(0.15, 40.0, "1"), (2e-6, 9e-6, "2×10⁻⁶"), (3.2, 3.3, None)]
 )
 def test_a_short_logarithmic_bar_has_multiples_too(
     low: float, high: float, first: str | None
 ) -> None:
-    labels, _ = bar_labels(low, high, logarithmic=True)
+    labels, _ = bar_labels(low, high, "", logarithmic=True)
     assert first is None or labels[0][1] == first
     assert 2 <= len(labels) <= 6
     assert all(-1e-6 <= share <= 1.0 + 1e-6 for share, _ in labels)
