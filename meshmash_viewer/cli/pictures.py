@@ -111,6 +111,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
             "limits": limits,
             "quantity": f"{field.title}: {field.quantity}",
             "unit": field.unit,
+            "formula": field.formula,
         }
     shown |= {"title": mesh.name, "dark": options.dark}
     if options.width_mm is not None or options.output.suffix.lower() != ".png":

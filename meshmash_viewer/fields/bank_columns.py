@@ -51,6 +51,10 @@ def estimated_pairs(spectrum: Eigenpairs, eigenvalue: float) -> str:
 class BankFamily(Family):
     """A family whose exported columns are a filter bank applied to eigenpairs."""
 
+    @property
+    def definition(self) -> str:
+        return "Σ h(λ) φ²"
+
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:

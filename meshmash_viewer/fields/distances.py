@@ -108,6 +108,15 @@ class Distances(Family):
     # -- choices ------------------------------------------------------------------------------
 
     @property
+    def definition(self) -> str:
+        return {
+            "geodesic": "length of the shortest way on the surface",
+            "biharmonic": "√ Σ (φ − φ(pin))² / λ²",
+            "commute": "√ Σ (φ − φ(pin))² / λ",
+            "diffusion": "√ Σ exp(−2λt) (φ − φ(pin))²",
+        }[self.measure]
+
+    @property
     def needs_pairs(self) -> bool:
         return self.measure != "geodesic"
 

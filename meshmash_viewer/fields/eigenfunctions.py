@@ -47,6 +47,10 @@ class Eigenfunctions(Family):
     rotation: tuple[int, ...] = parameter((), Listing(Whole(), 3, into=tuple))
 
     @property
+    def definition(self) -> str:
+        return "L φ = λ M φ"
+
+    @property
     def signed(self) -> bool:
         return True
 

@@ -313,6 +313,11 @@ class Family(Parameters):
         place = float(np.interp(moved, indices, places))  # which is clipped to the ends
         return self if abs(place - before) < 1e-9 else self.at_place(spectrum, place)
 
+    @property
+    def definition(self) -> str:
+        """What the values are, as a short formula; "" for none."""
+        return ""
+
     # -- values of resolved families ----------------------------------------------------------
 
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:

@@ -90,6 +90,10 @@ class HeatKernelSignature(BankFamily):
         32, Whole(1, MOST_COUNT), tip="Columns of the exported feature, evenly spaced in log t"
     )
 
+    @property
+    def definition(self) -> str:
+        return "Σ exp(−λt) φ²"
+
     def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return shortest and longest time, in squared length units.
 

@@ -41,10 +41,10 @@ from meshmash_viewer.surface.curvature import DIRECTION_FAULT
 from meshmash_viewer.units import format_quantity, format_range, format_share, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-#: Maps of every mesh: power of length in their unit, and name of the public function.
-CURVATURES: dict[str, tuple[int, str]] = {
-    "Mean curvature": (-1, "mean_curvature"),
-    "Gaussian curvature": (-2, "gaussian_curvature"),
+#: Maps of every mesh: power of length in their unit, name of the public function, and formula.
+CURVATURES: dict[str, tuple[int, str, str]] = {
+    "Mean curvature": (-1, "mean_curvature", "(κ₁ + κ₂) / 2"),
+    "Gaussian curvature": (-2, "gaussian_curvature", "κ₁ κ₂"),
 }
 #: Views of a map.
 VIEWS = {
@@ -53,6 +53,12 @@ VIEWS = {
     "residual": "Residual",
     "filter": "Filtered",
     "band": "Band",
+}
+_FORMULAS = {
+    "pairs": "Σ φ φᵀ M f",
+    "residual": "f − Σ φ φᵀ M f",
+    "filter": "Σ h(λ) φ φᵀ M f",
+    "band": "octave of λ with the largest |Σ φ φᵀ M f|",
 }
 #: Views that depend on the number of pairs.
 SUMS = ("pairs", "residual")
@@ -107,6 +113,12 @@ class OwnMaps(Family):
     centred: bool = False
 
     # -- choices ------------------------------------------------------------------------------
+
+    @property
+    def definition(self) -> str:
+        if self.view != "map":
+            return _FORMULAS[self.view]
+        return CURVATURES[self.chosen][2] if self.chosen in CURVATURES and not self.shown else ""
 
     @property
     def needs_pairs(self) -> bool:
@@ -306,7 +318,7 @@ class OwnMaps(Family):
             from meshmash_viewer.surface import curvature  # which loads SciPy
 
             assert mesh is not None
-            power, function = CURVATURES[self.chosen]
+            power, function, _ = CURVATURES[self.chosen]
             values = getattr(curvature, function)(mesh)
             known = VertexMap(self.chosen, values, unit=power_unit(mesh.unit, power))
             mesh.derived[self.chosen, mesh.unit] = known
@@ -328,7 +340,7 @@ class OwnMaps(Family):
         lines = np.zeros((len(squares), 3))
         lines[:, 1] = np.clip(heights, 0.0, 1.0)
         count = self.within(spectrum).pairs
-        legend = f"{html.escape(self.resolved(spectrum, {}).chosen)} on each pair"
+        legend = f"|Φᵀ M f|², f = {html.escape(self.resolved(spectrum, {}).chosen)}"
         held = None if self.view == "filter" else float(known.eigenvalues[count - 1])
         curve = np.repeat(known.eigenvalues, 3), lines.ravel()
         return Response(curve, held, legend)

@@ -80,6 +80,10 @@ class ScaleInvariantHKS(Columns):
 
     count: int = parameter(6, Whole(1, MOST_COLUMNS))
 
+    @property
+    def definition(self) -> str:
+        return "|F[∂ ln HKS / ∂ ln t]|(ω)"
+
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         return f"ω = {2.0 * math.pi * self.column / _PERIOD:.3g}"
 

@@ -44,6 +44,10 @@ class Similarity(Family):
     #: That family with its parameters, once resolved.
     features: BankFamily | None = None
 
+    @property
+    def definition(self) -> str:
+        return "‖(F − F(pin)) / spread‖"
+
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         features = chosen[self.basis]
         assert isinstance(features, BankFamily)

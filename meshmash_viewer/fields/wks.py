@@ -63,6 +63,10 @@ class WaveKernelSignature(BankColumns):
         decades = (float(low), float(high)) if self.count > 1 else None
         return Reading(f"ln λ = {format_number(energy)}", facts, decades=decades)
 
+    @property
+    def definition(self) -> str:
+        return "Σ h(λ) φ² / Σ h(λ), h = exp(−(e − ln λ)² / 2σ²)"
+
     def bands(self, spectrum: Eigenpairs) -> LogGaussianResponse:
         """Return the bands without normalisation, with their energies and width in ln λ."""
         return wave_response(spectrum.eigenvalues, self.count)

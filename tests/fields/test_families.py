@@ -19,6 +19,7 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.mesh import Mesh
@@ -236,3 +237,13 @@ def test_nothing_is_at_a_distance_in_another_component(three_spheres: Mesh, meas
     here = three_spheres.component_labels == 1
     assert np.isnan(values[~here]).all()
     assert np.isfinite(values[here]).all()
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_field_says_what_it_is(name: str) -> None:
+    family = FAMILIES[name]()
+    if isinstance(family, OwnMaps):
+        views = ("pairs", "residual", "filter", "band")
+        assert len({replace(family, view=view).definition for view in views} - {""}) == 4
+        family = replace(family, chosen="Mean curvature")
+    assert family.definition

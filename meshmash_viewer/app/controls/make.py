@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.spin import WholeField
 
 Act: TypeAlias = Callable[..., object] | SignalInstance
@@ -135,12 +135,12 @@ def dot(color: str) -> QIcon:
 
 
 class Segments(QWidget):
-    """A row of buttons ``<name>_<key>`` of which one is on; `choices` are texts by key."""
+    """Buttons ``<name>_<key>`` of which one is on; `choices` are texts by key, so many in a row."""
 
     #: The user chose this key.
     chosen = Signal(str)
 
-    def __init__(self, name: str, spoken: str, choices: dict[str, str]) -> None:
+    def __init__(self, name: str, spoken: str, choices: dict[str, str], in_row: int = 8) -> None:
         super().__init__()
         theme.named(self, name, spoken)
         group = QButtonGroup(self)
@@ -155,7 +155,10 @@ class Segments(QWidget):
                 checkable=True,
             )
             group.addButton(self._buttons[key])
-        self.setLayout(row(*self._buttons.values(), spacing=4))
+        buttons = list(self._buttons.values())
+        starts = range(0, len(buttons), in_row)
+        rows = (row(*buttons[start : start + in_row], spacing=4) for start in starts)
+        self.setLayout(column(*rows, spacing=4))
 
     def set_text(self, key: str, text: str) -> None:
         """Change the text of a key."""

@@ -62,7 +62,7 @@ class MapTab(FamilyTab):
             "Remove", "map_remove_button", "Take the map away from the mesh", self._remove
         )
         self.facts = Facts(_FACTS)
-        self.views = make.Segments("map_view", "What is shown of the map", VIEWS)
+        self.views = make.Segments("map_view", "What is shown of the map", VIEWS, in_row=3)
         self.views.chosen.connect(lambda key: self._change(view=key))
         self.shares = Facts(_SHARES)
         self.meaning = note("map_varying_label")

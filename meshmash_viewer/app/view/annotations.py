@@ -46,6 +46,8 @@ BAR_SPACE, _BAR_EDGE, _BAR, _GAP, _PAD = 108, 88, 14, 6, 4
 _MAX_LABELS = 7
 #: Font sizes of title, quantity, scale bar and labels.
 TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
+#: Height of the line of the formula, and of the lowest picture that has it.
+_FORMULA, _FORMULA_FROM = 18, 360
 #: Distance of the origin of the axes from the corner, and length of an axis.
 _ORIGIN, _AXIS = 46, 26
 #: Colours of the x, y and z axis, which differ in brightness too.
@@ -76,6 +78,8 @@ class Caption:
     logarithmic: bool = False
     #: Whether there are values below the lower limit, and above the upper one.
     beyond: tuple[bool, bool] = (False, False)
+    #: What the values are, as a short formula.
+    formula: str = ""
     #: Spacing of lines; 0 for zero lines alone, None for no lines.
     lines: float | None = None
 
@@ -96,6 +100,7 @@ def caption_of(field: Field, limits: Limits, colormap: ColorMap, *, lined: bool)
         colormap,
         logarithmic=limits.logarithmic,
         beyond=field.beyond(limits),
+        formula=field.formula,
         lines=field.line_spacing if lined else None,
     )
 
@@ -133,16 +138,20 @@ def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
         left=28 * scale,
         right=(BAR_SPACE if captioned else 28) * scale,
         # includes the number of a pin below the title
-        top=(76 if captioned else 28) * scale,
+        top=(76 + (_FORMULA if height > _FORMULA_FROM * scale else 0) if captioned else 28) * scale,
         bottom=58 * scale,
     )
 
 
 def title_size(caption: Caption) -> tuple[int, int]:
-    """Width and height in points of title and quantity, with margins."""
-    lines = ((caption.title, TITLE, True), (caption.quantity, QUANTITY, False))
+    """Width and height in points of title, formula and quantity, with margins."""
+    lines = (
+        (caption.title, TITLE, True),
+        (caption.quantity, QUANTITY, False),
+        (caption.formula, _LABEL, False),
+    )
     wide = max(text_size(text, size, bold)[0] for text, size, bold in lines)
-    return wide + 3 * EDGE, 40 + 2 * EDGE
+    return wide + 3 * EDGE, 40 + (_FORMULA if caption.formula else 0) + 2 * EDGE
 
 
 class Annotations:
@@ -202,11 +211,15 @@ class _Painter:
         context.SetTransform(pixels)
 
     def title(self, caption: Caption) -> None:
-        """Paint title and quantity at the upper left; in a low picture the title alone."""
+        """Paint title, formula and quantity at the upper left; not all in a low picture."""
         top, theme = self._height - EDGE, self._theme
         self._text(caption.title, TITLE, theme.ink, EDGE, top, along=_TOP, bold=True)
+        top -= 24
+        if caption.formula and self._height > _FORMULA_FROM:
+            self._text(caption.formula, _LABEL, theme.faint_ink, EDGE, top, along=_TOP)
+            top -= _FORMULA
         if self._height > 160:
-            self._text(caption.quantity, QUANTITY, theme.faint_ink, EDGE, top - 24, along=_TOP)
+            self._text(caption.quantity, QUANTITY, theme.faint_ink, EDGE, top, along=_TOP)
 
     def color_bar(self, caption: Caption) -> None:
         """Paint the colour bar at the right, below the title, which may be as wide as the picture.

@@ -294,11 +294,13 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
 def _lines(
     caption: Caption | None, font: float, width: float, options: FigureOptions
 ) -> list[Line]:
-    """Lines of title and quantity, `width` in mm."""
+    """Lines of title, formula and quantity, `width` in mm."""
     if caption is None or not options.title:
         return []
     title = Line(caption.title, 1.2 * font, 1.7 * font, bold=True)
-    return [*wrapped(title, width), *wrapped(Line(caption.quantity, font, 1.5 * font), width)]
+    formula = Line(caption.formula, 0.9 * font, 1.4 * font)
+    lines = title, formula, Line(caption.quantity, font, 1.5 * font)
+    return [part for line in lines if line.text for part in wrapped(line, width)]
 
 
 def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions) -> None:

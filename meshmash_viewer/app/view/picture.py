@@ -44,6 +44,7 @@ def render_picture(
     title: str = "",
     quantity: str = "",
     unit: str = "",
+    formula: str = "",
     transparent: bool = False,
     dark: bool = False,
 ) -> None:
@@ -68,6 +69,8 @@ def render_picture(
         First and second line of the caption.
     unit : str
         Unit of the values.
+    formula : str
+        What the values are, in small below the title.
     transparent : bool
         Draw no background.
     dark : bool
@@ -75,7 +78,7 @@ def render_picture(
     """
     drawing = new_drawing(
         mesh, values, colormap=colormap, limits=limits, title=title, quantity=quantity, unit=unit,
-        dark=dark,
+        formula=formula, dark=dark,
     )  # fmt: skip
     pixels = draw_picture(drawing, size, transparent)
     # imported late: the writers load more than a picture on the screen needs
@@ -93,6 +96,7 @@ def new_drawing(
     title: str = "",
     quantity: str = "",
     unit: str = "",
+    formula: str = "",
     dark: bool = False,
 ) -> MeshRenderer:
     """Return the drawing of a field on a mesh; for the arguments see `render_picture`."""
@@ -104,7 +108,15 @@ def new_drawing(
         beyond = beyond_limits(limits, extremes_of(values))
         low, high, logarithmic = limits
         caption = Caption(
-            title, quantity, unit, low, high, colormap, logarithmic=logarithmic, beyond=beyond
+            title,
+            quantity,
+            unit,
+            low,
+            high,
+            colormap,
+            logarithmic=logarithmic,
+            beyond=beyond,
+            formula=formula,
         )
         drawing.set_field(values, caption)
     return drawing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -79,6 +80,20 @@ def test_arrows_at_the_bar_say_that_values_are_beyond_its_limits(
     ((left, below, _, tall),) = written.strips
     tips = [each[5] for each in written.polygons if each[0] == left]
     assert [any(tip < below for tip in tips), any(tip > below + tall for tip in tips)] == [*beyond]
+
+
+@pytest.mark.parametrize("size", [(800, 600), (400, 260)])
+def test_the_formula_is_between_title_and_quantity_where_there_is_room(
+    qapp, size: tuple[int, int]
+) -> None:
+    drawing = shown()
+    drawing.caption = replace(drawing.caption, formula="Σ exp(−λt) φ²")
+    texts = Written(drawing, size).texts
+    assert ("Σ exp(−λt) φ²" in texts) == (size == (800, 600))
+    heights = [y for text, (_, y) in texts.items() if text in ("Eigenfunction 5", "λ₅ = 1")]
+    if "Σ exp(−λt) φ²" in texts:
+        heights.insert(1, texts["Σ exp(−λt) φ²"][1])
+    assert all(above - below >= 15 for above, below in itertools.pairwise(heights))
 
 
 def test_no_value_is_said_where_there_is_one_without(qapp) -> None:
