@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray, first_equal
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.surface.edges import duplicates, edges_of, join_seams, side_codes, winding_of
@@ -97,7 +97,7 @@ def mesh_health(mesh: MeshLike) -> Health:
     edges = edges_of(codes)
     shared = edges.keys[edges.counts > 2]
     winding = winding_of(mesh, edges)
-    places = _first_at_place(mesh)
+    places = first_at_place(mesh)
     sizes = np.bincount(mesh.component_labels[mesh.referenced])
     return Health(
         n_vertices=mesh.n_vertices,
@@ -106,7 +106,7 @@ def mesh_health(mesh: MeshLike) -> Health:
         largest_component=int(sizes.max(initial=0)),
         boundary_edges=int((edges.counts == 1).sum()),
         nonmanifold_edges=len(shared),
-        ambiguous_edges=_ambiguous_edges(mesh.vertices, faces, codes >> 1, shared),
+        ambiguous_edges=len(ambiguous_edges(mesh.vertices, faces, codes >> 1, shared)),
         degenerate_faces=int(mesh.degenerate_faces.sum()),
         duplicate_faces=int(duplicate_faces(mesh).sum()),
         disagreeing_edges=winding.disagreeing_edges,
@@ -186,8 +186,10 @@ def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
     return duplicates(mesh.faces)
 
 
-def _ambiguous_edges(vertices: FloatArray, faces: IntArray, keys: IntArray, edges: IntArray) -> int:
-    """Count those of some edges around which the faces have no order but that of the list.
+def ambiguous_edges(
+    vertices: FloatArray, faces: IntArray, keys: IntArray, edges: IntArray
+) -> IntArray:
+    """Return those of some edges around which the faces have no order but that of the list.
 
     `keys` names the edge of each side of each face, sides 01, 12 and 20 one after the other;
     `edges`, sorted, are those to look at.
@@ -211,7 +213,7 @@ def _ambiguous_edges(vertices: FloatArray, faces: IntArray, keys: IntArray, edge
     gap = (angle[following] - angle) % (2.0 * np.pi)
     equal = np.minimum(gap, 2.0 * np.pi - gap) < _SAME_DIRECTION
     flat = np.hypot(x, y)[order] < _SAME_DIRECTION
-    return len(np.unique(edge[equal | flat]))
+    return np.asarray(edges[np.unique(edge[equal | flat])])
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
@@ -220,7 +222,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.divide(vectors, length, out=vectors, where=length > 0.0))
 
 
-def _first_at_place(mesh: Mesh) -> IntArray:
+def first_at_place(mesh: Mesh) -> IntArray:
     """For each vertex, the lowest index of those at exactly the same place, shape (n,)."""
     return first_equal(mesh.vertices + 0.0)  # so that -0.0 and 0.0 are one place
 
@@ -252,24 +254,36 @@ def _without_vertices(mesh: Mesh, onto: IntArray, faces: IntArray) -> Mesh:
         mesh,
         vertices=mesh.vertices[kept],
         faces=here[faces],
-        maps=tuple(_maps_left(mesh, kept)),
+        maps=_maps_left(mesh, kept),
         numbering=numbering,
     )
 
 
-def _maps_left(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Iterator[VertexMap]:
+def _maps_left(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> tuple[VertexMap, ...]:
+    """The maps at some vertices; one that has no value there is left out, with a warning."""
+    maps, lost = list[VertexMap](), list[str]()
     for each in mesh.maps:
-        # one that has no value there any more is none
-        with contextlib.suppress(InputError):
-            yield each.at(kept)
+        try:
+            maps.append(each.at(kept))
+        except InputError:
+            lost.append(each.name)
+    if lost:
+        what, has = ("map", "has") if len(lost) == 1 else ("maps", "have")
+        warnings.warn(
+            f"{of_mesh(mesh.name)}the {what} {', '.join(lost)} {has} no value at the vertices that"
+            f" the repair keeps, and {'is' if len(lost) == 1 else 'are'} left out.",
+            MeshWarning,
+            stacklevel=4,
+        )
+    return tuple(maps)
 
 
 def _merge_coincident_vertices(mesh: Mesh) -> Mesh:
-    return _without_vertices(mesh, _first_at_place(mesh), mesh.faces)
+    return _without_vertices(mesh, first_at_place(mesh), mesh.faces)
 
 
 def _merge_seams(mesh: Mesh) -> Mesh:
-    onto = join_seams(_first_at_place(mesh), mesh.faces[mesh.distinct_corners])
+    onto = join_seams(first_at_place(mesh), mesh.faces[mesh.distinct_corners])
     return _without_vertices(mesh, onto, mesh.faces)
 
 

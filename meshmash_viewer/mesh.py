@@ -410,8 +410,14 @@ class Mesh:
         return replace(self, vertices=vertices, unit=unit, voxel=voxel)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What goes to another process: derived arrays that are large are derived there."""
-        sent = (*(each.name for each in fields(self)), "content_hash", "area", "bounds")
+        """What goes to another process: derived arrays that are large are derived there.
+
+        Components are sent: computing them holds the interpreter lock for a fifth of a second.
+        """
+        sent = [*(each.name for each in fields(self)), "content_hash", "area", "bounds"]
+        labels = self.__dict__.get("component_labels")
+        if labels is not None and labels.max() > 0:
+            sent.append("component_labels")
         return {name: self.__dict__[name] for name in sent if name in self.__dict__}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -202,6 +202,7 @@ class MainWindow(ScriptedWindow):
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
         self.opening.scene, self.opening.controller = self.scene, self.controller
+        self.mesh_panel.health.scene = self.scene
         self.pair_panel.open_requested.connect(self.opening.compare_with)
         self.pair_panel.close_requested.connect(self.opening.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
@@ -294,6 +295,8 @@ class MainWindow(ScriptedWindow):
 
     def _on_pair_changed(self, pair: Pair | None) -> None:
         self.pair_panel.set_pair(pair)
+        if self.pair_panel.health is not None and self.opening.second_view is not None:
+            self.pair_panel.health.scene = self.opening.second_view.scene
         self.commands.refresh()
         second = self.opening.second_view
         if second is not None:
@@ -422,6 +425,7 @@ class MainWindow(ScriptedWindow):
                 self.controller.close()
                 self.shape_source.close()
                 self.profile_panel.close()
+                self.mesh_panel.health.close()
                 self.scene.close()
             self.closed.emit()
         super().closeEvent(event)

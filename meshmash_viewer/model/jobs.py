@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
@@ -46,13 +47,14 @@ class ReadJob:
 
     def run(self, channel: Channel) -> MeshReady:
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", MeshWarning)
+        with _heard() as heard:
             mesh, source = _read(self.path, self.unit)
         series, remark = [mesh], ""
         if self.repairs and self.source in ("", source):
             channel.report(Progress("repairing", message="Repairing as before"))
-            series, remark = _repaired(mesh, self.repairs)
+            with _heard() as lost:
+                series, remark = _repaired(mesh, self.repairs)
+            heard += lost
         elif self.repairs:
             remark = (
                 f"{self.path.name} has changed since it was repaired, so it is as it was read;"
@@ -66,13 +68,7 @@ class ReadJob:
             source=source,
             unasked=bool(before and self.source),
         )
-        remarks = [remark]
-        for each in caught:
-            if each.category is MeshWarning:
-                remarks.append(str(each.message))
-            else:
-                warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
-        return replace(ready, remark=" ".join(filter(None, [*remarks, ready.remark])))
+        return replace(ready, remark=" ".join(filter(None, [remark, *heard, ready.remark])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +130,11 @@ class RepairJob(_OnMesh):
     def run(self, channel: Channel) -> MeshReady:
         repair = REPAIRS[self.repair]
         channel.report(Progress("repairing", message=repair.label))
-        mesh = repair.apply(self.mesh)
+        with _heard() as heard:
+            mesh = repair.apply(self.mesh)
         ready = _inspect(mesh, self.operator, channel, path=self.path)
-        return replace(ready, repairs=(*self.earlier, self.repair), derived=True)
+        remark = " ".join(filter(None, [*heard, ready.remark]))
+        return replace(ready, repairs=(*self.earlier, self.repair), derived=True, remark=remark)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +182,20 @@ class JobState:
             left = self.began + self.expected - time.monotonic()
             progress = replace(progress, remaining=left if left > 0.0 else None)
         return replace(self, progress=progress)
+
+
+@contextmanager
+def _heard() -> Iterator[list[str]]:
+    """Collect the sentences of mesh warnings; other warnings are issued again."""
+    heard: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MeshWarning)
+        yield heard
+    for each in caught:
+        if each.category is MeshWarning:
+            heard.append(str(each.message))
+        else:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
 def _read(path: Path, unit: str) -> tuple[Mesh, str]:

@@ -28,12 +28,17 @@ class Edges:
 class Winding:
     """Agreement of the faces of a mesh on which side is outside."""
 
-    #: Number of edges of two faces that traverse it in the same direction; duplicate faces are
-    #: ignored.
-    disagreeing_edges: int
+    #: Keys of the edges of two faces that traverse it in the same direction, shape (e,); duplicate
+    #: faces are ignored.
+    one_way: IntArray
     #: Shape (m,): The faces to reverse so that neighbours agree and closed parts face outwards. In
     #: an open part these are the ones with the smaller area, in a one-sided part none.
     reversed_faces: npt.NDArray[np.bool_]
+
+    @property
+    def disagreeing_edges(self) -> int:
+        """Number of the edges `one_way`."""
+        return len(self.one_way)
 
 
 def side_codes(faces: IntArray, n: int) -> IntArray:
@@ -75,11 +80,10 @@ def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
         if repeated.any():
             at = at[~repeated]
             edges = edges_of(side_codes(mesh.faces[at], n))
-    count = int(edges.one_way.sum())
-    if not count:
-        return Winding(0, none)
-    none[at] = _reversed(mesh.vertices, mesh.faces[at], mesh.face_areas[at])
-    return Winding(count, none)
+    one_way = edges.keys[edges.one_way]
+    if len(one_way):
+        none[at] = _reversed(mesh.vertices, mesh.faces[at], mesh.face_areas[at])
+    return Winding(one_way, none)
 
 
 def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.NDArray[np.bool_]:
@@ -96,7 +100,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     # they are, others with the reversed one. A two-sided part then has two components.
     rows = np.concatenate([first, first + m])
     columns = np.concatenate([second + m * against, second + m * ~against])
-    labels = _connected(rows, columns, 2 * m)
+    labels = connected(rows, columns, 2 * m)
     as_is, reversed_ = labels[:m], labels[m:]
     part = np.unique(np.minimum(as_is, reversed_), return_inverse=True)[1]
     side = as_is > reversed_
@@ -147,7 +151,7 @@ def join_seams(places: IntArray, faces: IntArray) -> IntArray:
         pairs = _seam_ends(places, joined[faces])
         if not len(pairs):
             return joined
-        labels = _connected(pairs[:, 0], pairs[:, 1], len(places))
+        labels = connected(pairs[:, 0], pairs[:, 1], len(places))
         lowest = np.unique(labels, return_index=True)[1][labels]
         joined = lowest[joined]
 
@@ -184,7 +188,7 @@ def _runs(ordered: IntArray) -> tuple[IntArray, IntArray]:
     return starts, np.diff(starts, append=len(ordered))
 
 
-def _connected(rows: IntArray, columns: IntArray, n: int) -> IntArray:
+def connected(rows: IntArray, columns: IntArray, n: int) -> IntArray:
     """Return the connected component of each of n nodes of a graph."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

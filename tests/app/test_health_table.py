@@ -9,7 +9,7 @@ import pytest
 import shapes
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractButton, QLabel
+from PySide6.QtWidgets import QAbstractButton, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
@@ -60,3 +60,55 @@ def test_seams_are_merged_and_faces_turned_by_a_click_each(
     assert counts() == ["2", "0", "0"]
     assert document.ready.health.boundary_edges == 0
     assert panel.findChild(QAbstractButton, "merge_coincident_vertices").isVisible()
+
+
+def test_a_row_shows_what_it_counts_and_what_its_repair_would_change(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    window = open_window()
+    document, scene = window.document, window.scene
+    document.take_mesh(chunked_balls())
+    qtbot.waitUntil(lambda: document.work.job is None and document.mesh is not None, timeout=60_000)
+    window.wait(60.0)
+    catch_up()
+
+    def part(name: str) -> QWidget:
+        found = window.mesh_panel.findChild(QWidget, name)
+        assert found is not None, name
+        return found
+
+    def place() -> str:
+        return part("health_place_label").text()
+
+    def click(name: str) -> None:
+        QTest.mouseClick(part(name), Qt.MouseButton.LeftButton)
+
+    assert not part("show_degenerate_faces").isEnabled(), "there are none"
+    before, alone = scene.camera(), scene.picture((200, 200))
+    click("show_disagreeing_edges")
+    qtbot.waitUntil(lambda: place().endswith(("place", "places")), timeout=60_000)
+    faces = document.ready.health.reversed_faces
+    assert part("health_effect_label").text() == f"Turn faces: turns {faces} faces."
+    n_places = int(place().split()[0])
+    click("health_next")
+    assert place().startswith(f"1 of {n_places}: ")
+    assert scene.camera()["half_size"] < 0.8 * before["half_size"], "it is looked at"
+    click("health_previous")
+    assert place().startswith(f"{n_places} of {n_places}: ")
+    scene.set_camera(before)
+    np.testing.assert_array_equal(scene.picture((200, 200)), alone, "pictures have no marks")
+    window.wait(60.0)
+    drawn = np.asarray(scene.plotter.screenshot(return_img=True))
+    pink = (drawn[..., 0] > 240) & (drawn[..., 1] < 90) & (drawn[..., 2] > 120)
+    assert pink.sum() > 20
+    QTest.keyClick(window, Qt.Key.Key_Escape)
+    assert part("health_place_label").isHidden() or not part("health_place_label").isVisible()
+    assert not part("show_disagreeing_edges").isChecked()
+    for _ in range(2):
+        click("show_seam_vertices")
+    assert not part("health_place_label").isVisible()
+    click("show_n_components")
+    qtbot.waitUntil(lambda: "drops 3 components" in part("health_effect_label").text())
+    document.repair("merge_seams")
+    qtbot.waitUntil(lambda: document.repairs == ("merge_seams",), timeout=60_000)
+    assert not part("health_place_label").isVisible(), "another mesh"

@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QPushButton, QWidget
+import numpy as np
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
+from PySide6.QtWidgets import QLabel, QLayout, QPushButton, QScrollArea, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.layout import grid, row
-from meshmash_viewer.app.listening import follow
-from meshmash_viewer.health import REPAIRS
+from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.controls.field_wheel import scroll_area
+from meshmash_viewer.app.controls.layout import column, grid, row
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import follow, later, listen
+from meshmash_viewer.fault_places import FaultPlaces, fault_places, repair_effect
+from meshmash_viewer.health import REPAIRS, Health
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.units import format_share
+from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.units import counted, format_share
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.marks import Marks
+    from meshmash_viewer.app.view.mesh_view import MeshView
+
+#: Places, what marks them, and what their repair would change.
+_Found: TypeAlias = "tuple[FaultPlaces, Marks | None, str]"
 
 
 @dataclass(frozen=True)
@@ -76,10 +93,21 @@ _ROWS = (
 )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """A row of the table of a mesh, of which places and repair are asked for."""
+
+    row: _Row
+    mesh: Mesh
+    health: Health
+
+
 class HealthTable(QWidget):
     """One row per count: a mark, its name, the number, and its repair.
 
-    `second` says that it is that of the second mesh, and is named so.
+    A click on a name marks what it counts on the render, and says what the repair would change;
+    another click or Escape ends that. `second` says that it is that of the second mesh, and is
+    named so.
     """
 
     def __init__(self, document: Document, *, second: bool = False) -> None:
@@ -87,21 +115,40 @@ class HealthTable(QWidget):
         self._prefix, self._whose = ("second_", " of the second mesh") if second else ("", "")
         self.setObjectName(f"{self._prefix}health_table")
         self._document = document
-        #: Mark, count, and button if there is a repair, of each row.
-        self._rows = [(each, QLabel(), *self._controls(each)) for each in _ROWS]
-        rows = []
-        for each, mark, count, button in self._rows:
-            text = QLabel(each.text)
+        #: Where faults are marked, once it is loaded.
+        self.scene: MeshView | None = None
+        #: The row whose faults are marked, their places once they are found, and the one in view.
+        self._chosen: _Row | None = None
+        self._places: FaultPlaces | None = None
+        self._at = -1
+        self._thread: LatestThread[_Question] | None = None
+        #: Mark, name, count, and button if there is a repair, of each row.
+        self._rows = [(each, QLabel(), self._name(each), *self._controls(each)) for each in _ROWS]
+        rows: list[tuple[QWidget | QLayout, ...]] = []
+        for each, mark, name, count, button in self._rows:
             mark.setFixedSize(14, 18)
-            for label in (mark, text, count):
+            for label in (mark, name, count):
                 label.setToolTip(each.tooltip)
             # text and button share a cell, so that the longest of each need not stand side by side
-            rows.append((mark, row(text, None, *([] if button is None else [button])), count))
-        self.setLayout(grid(*rows, spacing=(theme.GAP, 1)))
+            rows.append((mark, row(name, None, *([] if button is None else [button])), count))
+        self.setLayout(grid(*rows, (self._build_steps(),), spacing=(theme.GAP, 1)))
+        self._escape = QShortcut(QKeySequence("Esc"), self, self.end, enabled=False)
+        listen(document.mesh_changed, self.end)
         follow(document.mesh_changed, self.refresh)
         follow(document.work.changed, self._refresh_buttons)
         theme.notifier().changed.connect(self.refresh)
         self.refresh()
+
+    def _name(self, each: _Row) -> QPushButton:
+        """The name of a row, by which its faults are marked."""
+        return make.button(
+            each.text,
+            f"{self._prefix}show_{each.attribute}",
+            f"Show on the render: {each.text.lower()}{self._whose}",
+            lambda: self._choose(each),
+            role="name",
+            checkable=True,
+        )
 
     def _controls(self, each: _Row) -> tuple[QLabel, QPushButton | None]:
         """The number of a row, and the button that repairs it."""
@@ -120,12 +167,130 @@ class HealthTable(QWidget):
             tip=f"{label} (can be undone)",
         )
         button.hide()
+        button.installEventFilter(self)
         return count, button
+
+    def _build_steps(self) -> QWidget:
+        """What is below the table while a row is chosen."""
+        prefix = self._prefix
+        self._previous, self._next = (
+            make.button(
+                text, f"{prefix}health_{name}", f"The {name} place{self._whose}",
+                lambda _=False, steps=steps: self._step(steps), role="segment",
+                tip=f"Look at the {name} place",
+            )
+            for text, name, steps in (("‹", "previous", -1), ("›", "next", 1))
+        )  # fmt: skip
+        self._place_label = make.label(
+            f"{prefix}health_place_label", "Which place is shown", role="muted"
+        )
+        self._effect_note = note(f"{prefix}health_effect_label")
+        self._steps = QWidget()
+        buttons = row(self._previous, self._next, (self._place_label,), spacing=6)
+        self._steps.setLayout(column(buttons, self._effect_note, margins=(22, 4, 0, 4)))
+        self._steps.hide()
+        return self._steps
+
+    # -- the marked row -------------------------------------------------------------------------
+
+    def _choose(self, each: _Row) -> None:
+        ready, ends = self._document.ready, self._chosen is each
+        self.end()
+        if ends or ready is None:
+            return
+        self._chosen = each
+        self._place_label.setText("Looking for them …")
+        self._steps.show()
+        self._ask(each, ready)
+        self._refresh_buttons()
+
+    def _ask(self, each: _Row, ready: MeshReady) -> None:
+        if self._thread is None:
+            self._thread = LatestThread(_found, self._take, parent=self)
+        self._thread.ask(_Question(each, ready.mesh, ready.health))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Say in the tip of a repair what it would change, from when one points at it."""
+        ready, waits = self._document.ready, self._chosen is not None and self._places is None
+        if event.type() == QEvent.Type.Enter and ready is not None and not waits:
+            for each, *_, button in self._rows:
+                if button is watched:
+                    self._ask(each, ready)
+        return super().eventFilter(watched, event)
+
+    def end(self) -> None:
+        """Mark nothing any more."""
+        if self._chosen is None:
+            return
+        self._chosen, self._places, self._at = None, None, -1
+        if self._thread is not None:
+            self._thread.drop()
+        if self.scene is not None:
+            self.scene.set_marks(None)
+        self._steps.hide()
+        show_note(self._effect_note, "")
+        self._refresh_buttons()
+
+    def _take(self, question: _Question, found: _Found | Exception) -> None:
+        ready, each = self._document.ready, question.row
+        if ready is None or question.mesh is not ready.mesh:
+            return
+        if isinstance(found, Exception):
+            self.end()
+            raise found
+        places, marks, effect = found
+        for other, *_, button in self._rows:
+            if other is each and button is not None and effect:
+                label = REPAIRS[each.repair].label
+                button.setToolTip(f"{label}: {effect} (can be undone)")
+        if each is not self._chosen:
+            return
+        self._places = places
+        if self.scene is not None:
+            self.scene.set_marks(marks)
+        if effect:
+            show_note(self._effect_note, f"{question.row.verb}: {effect}.")
+        self._show_place()
+        later(self._bring_into_view)
+        self._refresh_buttons()
+
+    def _bring_into_view(self) -> None:
+        area = scroll_area(self)
+        if isinstance(area, QScrollArea):
+            area.ensureWidgetVisible(self._steps, 0, theme.GAP)
+
+    def _step(self, steps: int) -> None:
+        """Look at the next place or the previous one, round and round."""
+        places = self._places
+        if places is None or self.scene is None or not places.n_groups:
+            return
+        first = self._at < 0 and steps < 0
+        self._at = (self._at + steps + first) % places.n_groups
+        self.scene.look_at(np.unique(places.group(self._at)))
+        self._show_place()
+
+    def _show_place(self) -> None:
+        places = self._places
+        if places is None or not places.n_groups:
+            text = "None"
+        elif self._at < 0:
+            text = counted(places.n_groups, "place")
+        else:
+            text = f"{self._at + 1:,} of {places.n_groups:,}: {places.describe(self._at)}"
+        self._place_label.setText(text)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Wait for the thread."""
+        super().closeEvent(event)
+        if self._thread is not None:
+            self._thread.close()
+
+    # -- the counts ---------------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Show the counts of the open mesh."""
         ready, colors = self._document.ready, theme.palette()
-        for each, mark, count, _ in self._rows:
+        for each, mark, _, count, _ in self._rows:
             if ready is None:
                 mark.clear()
                 count.setText("–")
@@ -144,8 +309,28 @@ class HealthTable(QWidget):
 
     def _refresh_buttons(self) -> None:
         ready, idle = self._document.ready, self._document.work.job is None
-        for each, _, _, button in self._rows:
+        for each, _, name, _, button in self._rows:
+            least = 1 if each.attribute == "n_components" else 0
+            name.setEnabled(ready is not None and getattr(ready.health, each.attribute) > least)
+            name.setChecked(each is self._chosen)
             if button is not None:
                 todo = REPAIRS[each.repair].count(ready.health) if ready else 0
                 button.setVisible(todo > 0)
                 button.setEnabled(idle)
+        for step in (self._previous, self._next):
+            step.setEnabled(self._places is not None and self._places.n_groups > 0)
+        # Escape cancels a job first
+        self._escape.setEnabled(self._chosen is not None and idle)
+
+
+def _found(question: _Question, cancel: CancelCallback) -> _Found:
+    """Find the faults of a row, and what their repair would change."""
+    from meshmash_viewer.app.view.marks import Marks
+
+    row, mesh = question.row, question.mesh
+    places = fault_places(mesh, row.attribute)
+    marks = Marks(places.parts) if len(places.parts) else None
+    if cancel():
+        raise Cancelled
+    effect = repair_effect(mesh, row.repair, question.health) if row.repair else ""
+    return places, marks, effect

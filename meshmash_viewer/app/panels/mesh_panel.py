@@ -53,6 +53,7 @@ class MeshPanel(QWidget):
         self._refused = False
 
         self.target_box = TargetBox(document)
+        self.health = HealthTable(document)
         self.cost_label = reserved_note("cost_label", 2, "muted", "Estimated memory and time")
         self.undo_button = make.button(
             "Undo repair",
@@ -71,7 +72,7 @@ class MeshPanel(QWidget):
                 self.target_box,
                 self.cost_label,
                 self._heading("Health", self.undo_button),
-                HealthTable(document),
+                self.health,
                 self._heading("Laplacian"),
                 self._build_operator(),
                 None,

@@ -120,7 +120,8 @@ class PairPanel(QWidget):
             self.maps_requested, tip="Or drop the files on the second mesh",
         )  # fmt: skip
         #: Controls of the second mesh, made for each.
-        self._of_second: list[QWidget] = []
+        self.health: HealthTable | None = None
+        self._unit_combo: UnitCombo | None = None
         self._second = QVBoxLayout()
         self.cameras = make.Segments("pair_link", "Cameras of both meshes", CAMERAS)
         self.cameras.chosen.connect(self._link_cameras)
@@ -202,16 +203,17 @@ class PairPanel(QWidget):
     def set_pair(self, pair: Pair | None) -> None:
         """Show the comparison of two meshes, or how to open a second one."""
         self._pair = pair
-        for each in self._of_second:
-            each.setParent(None)
-            each.deleteLater()
-        self._of_second = []
+        for each in (self.health, self._unit_combo):
+            if each is not None:
+                each.close()
+                each.setParent(None)
+                each.deleteLater()
+        self.health = self._unit_combo = None
         if pair is not None:
-            health = HealthTable(pair.second, second=True)
-            unit = UnitCombo(pair.second, second=True)
-            self._second.addWidget(health)
-            self._unit.addWidget(unit)
-            self._of_second = [health, unit]
+            self.health = HealthTable(pair.second, second=True)
+            self._unit_combo = UnitCombo(pair.second, second=True)
+            self._second.addWidget(self.health)
+            self._unit.addWidget(self._unit_combo)
             follow(pair.changed, self.refresh)
             follow(pair.second.mesh_changed, self.refresh)
             follow(pair.second.work.changed, self.refresh)

@@ -21,6 +21,7 @@ from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin
 from meshmash_viewer.app.view.camera import View, fitted_view
 from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
@@ -81,6 +82,7 @@ class MeshRenderer:
         self.picker: RayTarget | None = None
         self._coarse_mesh: CoarseMesh | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
+        self._marks: Marks | None = None
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
@@ -108,6 +110,7 @@ class MeshRenderer:
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
         """Draw a mesh with normals of shape (n, 3), or none, without field and pins."""
+        self.set_marks(None)
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
@@ -156,6 +159,7 @@ class MeshRenderer:
                 normals = self.normals if self.moved is None else self.moved[1]
             self.moved = (points, normals)
             self.surface.move(points, normals)
+        self._place_marks()
         self.picker = None
         # vertices may move beyond the mesh, and must not be clipped
         room = 0.0 if points is None else 0.3 * np.ptp(geometry.bounds, axis=0).max()
@@ -252,6 +256,20 @@ class MeshRenderer:
         """Mark vertices: index, colour and label of each."""
         self._pins = tuple(pins)
 
+    def set_marks(self, marks: Marks | None) -> None:
+        """Draw marks over the surface, in place of those before."""
+        if self._marks is not None:
+            self.renderer.RemoveActor(self._marks.actor)
+        self._marks = marks
+        if marks is not None:
+            marks.actor.SetPosition(*self.centre)
+            self._place_marks()
+            self.renderer.AddActor(marks.actor)
+
+    def _place_marks(self) -> None:
+        if self._marks is not None:
+            self._marks.move(self.drawn[0][self._marks.vertices])
+
     # -- camera and frame -------------------------------------------------------------------
 
     def fit_view(
@@ -271,6 +289,8 @@ class MeshRenderer:
         if self.view is not None:
             for surface in self._surfaces:
                 surface.set_scale(scale)
+            if self._marks is not None:
+                self._marks.set_scale(scale)
             self._place_camera(self.view, width, height)
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
@@ -341,6 +361,8 @@ class MeshRenderer:
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that scripts have added."""
         ours = {id(self._overlay), *(id(surface.actor) for surface in self._surfaces)}
+        if self._marks is not None:
+            ours.add(id(self._marks.actor))
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)

@@ -10,12 +10,14 @@ import numpy.typing as npt
 from PySide6.QtCore import QPoint, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
+from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins, title_size
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.frames import Frames
+from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
@@ -32,6 +34,11 @@ _Places: TypeAlias = tuple[
 #: Pixels (of a screen without scaling) within which a click counts for a vertex, and the number
 #: of vertices tried.
 _NEAR, _TRIED = 8.0, 50
+#: Half of the picture when one looks at vertices, in units of the diagonal of their box, and at
+#: least in units of that of the mesh.
+_AROUND, _SMALLEST = 0.8, 0.03
+#: Cosine between normal and line of sight above which vertices are looked at from where one is.
+_SEEN = 0.3
 #: Magnification by a double click.
 _CLOSER = 1.4
 
@@ -466,6 +473,27 @@ class MeshView(QWidget):
         if view is not None:
             self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size / closer))
 
+    def look_at(self, vertices: npt.NDArray[np.integer]) -> None:
+        """Show some vertices large, from the side that they are on."""
+        view, drawing = self.renderer.view, self.renderer
+        if view is None or self.mesh is None:
+            return
+        points, normals = (each[vertices] for each in drawing.drawn)
+        low, high = points.min(axis=0), points.max(axis=0)
+        whole = float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0)))
+        size = max(_AROUND * float(np.linalg.norm(high - low)), _SMALLEST * whole)
+        outwards = np.asarray(normals.mean(axis=0), dtype=np.float64)
+        axes = view.axes
+        if outwards @ axes[2] < _SEEN * np.linalg.norm(outwards):
+            axes = _facing(outwards, axes)
+        focus = (low.astype(np.float64) + high) / 2.0 + drawing.centre
+        self._set_view(View(focus, axes, size))
+
+    def set_marks(self, marks: Marks | None) -> None:
+        """Draw marks over the surface, or none."""
+        self.renderer.set_marks(marks)
+        self.plotter.render()
+
     def _centre_on(self, at: QPointF) -> None:
         vertex = self.vertex_near(at.x(), at.y())
         if vertex >= 0:
@@ -491,6 +519,15 @@ class MeshView(QWidget):
         self.renderer.set_mesh(None, None)
         self.plotter.window_of_vtk.RemoveRenderer(self.renderer.renderer)
         self.plotter.close()
+
+
+def _facing(
+    outwards: npt.NDArray[np.float64], axes: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """The axes of a camera turned by the smallest angle so that it looks against a direction."""
+    eye = outwards / np.linalg.norm(outwards)
+    turn, _ = Rotation.align_vectors(eye[np.newaxis], axes[2][np.newaxis])
+    return np.asarray(turn.apply(axes))
 
 
 def _ray_target(request: _Places, cancel: CancelCallback) -> RayTarget:
