@@ -13,7 +13,7 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from meshmash_viewer.cli.arguments import FAULT, chosen_operator
 from meshmash_viewer.cli.numbers import in_unit
@@ -24,14 +24,12 @@ from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.spectrum import obtain_eigenpairs
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.failure import failure_of, report_defect
 from meshmash_viewer.progress import Cancelled, ProgressBar
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target, wavelength
 from meshmash_viewer.units import format_quantity
-
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Result for a mesh: entries for JSON, and text.
 Report: TypeAlias = tuple[dict[str, Any], str]
@@ -50,8 +48,6 @@ def say_fault(fault: Exception, subject: str = "") -> int:
     """Print the fault of a mesh or of the command; return the exit status."""
     failure = failure_of(fault)
     if not failure.correctable:
-        from meshmash_viewer.defects import report_defect
-
         say(f"{subject or 'The command'} failed by {report_defect(fault)}")
         return _DEFECT
     said = not subject or subject in failure.text

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -42,12 +42,10 @@ from meshmash_viewer.fields.parameter import (
     Whole,
     parameter,
 )
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, weyl_eigenvalue
 from meshmash_viewer.units import counted, format_quantity
-
-if TYPE_CHECKING:
-    from meshmash_viewer.mesh import Mesh
 
 #: Number of steps of the arrow keys from the shortest to the longest time.
 _STEPS = 32

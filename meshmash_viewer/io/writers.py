@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +15,8 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import comment_lines, property_names
-from meshmash_viewer.mesh import mesh_to_poly
+from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.plug_ins import PlugIn, plug_ins
-
-if TYPE_CHECKING:
-    from meshmash_viewer.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)

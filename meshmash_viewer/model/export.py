@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.sums import Features
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
@@ -15,14 +16,11 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.results import Written
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
 from meshmash_viewer.work import Channel
-
-if TYPE_CHECKING:
-    from meshmash_viewer.features.sums import Features
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 def write_results(
@@ -38,7 +36,6 @@ def write_results(
     With a `file_mesh`, the mesh before its repairs, they are written at all its vertices, NaN at
     removed ones.
     """
-    from meshmash_viewer.features.sums import Features
     from meshmash_viewer.io.write import write_eigenpairs, write_features
 
     if file_mesh is not None:

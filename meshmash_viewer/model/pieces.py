@@ -14,10 +14,11 @@ import numpy as np
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
+from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.features.truncation import Truncation, measure_truncation, percent
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MapGrew, Written
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
@@ -30,7 +31,7 @@ from meshmash_viewer.spectral.weyl import (
 )
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
-from meshmash_viewer.units import counted, format_quantity, format_share
+from meshmash_viewer.units import counted, format_quantity, format_share, power_unit
 from meshmash_viewer.work import Channel
 
 #: Fewest vertices that a piece is worth having, and how many are solved in seconds.
@@ -57,8 +58,6 @@ class _Task:
     drop_first: bool
 
     def __call__(self, piece: Piece) -> FloatArray:
-        from meshmash_viewer.features.sums import accumulate_features
-        from meshmash_viewer.laplacian import cotangent_laplacian
         from meshmash_viewer.spectral.eigensolver import solve
 
         stiffness, mass = cotangent_laplacian(
@@ -163,10 +162,8 @@ class PiecesJob:
         `InputError` is raised if the columns depend on the spectrum of the whole, or there are too
         many pieces.
         """
-        from meshmash_viewer.features.sums import Features
         from meshmash_viewer.io.provenance import export_options
         from meshmash_viewer.io.write import write_features
-        from meshmash_viewer.units import power_unit
 
         began, mesh, count = time.perf_counter(), self.mesh, self.count
         n = mesh.n_vertices - len(mesh.unreferenced)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from meshmash_viewer.defects import PACKAGES, package_version
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES  # noqa: F401  loads their plug-ins
 from meshmash_viewer.io import read, writers  # noqa: F401
 from meshmash_viewer.io.cache import EigenpairCache
+from meshmash_viewer.model.failure import PACKAGES, package_version
 from meshmash_viewer.plug_ins import known_plug_ins
 from meshmash_viewer.spectral import cost
 
-#: Packages listed besides those of `meshmash_viewer.defects`.
+#: Packages listed besides those of `meshmash_viewer.model.failure`.
 _MORE = ("robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow", "pyvistaqt", "pyqtgraph")
 
 

@@ -1,10 +1,20 @@
-"""Certificates: evidence that eigenpairs are accurate and that none is missing."""
+"""Certificates: evidence that eigenpairs are accurate and that none is missing.
+
+`verify_pairs` recomputes it independently of the solver: residuals and inner products with SciPy's
+products, and counts from another factorization (SuperLU, in another order) or the dense matrix.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import counted, format_number, format_quantity, format_range
 
 #: How eigenvalues were counted: by the signs of a factorization (Sylvester's law of inertia), from
@@ -101,3 +111,186 @@ class Certificate:
 
 def _short(error: float) -> str:
     return format_number(error, 1)
+
+
+#: Eigenvectors in rows, shape (k, n), NaN at vertices without mass.
+Rows = npt.NDArray[np.floating[Any]]
+
+#: Up to this many vertices eigenvalues are counted with the dense matrix.
+_DENSE = 1500
+#: Rows processed at a time.
+_ROWS = 64
+#: Smallest gap, relative to 4π / area and to an eigenvalue, in which a count is reliable.
+_GAP = 1e-7
+#: Number of pairs at the upper end among which a gap is searched.
+_TAIL = 64
+
+
+def verify_pairs(
+    values: FloatArray, rows: Rows, given: Certificate, stiffness: Any, mass: Any
+) -> Certificate:
+    """Recompute a certificate; see `Decomposition.verify`."""
+    import scipy.sparse as sp
+
+    n = rows.shape[1]
+    matrix: Any = sp.csr_array(stiffness).astype(np.float64)
+    given_mass: Any = mass
+    sparse = sp.issparse(mass) or np.ndim(mass) == 2
+    diagonal = np.asarray(given_mass.diagonal() if sparse else given_mass, dtype=np.float64)
+    if matrix.shape != (n, n) or diagonal.shape != (n,):
+        raise InputError(
+            f"The eigenvectors have {n} entries, the Laplacian is {matrix.shape} and the mass "
+            f"matrix {np.shape(mass)}: give the matrices that were decomposed."
+        )
+    used = np.flatnonzero(diagonal > 0.0)
+    matrix, diagonal = sp.csr_array(matrix[used][:, used]), diagonal[used]
+    # To a power of two, as in the solver: both treat the same eigenvalues as zero.
+    spacing = float(np.exp2(np.round(np.log2(4.0 * np.pi / float(diagonal.sum())))))
+    defects = _residuals(values, rows, matrix, diagonal, used)
+    residuals = defects / np.where(values > 1e-9 * spacing, values, spacing)
+    worst = int(np.argmax(residuals)) if len(residuals) else 0
+    single = rows.dtype == np.float32
+    counted, found, bound, low = _count(values, defects, given, matrix, diagonal, spacing)
+    return Certificate(
+        "dense" if bound is None else "inertia",
+        counted,
+        found,
+        bound,
+        low,
+        residual=float(residuals[worst]) if len(residuals) else 0.0,
+        residual_index=worst,
+        orthonormality=_orthonormality(rows, diagonal, used),
+        precision="float32" if single else "float64",
+        remark=given.remark,
+    )
+
+
+def _blocks(k: int) -> Iterator[slice]:
+    return (slice(i, min(i + _ROWS, k)) for i in range(0, k, _ROWS))
+
+
+def _residuals(
+    values: FloatArray, rows: Rows, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
+) -> FloatArray:
+    """Compute ‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, in extended precision where the platform has it.
+
+    For rows in float32 the error explained by their rounding is subtracted.
+    """
+    exact = matrix.astype(np.longdouble)
+    residuals = np.empty(len(values))
+    for part in _blocks(len(values)):
+        some = np.asarray(rows[part][:, used], dtype=np.longdouble)
+        weighted = some * diagonal
+        defect = (exact @ some.T).T - values[part, None] * weighted
+        norms = _norms(defect)
+        if rows.dtype == np.float32:
+            rounded = (abs(exact) @ np.abs(some).T).T
+            explained = np.finfo(np.float32).eps * _norms(rounded)
+            norms = np.maximum(norms - explained, 0.0)
+        residuals[part] = norms / _norms(weighted)
+    return residuals
+
+
+def _norms(rows: npt.NDArray[np.longdouble]) -> npt.NDArray[np.longdouble]:
+    """Compute norms of rows, scaled so that squares neither underflow nor overflow."""
+    largest = np.abs(rows).max(axis=1)
+    largest[largest == 0.0] = 1.0
+    scaled = np.asarray(rows / largest[:, None], dtype=np.float64)
+    return np.asarray(np.linalg.norm(scaled, axis=1) * largest)
+
+
+def _orthonormality(rows: Rows, diagonal: FloatArray, used: npt.NDArray[np.intp]) -> float:
+    k, worst = len(rows), 0.0
+    for part in _blocks(k):
+        weighted = np.asarray(rows[part][:, used], dtype=np.float64) * diagonal
+        for other in _blocks(part.stop):
+            gram = weighted @ np.asarray(rows[other][:, used], dtype=np.float64).T
+            if other == part:
+                gram -= np.eye(len(gram))
+            worst = max(worst, float(np.abs(gram).max()))
+    return worst
+
+
+def _count(
+    values: FloatArray,
+    defects: FloatArray,
+    given: Certificate,
+    matrix: Any,
+    diagonal: FloatArray,
+    spacing: float,
+) -> tuple[int, int, float | None, float | None]:
+    """Return numbers of eigenvalues counted and found, and upper and lower end of the interval."""
+    if len(values) == len(diagonal):
+        return len(diagonal), len(values), None, None
+    # An eigenvalue is known no better than its residual.
+    gap = np.maximum(_GAP * np.maximum(np.abs(values), spacing), defects)
+    wide = np.flatnonzero(np.diff(values) > 2.0 * np.maximum(gap[1:], gap[:-1]))
+    norm = float((abs(matrix).sum(axis=1) / diagonal).max(initial=0.0))
+    noise = 64.0 * np.finfo(np.float64).eps * norm
+    low, first = None, 0
+    if given.low is not None:
+        if not len(wide):
+            # One multiple eigenvalue, of which some copies may not have been requested.
+            ends = float(values[0] - gap[0]), float(values[-1] + gap[-1])
+            below, upto = (_below(matrix, diagonal, end, spacing) for end in ends)
+            copies = upto - below
+            return copies, copies if copies >= len(values) else len(values), ends[1], ends[0]
+        first = int(wide[0]) + 1
+        low = 0.5 * float(values[first - 1] + values[first])
+    elif len(wide) and given.found > len(values):
+        # More pairs were found than kept: of those nearest a shift, equal ones at the lower end
+        # (zeros for instance) may be missing.
+        above = int(wide[0]) + 1
+        edge = 0.5 * float(values[above - 1] + values[above])
+        left_out = _below(matrix, diagonal, edge, spacing) - above
+        if 0 < left_out <= given.found - len(values):
+            low, first = edge, above
+    # The bound of the given certificate if all pairs below it are given, else the highest gap
+    # between the given pairs.
+    last, bound = len(values), given.bound
+    if bound is None or given.found != len(values):
+        within = wide[wide >= max(len(values) - _TAIL, first)]
+        if not len(within):
+            within = wide[-1:]
+        if not len(within):
+            # Below all of them, by more than the rounding of zeros.
+            bound, last = float(values[0] - max(gap[0], noise)) if len(values) else -noise, 0
+        else:
+            last = int(within[-1]) + 1
+            bound = 0.5 * float(values[last - 1] + values[last])
+    elif not len(values) and bound <= noise:
+        bound = -noise
+    below = 0 if low is None else _below(matrix, diagonal, low, spacing)
+    return _below(matrix, diagonal, bound, spacing) - below, last - first, bound, low
+
+
+def _below(matrix: Any, diagonal: FloatArray, bound: float, spacing: float) -> int:
+    """Count eigenvalues below a bound by Sylvester's law of inertia."""
+    import scipy.sparse as sp
+    from scipy.linalg import eigvalsh
+    from scipy.sparse.linalg import splu
+
+    if len(diagonal) <= _DENSE:
+        root = np.sqrt(diagonal)
+        reduced = matrix.toarray() / root[:, None] / root
+        rounding = np.finfo(np.float64).eps * np.abs(reduced).sum(axis=0).max()
+        if rounding < 1e-2 * _GAP * max(abs(bound), spacing):
+            return int(np.count_nonzero(eigvalsh(reduced) < bound))
+    for move in (0.0, 1e-9, -1e-9, 1e-8, -1e-8):
+        shift = bound + move * max(abs(bound), spacing)
+        shifted = sp.csc_array(matrix - sp.diags_array(shift * diagonal))
+        try:
+            factor = splu(
+                shifted,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:  # an exactly zero pivot
+            continue
+        if np.array_equal(factor.perm_r, factor.perm_c):
+            return int(np.count_nonzero(factor.U.diagonal() < 0.0))
+    raise InputError(
+        f"The eigenvalues below {bound:.6g} cannot be counted a second time: every factor "
+        "without pivoting fails near there."
+    )

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from meshmash_viewer.features.filter_parameters import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
-from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.certificate import Certificate, verify_pairs
 from meshmash_viewer.units import named_vertex
 
 if TYPE_CHECKING:
@@ -163,8 +163,6 @@ class Eigenpairs:
         InputError
             If the size of the matrices differs.
         """
-        from meshmash_viewer.spectral.verification import verify_pairs
-
         assert isinstance(self.rows, np.ndarray)
         return verify_pairs(self.eigenvalues, self.rows, self.certificate, stiffness, mass)
 

@@ -12,8 +12,8 @@ import platformdirs.unix
 import platformdirs.windows
 import pytest
 
-from meshmash_viewer.defects import report_defect
 from meshmash_viewer.io.cache import EigenpairCache, default_cache_folder
+from meshmash_viewer.model.failure import report_defect
 
 SYSTEMS = {
     "Linux": platformdirs.unix.Unix,

@@ -19,7 +19,7 @@ from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.keys import native_keys, native_text
-from meshmash_viewer.defects import versions
+from meshmash_viewer.model.failure import versions
 
 _WHAT = (
     "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle meshes, live "
