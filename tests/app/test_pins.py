@@ -23,11 +23,14 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+from shapes import icosphere
 
 from meshmash_viewer.app.dialogs.pin_dialog import nearest_vertex
 from meshmash_viewer.app.dialogs.pin_export_dialog import PinExportDialog
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.vertex_menu import VertexMenu
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import pin_at
 from meshmash_viewer.quantities import parse_number
 from meshmash_viewer.units import NO_BREAK
@@ -317,3 +320,18 @@ def test_scripts_add_maps_and_pins_or_are_told_why_not(window: MainWindow) -> No
     assert window.controller.field.title == "height"
     with pytest.raises(InputError, match="has 3 values and the mesh 360 vertices"):
         window.add_map("short", [1.0, 2.0, 3.0])
+
+
+def test_coordinates_are_copied_in_voxels_as_well(qtbot: QtBot) -> None:
+    ball = icosphere(3, radius=100_000.0)
+    mesh = Mesh(ball.vertices + 5e6, ball.faces).in_voxels((4.0, 4.0, 40.0), "nm")
+    nothing = dict.fromkeys(("toggle", "centre", "rename", "recolor"), lambda: None)
+    parent = QWidget()
+    qtbot.addWidget(parent)
+    for vertex in (7, 300):
+        menu = VertexMenu(mesh, vertex, None, None, **nothing, say=lambda _: None).make(parent)
+        entries = {each.objectName(): each for each in menu.actions()}
+        for name in ("menu_copy_voxels", "menu_copy_coordinates"):
+            entries[name].trigger()
+            place = map(float, QApplication.clipboard().text().split(", "))
+            assert nearest_vertex(mesh, *place)[0] == vertex

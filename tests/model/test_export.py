@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,12 +21,14 @@ from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.io.pins import read_pins
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import ExportJob, PinExportJob
 from meshmash_viewer.model.pieces import PiecesJob
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
@@ -95,6 +98,33 @@ def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: L
         )
         np.testing.assert_array_equal(content["eigenvalues"], values)
         assert tuple(content["columns"]) == bank.columns
+
+
+def test_pins_have_the_values_of_the_features(sphere: Mesh, listener: Listener) -> None:
+    decompose(sphere, OPERATOR, Target("count", 30), listener)
+    mesh = sphere.with_maps(VertexMap("height", sphere.vertices[:, 2]))
+    pins = Pin(7, 1, "soma"), Pin(300, 2, own_color="#123456")
+    hks = EXPORTS["hks"].exported(n_columns=3)
+    distances = EXPORTS["distance"].exported(vertices=(7, 300))
+    path = listener.folder / "pins.csv"
+    written = PinExportJob(mesh, OPERATOR, path, pins, (hks, distances), 25).run(listener)
+    assert written.description == "2 pins, 13 columns,"
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["name"], row["color"]) for row in rows] == [
+        ("soma", "#E69F00"), ("", "#123456"),
+    ]  # fmt: skip
+    features = exported(sphere, "hks", 25, listener, n_columns=3)
+    far = distance_features(sphere, [7, 300])
+    wanted = {
+        **dict(zip(features["columns"].tolist(), features["features"].T, strict=True)),
+        **dict(zip(far.columns, far.values.T, strict=True)),
+        "height": sphere.vertices[:, 2], "x": sphere.vertices[:, 0],
+    }  # fmt: skip
+    for name, values in wanted.items():
+        found = [float(row[name]) for row in rows]
+        np.testing.assert_allclose(found, values[[7, 300]], rtol=1e-6, err_msg=name)
+    assert read_pins(path).indices.tolist() == [7, 300]
 
 
 def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(

@@ -14,6 +14,7 @@ from meshmash_viewer.io.pins import MOST_PINS, pin_table, read_pins, write_pins
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.placing import PlacedPins, merged_pins, place_pins
+from meshmash_viewer.units import plain_text
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,9 @@ def ball() -> Mesh:
 def placed(mesh: Mesh, path: Path, text: str) -> PlacedPins:
     path = path / "pins.csv"
     path.write_text(text, encoding="utf-8")
-    return place_pins(mesh, read_pins(path))
+    found = place_pins(mesh, read_pins(path))
+    faults, remarks = (tuple(map(plain_text, each)) for each in (found.faults, found.remarks))
+    return PlacedPins(found.pins, faults, remarks)
 
 
 def row(mesh: Mesh, vertex: int, scale: float = 1.0) -> str:
@@ -93,7 +96,7 @@ def test_what_cannot_be_placed_is_said_and_nothing_else_lost(ball: Mesh, tmp_pat
     found = placed(ball, tmp_path, text)
     assert found.pins == ((8, "", ""),)
     assert found.faults == (
-        "row 1: the position is 1e+09 nm from the mesh: check its unit",
+        "row 1: the position is 1000 mm from the mesh: check its unit",
         "row 2: 'red' is not a colour: write it as #E69F00",
     )
     assert found.remarks == ("1 row at the vertex of an earlier row left out.",)

@@ -288,7 +288,7 @@ class _Painter:
         for radius, color, opacity in discs:
             self._disc(color, x, y, radius, opacity)
         if pin.label:
-            opacity = 0.55 if pin.hidden else 1.0
+            opacity = 0.8 if pin.hidden else 1.0
             x, y = x + 13.0, y + 12.0
             free = max(min(_LONGEST_LABEL, self._width - x - 6.0), 12.0)
             label = fitted(pin.label, free, lambda part: text_size(part, 10, True)[0])
