@@ -21,30 +21,20 @@ _DIGITS = 7
 
 @dataclass(frozen=True)
 class VertexMenu:
-    """What the menu of a vertex needs.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    vertex : int
-    pin : Pin, optional
-        The pin of the vertex.
-    field : Field, optional
-        The field that is shown.
-    toggle, centre, rename, recolor : callable
-        What the entries do, without arguments.
-    say : callable
-        Shows a sentence.
-    """
+    """What the menu of a vertex needs."""
 
     mesh: Mesh
     vertex: int
+    #: The pin of the vertex.
     pin: Pin | None
+    #: The field that is shown.
     field: Field | None
+    #: What the entries do, without arguments.
     toggle: Callable[[], object]
     centre: Callable[[], object]
     rename: Callable[[], object]
     recolor: Callable[[], object]
+    #: Shows a sentence.
     say: Callable[[str], object]
 
     def make(self, parent: QWidget) -> QMenu:

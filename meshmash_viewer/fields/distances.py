@@ -53,19 +53,7 @@ _STEPS = 32
 
 @dataclass(frozen=True)
 class Distances(Family):
-    """Distance from a vertex.
-
-    Parameters
-    ----------
-    measure : str
-        A key of `MEASURES`.
-    vertex : int or None
-        Vertex from which distances are measured.
-    time : float or None
-        Diffusion time, in squared length units.
-    vertices : tuple of int
-        Vertices of the exported columns; `vertex` alone if empty.
-    """
+    """Distance from a vertex."""
 
     name = "distance"
     label = "Distance from a vertex"
@@ -78,13 +66,16 @@ class Distances(Family):
     contoured = True
     interval = 50
 
+    #: A key of `MEASURES`.
     measure: str = parameter(
         "geodesic",
         Choice(MEASURES),
         option="distance",
         help="kind of distance; default: geodesic",
     )
+    #: Vertex from which distances are measured.
     vertex: int | None = parameter(None, Whole(), vertex=True)
+    #: Diffusion time, in squared length units.
     time: float | None = parameter(
         None,
         Number(ABOVE_ZERO),
@@ -93,6 +84,7 @@ class Distances(Family):
         metavar="T",
         help="diffusion time (unit²); default: the middle of its range",
     )
+    #: Vertices of the exported columns; `vertex` alone if empty.
     vertices: tuple[int, ...] = parameter(
         (),
         Listing(Whole(), MOST_INDEX, into=tuple),

@@ -64,10 +64,7 @@ def folder_size(folder: Path) -> int:
 class FileLock:
     """An exclusive lock on a file, held by at most one process and released when that ends.
 
-    Parameters
-    ----------
-    path : Path
-        An empty file for the lock only; it is made when needed and kept.
+    The file is empty and for the lock only; it is made when needed and kept.
     """
 
     def __init__(self, path: Path) -> None:

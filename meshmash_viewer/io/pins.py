@@ -27,34 +27,23 @@ _AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False)
 class PinTable:
-    """Vertices or positions to pin, one a row.
+    """Vertices or positions to pin, one a row."""
 
-    Parameters
-    ----------
-    indices : ndarray of int64, shape (n,)
-        Index in the mesh file, -1 where there is only a position.
-    positions : ndarray of float64, shape (n, 3)
-        NaN where there is only an index.
-    names, colors : sequence of str
-        "" for none.
-    unit : str
-        Length unit of the positions; "" if not stated.
-    """
-
+    #: Shape (n,): Index in the mesh file, -1 where there is only a position.
     indices: IntArray
+    #: Shape (n, 3): NaN where there is only an index.
     positions: FloatArray
+    #: "" for none.
     names: Sequence[str]
     colors: Sequence[str]
+    #: Length unit of the positions; "" if not stated.
     unit: str = ""
 
 
 def pin_table(at: npt.ArrayLike, names: Sequence[str] = (), colors: Sequence[str] = ()) -> PinTable:
     """Return a table of indices, shape (n,), or positions, shape (n, 3), with names and colours.
 
-    Raises
-    ------
-    InputError
-        If the shape is another one, or names or colours are not as many.
+    `InputError` is raised if the shape is another one, or names or colours are not as many.
     """
     given = np.asarray(at)
     whole = given.ndim == 1 and np.issubdtype(given.dtype, np.integer)
@@ -78,11 +67,8 @@ def read_pins(path: str | Path) -> PinTable:
     ``name``, ``color`` (or ``colour``) and ``unit`` are optional; further columns are ignored.
     Columns named such as ``pt_x``, ``pt_y``, ``pt_z`` are positions, too.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has none of these columns or too many rows, or has something
-        else where a number should be.
+    `InputError` is raised if the file cannot be read, has none of these columns or too many rows,
+    or has something else where a number should be.
     """
     path = Path(path)
     try:
@@ -155,10 +141,7 @@ def _number(path: Path, row: int, name: str, text: str, missing: float) -> float
 def write_pins(path: str | Path, columns: Mapping[str, Sequence[object]]) -> None:
     """Write columns of equal lengths as a table; floating-point numbers with all their digits.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    `InputError` is raised if the file cannot be written.
     """
     path = Path(path)
     with (

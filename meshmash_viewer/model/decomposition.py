@@ -36,12 +36,8 @@ def decompose(
     `Eigenpairs` are sent through the channel whenever there are more, and remarks on the store as
     text; all requested pairs are returned, with their certificate.
 
-    Raises
-    ------
-    InputError
-        If they cannot fit into memory or on the disk.
-    Cancelled
-        If the user cancelled; the pairs that had converged stay in the store.
+    `InputError` is raised if they cannot fit into memory or on the disk, and `Cancelled` if the
+    user cancelled; the pairs that had converged stay in the store.
     """
     growth = _Growth(mesh, operator, channel)
     request = Request(

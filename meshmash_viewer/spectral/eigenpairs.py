@@ -42,52 +42,36 @@ class Eigenpairs:
 
     Solver, store, jobs, fields and window use this type. Rows that are mapped from a file are
     pickled as a reference to it, and mapped again by the receiver.
-
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (k,)
-        In the inverse squared unit of the mesh.
-    rows : ndarray of float64 or float32, or ShownRows, shape (>= k, n)
-        Row i is eigenvector i, M-orthonormal; NaN at vertices without mass. The entry of largest
-        magnitude is positive.
-    residuals : ndarray of float64, shape (k,)
-        ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
-        NaN for approximate pairs.
-    certificate : Certificate
-        Evidence that none is missing, with the worst residual and the orthonormality; of method
-        "none" until the computation has ended.
-    timings : dict of float
-        Seconds by stage.
-    mass : ndarray of float64, shape (n,)
-        Diagonal of M; empty if it is not known. See `vertex_areas`.
-    total : int
-        Number of pairs requested; 0 while unknown.
-    known_to : float
-        Eigenvalue up to which these are complete; 0 if no threshold was requested.
-    n_exact : int, optional
-        Number of leading pairs that are exact, not approximations; None for all of them.
-    error : float
-        Expected relative error of approximate eigenvalues.
-    operator : OperatorOptions, optional
-        Parameters of the Laplacian.
-    alignment : Alignment, optional
-        Signs and rotations of the rows as drawn.
-    mesh : Mesh, optional
-        The surface, in its present unit.
     """
 
+    #: Shape (k,): In the inverse squared unit of the mesh.
     eigenvalues: npt.NDArray[np.float64]
+    #: Shape (>= k, n): Row i is eigenvector i, M-orthonormal; NaN at vertices without mass. The
+    #: entry of largest magnitude is positive.
     rows: Rows | ShownRows
+    #: Shape (k,): ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π /
+    #: area. NaN for approximate pairs.
     residuals: npt.NDArray[np.float64]
+    #: Evidence that none is missing, with the worst residual and the orthonormality; of method
+    #: "none" until the computation has ended.
     certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
+    #: Seconds by stage.
     timings: Mapping[str, float] = field(default_factory=dict)
+    #: Shape (n,): Diagonal of M; empty if it is not known. See `vertex_areas`.
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
+    #: Number of pairs requested; 0 while unknown.
     total: int = 0
+    #: Eigenvalue up to which these are complete; 0 if no threshold was requested.
     known_to: float = 0.0
+    #: Number of leading pairs that are exact, not approximations; None for all of them.
     n_exact: int | None = None
+    #: Expected relative error of approximate eigenvalues.
     error: float = 0.0
+    #: Parameters of the Laplacian.
     operator: OperatorOptions | None = None
+    #: Signs and rotations of the rows as drawn.
     alignment: Alignment | None = None
+    #: The surface, in its present unit.
     mesh: Mesh | None = field(default=None, repr=False)
 
     @classmethod

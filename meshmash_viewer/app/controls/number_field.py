@@ -23,21 +23,11 @@ class NumberField(QAbstractSpinBox):
 
     Qt's own spin boxes count decimals, which is of no use for 1e-8. `quantities` says what is read.
 
-    Parameters
-    ----------
-    name, spoken : str
-    step : callable, optional
-        The number that is some steps from another; without it there are no arrows.
-    live : bool
-        Emit each number on the way to the one that is typed, too.
-    nearest : bool
-        Take the nearest number within bounds for one beyond them, rather than the previous one.
-    whole : bool
-        Count, and write all digits.
-    share : bool
-        Read percent, too.
-    tip : str
-        Tooltip; by default the number with more digits.
+    `step` returns the number that is some steps from another; without it there are no arrows. If
+    `live`, each number on the way to the one that is typed is emitted, too. `nearest` takes the
+    nearest number within bounds for one beyond them, rather than the previous one. `whole` counts,
+    and writes all digits; `share` reads percent, too. `tip` is the tooltip, by default the number
+    with more digits.
     """
 
     #: The user gave a number that is allowed.

@@ -196,14 +196,7 @@ class FamilyTab(QWidget):
 class ParameterRow(QWidget):
     """The control of a parameter, after its text: a number, a choice, or a box to tick.
 
-    Parameters
-    ----------
-    name : str
-        Beginning of the object name of the control.
-    declared : Parameter
-        With a text.
-    take : callable
-        Takes a value that the user gives.
+    `name` begins the object name of the control; `take` gets values from the user.
     """
 
     def __init__(self, name: str, declared: Parameter, take: Callable[[Any], None]) -> None:

@@ -53,26 +53,17 @@ _LARGEST = 16_384
 
 @dataclass(frozen=True)
 class FigureOptions:
-    """Size and contents of a figure.
+    """Size and contents of a figure."""
 
-    Parameters
-    ----------
-    width_mm : float
-        Width on paper.
-    dpi : int
-        Pixels of the images per inch, and of a PNG.
-    font_points : float
-        Size of the text.
-    background : {"white", "transparent", "window"}
-        "window" is the background of the render.
-    title, color_bar, scale_bar, axes, pins : bool
-        What is drawn around the mesh.
-    """
-
+    #: Width on paper.
     width_mm: float = 85.0
+    #: Pixels of the images per inch, and of a PNG.
     dpi: int = 300
+    #: Size of the text.
     font_points: float = 7.0
+    #: "window" is the background of the render.
     background: Background = "white"
+    #: What is drawn around the mesh.
     title: bool = True
     color_bar: bool = True
     scale_bar: bool = True
@@ -95,29 +86,18 @@ class FigureOptions:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """What a figure shows of one mesh.
+    """What a figure shows of one mesh."""
 
-    Parameters
-    ----------
-    view : View
-        Centred on what is seen of the mesh, `half_size` half the width of that.
-    image : ndarray of uint8, shape (height, width, 4)
-        What is seen, without a background.
-    shape : float
-        Height over width.
-    caption : Caption or None
-    pins : sequence of Pin
-    unit : str
-    theme : RenderTheme
-        Of the render.
-    """
-
+    #: Centred on what is seen of the mesh, `half_size` half the width of that.
     view: View
+    #: Shape (height, width, 4): What is seen, without a background.
     image: npt.NDArray[np.uint8]
+    #: Height over width.
     shape: float
     caption: Caption | None
     pins: Sequence[Pin]
     unit: str
+    #: Of the render.
     theme: RenderTheme
 
     @property
@@ -146,10 +126,7 @@ class _Place:
 def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> Panel:
     """Find what a drawing, which is in no window, shows of its mesh in a picture of some size.
 
-    Raises
-    ------
-    InputError
-        If the mesh is outside its view.
+    `InputError` is raised if the mesh is outside its view.
     """
     wide, high = (max(round(side * _TRIAL / max(size)), 1) for side in size)
     drawing.annotated = False
@@ -192,24 +169,12 @@ def sharpened(
 
 
 def compose_figure(drawings: Sequence[MeshRenderer], options: FigureOptions) -> Figure:
-    """Draw meshes side by side, each with its caption, colour bar and scale bar.
+    """Draw one or two meshes side by side, each with its caption, colour bar and scale bar.
 
-    Parameters
-    ----------
-    drawings : sequence of MeshRenderer
-        One or two, in no window (`MeshRenderer.twin`). Each is drawn along its view, zoomed to
-        what that view shows of the mesh.
-    options : FigureOptions
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Of the width asked for; its height follows from the meshes.
-
-    Raises
-    ------
-    InputError
-        If the mesh is outside its view, or the text leaves no room for it.
+    The drawings are in no window (`MeshRenderer.twin`). Each is drawn along its view, zoomed to
+    what that view shows of the mesh. The figure has the width asked for; its height follows from
+    the meshes. `InputError` is raised if the mesh is outside its view, or the text leaves no room
+    for it.
     """
     panels = [seen_of(drawing) for drawing in drawings]
     return compose(sharpened(drawings, panels, options), options)
@@ -247,10 +212,7 @@ def picture_of(figure: Figure, dpi: float) -> npt.NDArray[np.uint8]:
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure as PNG, PDF or SVG, by the ending; text of PDF and SVG stays text.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown or the file cannot be written.
+    `InputError` is raised if the ending is unknown or the file cannot be written.
     """
     path = Path(path)
     check_output(path, "figure")
@@ -262,10 +224,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     """Place the panels: images as large as the text around them allows, and centred.
 
-    Raises
-    ------
-    InputError
-        If the text leaves no room for them.
+    `InputError` is raised if the text leaves no room for them.
     """
     font = options.font_points / POINTS * MM
     across, edge = options.width_mm / len(panels), 0.4 * font

@@ -223,10 +223,7 @@ class MeshRenderer:
     ) -> None:
         """Colour the mesh by values of shape (n,) as a caption says, or by none.
 
-        Raises
-        ------
-        ValueError
-            If the shape differs, or there is no such colour map.
+        `ValueError` is raised if the shape differs, or there is no such colour map.
         """
         if self.mesh is None or self.surface is None:
             return

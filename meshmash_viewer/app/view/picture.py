@@ -48,33 +48,14 @@ def render_picture(
     transparent: bool = False,
     dark: bool = False,
 ) -> None:
-    """Draw a field on a mesh and write it as PNG.
+    """Draw a field on a mesh and write it as PNG; None draws the mesh without a field.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    values : ndarray, shape (n,), or None
-        One value per vertex, NaN where there is none; None draws the mesh without a field.
-    path : str or Path
-        Of the PNG; an existing file is replaced once the new one is complete.
-    size : (int, int)
-        Width and height in pixels.
-    colormap : str
-        Name of one of matplotlib's colour maps.
-    limits : Limits, (float, float) or None
-        Limits of the colour bar, on a linear scale unless they say otherwise. By default the
-        smallest and the largest value, or a range symmetric about zero if there are values of both
-        signs.
-    title, quantity : str
-        First and second line of the caption.
-    unit : str
-        Unit of the values.
-    formula : str
-        What the values are, in small below the title.
-    transparent : bool
-        Draw no background.
-    dark : bool
-        Use the dark theme.
+    `values`, shape (n,), are NaN where there is none. An existing file is replaced once the new one
+    is complete. `size` is width and height in pixels, `colormap` the name of one of matplotlib's.
+    Limits are on a linear scale unless they say otherwise, and by default the smallest and the
+    largest value, or a range symmetric about zero if there are values of both signs. `title` and
+    `quantity` are the lines of the caption, `formula` says in small below the title what the values
+    are, `unit` is theirs; `transparent` draws no background.
     """
     drawing = new_drawing(
         mesh, values, colormap=colormap, limits=limits, title=title, quantity=quantity, unit=unit,
@@ -176,12 +157,9 @@ class OffScreen:
         self._window.SetDPI(round(72 * text_scale(self.size)))
 
     def draw(self) -> npt.NDArray[np.uint8]:
-        """Draw the current state.
+        """Draw the current state: uint8, shape (height, width, 3 or 4), first row on top.
 
-        Returns
-        -------
-        ndarray of uint8, shape (height, width, 3 or 4)
-            First row on top. Four channels have premultiplied alpha, see `straight`.
+        Four channels have premultiplied alpha, see `straight`.
         """
         width, height = self.size
         self.drawing.prepare(width, height, text_scale(self.size), plates=not self.transparent)
