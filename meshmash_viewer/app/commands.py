@@ -62,6 +62,7 @@ class Commands:
         self.pictures = Pictures(window, document, settings, background_io)
         self.pictures.scenes = lambda: opening.scenes
         self.pins = PinCommands(window, document, settings, actions, background_io)
+        opening.pins_requested.connect(self.pins.read)
         display = document.display
         #: The commands that are a call of something else.
         self._calls: dict[str, Callable[..., object]] = {

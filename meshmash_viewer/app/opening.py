@@ -18,6 +18,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import is_map_file
+from meshmash_viewer.io.pins import is_pin_table
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING, Session, write_session
 from meshmash_viewer.model.document import Document
@@ -37,6 +38,8 @@ class Opening(QObject):
     -------
     pair_changed(Pair or None)
         A second mesh was opened or closed.
+    pins_requested(Path)
+        A table of pins was opened.
 
     Attributes
     ----------
@@ -50,6 +53,7 @@ class Opening(QObject):
     """
 
     pair_changed = Signal(object)
+    pins_requested = Signal(object)
 
     def __init__(
         self,
@@ -75,11 +79,18 @@ class Opening(QObject):
     def open_paths(self, paths: Sequence[Path], *, as_second: bool = False) -> None:
         """Open the first session or mesh among files, and add all maps among them.
 
+        Tables of pins alone are for the first mesh.
         With `as_second` they are for the second mesh; maps are for the first if there is none.
         """
         self._settings.folder = paths[0].parent
         maps = [path for path in paths if is_map_file(path)]
         others = [path for path in paths if path not in maps]
+        pins = [] if others else [path for path in maps if is_pin_table(path)]
+        maps = [path for path in maps if path not in pins]
+        for path in pins:
+            self.pins_requested.emit(path)
+        if pins and not maps:
+            return
         if not others:
             second = self.pair.second if as_second and self.pair is not None else None
             (second or self._document).maps.open(maps)

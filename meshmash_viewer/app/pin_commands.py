@@ -122,11 +122,17 @@ class PinCommands:
         chosen, _ = QFileDialog.getOpenFileName(
             self._window, "Import pins", str(self._settings.folder), f"{_TABLES};;All files (*)"
         )
+        if chosen:
+            self._settings.folder = Path(chosen).parent
+            self.read(Path(chosen))
+
+    def read(self, path: Path) -> None:
+        """Pin the vertices of a table."""
         mesh = self._document.mesh
-        if not chosen or mesh is None:
+        if mesh is None:
+            text = "There is no mesh to pin: open the mesh first, then its pins."
+            self._document.notices.say(text, Severity.WARNING)
             return
-        path = Path(chosen)
-        self._settings.folder = path.parent
         self._background_io.run(
             f"Reading {path.name}",
             lambda: place_pins(mesh, read_pins(path)),

@@ -16,10 +16,12 @@ from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.formats.tables import text_layout
 from meshmash_viewer.units import LENGTH_UNITS
 
-__all__ = ["MOST_PINS", "PinTable", "pin_table", "read_pins", "write_pins"]
+__all__ = ["MOST_PINS", "PinTable", "is_pin_table", "pin_table", "read_pins", "write_pins"]
 
 #: Largest number of rows that are read.
 MOST_PINS = 500
+#: Size of the largest file in bytes.
+_LARGEST = 4_000_000
 #: Other names of columns.
 _ALIASES = {"vertex": "index", "vertex_index": "index", "colour": "color", "label": "name"}
 _AXES = ("x", "y", "z")
@@ -72,15 +74,16 @@ def read_pins(path: str | Path) -> PinTable:
     """
     path = Path(path)
     try:
-        layout, separator, decimal = text_layout(path)
-        text = path.read_text(layout["encoding"], "replace").removeprefix("\ufeff")
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{path.name} is too large for a table of pins: select some rows.")
+        rows, decimal = _rows(path)
     except OSError as fault:
         raise InputError(
             f"{path} cannot be read ({fault.strerror}): check its name and permission."
         ) from fault
-    lines = text.splitlines()[layout["skip_rows"] :]
-    found = [row for row in csv.reader(lines, delimiter=separator) if any(map(str.strip, row))]
-    columns = _columns(layout["column_names"] or (found.pop(0) if found else []))
+    except csv.Error as fault:
+        raise InputError(f"{path.name} is no table ({fault}): choose another file.") from fault
+    columns, found = _columns(rows[0] if rows else []), rows[1:]
     if "index" not in columns and not columns.keys() >= set(_AXES):
         named = ", ".join(printable(name, 30) for name in columns) or "none"
         raise InputError(
@@ -113,6 +116,28 @@ def read_pins(path: str | Path) -> PinTable:
         entries("color"),
         units.pop() if len(units) == 1 else "",
     )
+
+
+def is_pin_table(path: str | Path) -> bool:
+    """Whether a CSV file names pins or their colours, which no table of maps does."""
+    path = Path(path)
+    try:
+        if path.suffix.lower() not in (".csv", ".tsv") or path.stat().st_size > _LARGEST:
+            return False
+        columns = _columns(next(iter(_rows(path)[0]), []))
+    except (OSError, csv.Error):
+        return False
+    placed = "index" in columns or columns.keys() >= set(_AXES)
+    return placed and ("name" in columns or "color" in columns)
+
+
+def _rows(path: Path) -> tuple[list[list[str]], str]:
+    """Return the rows that are not empty, that of the names first, and the decimal sign."""
+    layout, separator, decimal = text_layout(path)
+    text = path.read_text(layout["encoding"], "replace").removeprefix("\ufeff")
+    lines = text.splitlines()[layout["skip_rows"] :]
+    rows = [row for row in csv.reader(lines, delimiter=separator) if any(map(str.strip, row))]
+    return ([layout["column_names"]] if layout["column_names"] else []) + rows, decimal
 
 
 def _columns(names: Sequence[str]) -> dict[str, int]:

@@ -262,6 +262,10 @@ def test_a_table_is_imported_in_one_step_and_faults_are_said(
     )
     document.history.undo()
     assert pinned(window) == [200]
+    window.opening.open_path(path)  # as by a drop
+    window.wait()
+    assert pinned(window) == [200, 310]
+    document.history.undo()
     path.write_text("a,b\n1,2\n", encoding="utf-8")
     window.actions_["import_pins"].trigger()
     window.wait()
@@ -301,7 +305,7 @@ def test_pins_are_exported_with_features_and_distances(
     assert float(rows[0]["geodesic_from_200"]) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_scripts_add_maps_and_pins_or_are_told_why_not(window: MainWindow) -> None:
+def test_scripts_add_maps_and_pins_or_get_an_error(window: MainWindow) -> None:
     document = window.document
     mesh = document.mesh
     assert mesh is not None

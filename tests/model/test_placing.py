@@ -10,7 +10,7 @@ import shapes
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
-from meshmash_viewer.io.pins import MOST_PINS, pin_table, read_pins, write_pins
+from meshmash_viewer.io.pins import MOST_PINS, is_pin_table, pin_table, read_pins, write_pins
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.placing import PlacedPins, merged_pins, place_pins
@@ -117,6 +117,17 @@ def test_other_tables_are_refused(ball: Mesh, tmp_path: Path, text: str, says: s
         placed(ball, tmp_path, text)
     with pytest.raises(InputError, match=r"absent\.csv cannot be read"):
         read_pins(tmp_path / "absent.csv")
+
+
+def test_tables_of_pins_differ_from_those_of_maps(tmp_path: Path) -> None:
+    texts = {
+        "index,name\n1,a\n": True, "x;y;z;colour\n": True, "vertex,hks\n1,2\n": False,
+        "name,x\na,1\n": False, "1,2\n3,4\n": False, "": False,
+    }  # fmt: skip
+    for text, expected in texts.items():
+        (tmp_path / "table.csv").write_text(text, encoding="utf-8")
+        assert is_pin_table(tmp_path / "table.csv") is expected, text
+    assert not is_pin_table(tmp_path / "absent.csv")
 
 
 def test_pins_are_added_to_those_there_are() -> None:
