@@ -7,6 +7,8 @@ section), "muted" (an explanation), "value" (a number in a column), "proof" and 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -132,6 +134,16 @@ def is_dark() -> bool:
 def palette() -> Palette:
     """The current colours."""
     return Palette(_State.dark)
+
+
+@contextmanager
+def light() -> Iterator[None]:
+    """Use the light colours for what is drawn on paper; the caller dresses it before and after."""
+    before, _State.dark = _State.dark, False
+    try:
+        yield
+    finally:
+        _State.dark = before
 
 
 def pad_fields(parent: QWidget) -> None:

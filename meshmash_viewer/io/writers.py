@@ -264,6 +264,7 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "mesh": ("meshes", MESH_WRITERS),
     "picture": ("pictures", {".png": None}),
     "figure": ("figures", {".png": None, ".pdf": None, ".svg": None}),
+    "plot": ("plots", {".svg": None, ".pdf": None, ".png": None, ".csv": None}),
     "movie": ("movies", dict.fromkeys(MOVIE_ENDINGS)),
     "scene": ("scenes", dict.fromkeys(SCENE_ENDINGS)),
     "pins": ("pins", {".csv": None}),

@@ -146,6 +146,12 @@ class FormatDialog(SaveDialog):
         self.format_combo.currentIndexChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
 
+    def lay_out(self) -> None:
+        """Lay out the format and the file alone, for a dialog without other choices."""
+        self._arrange_rows(("Format", self.format_combo))
+        self.setMinimumWidth(520)
+        self._refresh_remark()
+
     @property
     def ending(self) -> str:
         """Ending of the chosen format."""

@@ -20,9 +20,7 @@ class SceneDialog(FormatDialog):
 
     def __init__(self, path: Path, parent: QWidget | None = None) -> None:
         super().__init__("scene", "Save scene", path, _SCENES, _missing_for, "trame", parent)
-        self._arrange_rows(("Format", self.format_combo))
-        self.setMinimumWidth(520)
-        self._refresh_remark()
+        self.lay_out()
 
 
 def _missing_for(ending: str) -> str:

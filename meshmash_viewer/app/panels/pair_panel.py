@@ -19,9 +19,12 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.unit_combo import UnitCombo
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
+from meshmash_viewer.app.plots.saving import PlotSaver
+from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
 from meshmash_viewer.units import format_number, format_share
@@ -91,6 +94,7 @@ class PairPanel(QWidget):
         self._curves = tuple(pg.PlotCurveItem() for _ in range(2))
         for curve in self._curves:
             self.plot.addItem(curve)
+        self.saver = PlotSaver(self.plot, self._document, self._numbers, self._dress)
         self.legend = make.label("pair_legend", role="muted", wordWrap=True)
         self.feature_combo = make.combo(
             "pair_feature_combo", "Feature in which vertices are matched", self._choose_feature,
@@ -323,14 +327,29 @@ class PairPanel(QWidget):
         second.setPen(dashed(colors[1], 2.0))
         self._name_curves()
 
+    def _numbers(self) -> list[Series]:
+        """The eigenvalues of both meshes, at an area of 1."""
+        names = (each.name or "mesh" for each in self._meshes)
+        drawn = (curve.getData() for curve in self._curves)
+        colors = theme.palette().series
+        return [
+            Series(name, x, y, color)
+            for name, (x, y), color in zip(names, drawn, colors, strict=False)
+            if x is not None
+        ]
+
+    @property
+    def _meshes(self) -> list[Mesh]:
+        """The first mesh and the second, as far as they are open."""
+        both = self._document.mesh, self._pair.second.mesh if self._pair else None
+        return [each for each in both if each is not None]
+
     def _name_curves(self) -> None:
-        names = [self._document.mesh, self._pair.second.mesh if self._pair else None]
         colors = theme.palette().series
         self.legend.setText(
             "<br>".join(
                 f'<span style="color:{color}">▬</span> {each.name or "mesh"}'
-                for each, color in zip(names, colors, strict=False)
-                if each is not None
+                for each, color in zip(self._meshes, colors, strict=False)
             )
         )
 

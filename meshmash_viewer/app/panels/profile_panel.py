@@ -20,6 +20,8 @@ from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.panels.pin_legend import MOST_SHOWN, PinLegend
 from meshmash_viewer.app.panels.pin_table import PinTable
 from meshmash_viewer.app.plots.plot import Plot, color, hatch, marker, solid
+from meshmash_viewer.app.plots.saving import PlotSaver
+from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
 from meshmash_viewer.model.document import Document
@@ -117,6 +119,7 @@ class ProfilePanel(PlotPanel):
         self._marker = marker(self._drag, self._refresh_display)
         for item in (self._missing, self._zero, self._marker):
             self.plot.addItem(item, ignoreBounds=True)
+        self.saver = PlotSaver(self.plot, self._document, self._numbers, self._dress)
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
         self.plot.fit_button.clicked.connect(self._stop_paging)
@@ -195,6 +198,17 @@ class ProfilePanel(PlotPanel):
             self.legend.point_at(vertex)
             for pin in self._curves:
                 self._dress_curve(pin)
+
+    def _numbers(self) -> list[Series]:
+        """The values of each pin at the exported columns, in the order of the pins."""
+        found, (log_bottom, log_left, _) = list[Series](), self._family.logarithmic
+        for pin in self._document.pins.placed:
+            values, profile = self._values.get(pin.vertex), self._profile
+            if pin in self._curves and values is not None and profile is not None:
+                x, y = profile.dots.values(values)
+                x, y = 10.0**x if log_bottom else x, 10.0**y if log_left else y
+                found.append(Series(pin.title, x, y, pin.color))
+        return found
 
     # -- from the model ---------------------------------------------------------------------
 
@@ -340,3 +354,5 @@ class ProfilePanel(PlotPanel):
         self._marker.setHoverPen(solid(colors.marker, 3.0))
         self._zero.setPen(solid(colors.reference, 1.0))
         hatch(self._missing)
+        for pin in self._curves:
+            self._dress_curve(pin)

@@ -14,6 +14,7 @@ from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.plots.response_view import ResponseView
+from meshmash_viewer.app.plots.saving import PlotSaver
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
@@ -47,6 +48,7 @@ class SpectrumPanel(PlotPanel):
         self._shown = self._drawn_scale = ""
         # by the name of the family behind the responses
         self._log = {name: family.logarithmic[2] for name, family in FAMILIES.items()}
+        self.saver = PlotSaver(self.plot, document, lambda: self.view.numbers(), self._dress)
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
         # in separate turns, as the layout of a hidden plot takes as long as filling it

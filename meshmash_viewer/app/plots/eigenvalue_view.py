@@ -12,7 +12,8 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.plots.plot import color, dashed, marker, solid
+from meshmash_viewer.app.plots.plot import color, dashed, marker, rim, solid
+from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
@@ -63,9 +64,9 @@ class EigenvalueView:
         self.points.setPen(None)
         self.points.setBrush(color(colors.accent))
         self.zeros.setBrush(color(colors.surface))
-        self.zeros.setPen(solid(colors.accent, 1.5))
+        self.zeros.setPen(rim(colors.accent, 1.5))
         self.current.setBrush(color(colors.marker))
-        self.current.setPen(solid(colors.surface, 1.5))
+        self.current.setPen(rim(colors.surface, 1.5))
         self.marker.setPen(solid(colors.marker, 1.0, 0.7))
         self.marker.setHoverPen(solid(colors.marker, 3.0))
 
@@ -130,6 +131,19 @@ class EigenvalueView:
         self.marker.setBounds((0, len(spectrum) - 1))
         if not self.marker.moving:
             self.marker.setValue(index)
+
+    def numbers(self) -> list[Series]:
+        """The eigenvalues, and Weyl's law, where they are drawn."""
+        spectrum, colors = self._document.spectrum, theme.palette()
+        along, law = self.weyl.getData()
+        if spectrum is None or along is None:
+            return []
+        values = spectrum.eigenvalues
+        name = "approximate eigenvalue" if spectrum.preview else "eigenvalue"
+        return [
+            Series(name, np.arange(len(values)), values, colors.accent),
+            Series("Weyl’s law", along, 10.0**law if self.log else law, colors.reference),
+        ]
 
     def select(self, x: float, _y: float) -> None:
         """Display the eigenfunction at a position of the plot."""

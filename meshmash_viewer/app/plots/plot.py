@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPen, QResizeEvent
+from PySide6.QtCore import QPoint, QPointF, Qt, Signal
+from PySide6.QtGui import (
+    QBrush,
+    QColor,
+    QContextMenuEvent,
+    QFont,
+    QFontMetricsF,
+    QPen,
+    QResizeEvent,
+)
 from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app import theme
@@ -28,14 +37,38 @@ def color(name: str, alpha: float = 1.0) -> QColor:
     return result
 
 
+class _Pens:
+    """Widths of the pens of lines.
+
+    Not of the rims of points: pyqtgraph adjusts automatic ranges to the widest one ever drawn.
+    """
+
+    scale = 1.0
+
+
+@contextmanager
+def scaled_pens(scale: float) -> Iterator[None]:
+    """Make wider pens, for a picture with more pixels than the screen."""
+    _Pens.scale = scale
+    try:
+        yield
+    finally:
+        _Pens.scale = 1.0
+
+
 def solid(name: str, width: float = 1.0, alpha: float = 1.0) -> QPen:
     """A pen whose width in pixels does not depend on the zoom."""
-    return QPen(pg.mkPen(color(name, alpha), width=width))
+    return QPen(pg.mkPen(color(name, alpha), width=_Pens.scale * width))
+
+
+def rim(name: str, width: float) -> QPen:
+    """A pen for the rims of points."""
+    return QPen(pg.mkPen(color(name), width=width))
 
 
 def dashed(name: str, width: float = 1.0) -> QPen:
     """A dashed pen whose width in pixels does not depend on the zoom."""
-    return QPen(pg.mkPen(color(name), width=width, style=Qt.PenStyle.DashLine))
+    return QPen(pg.mkPen(color(name), width=_Pens.scale * width, style=Qt.PenStyle.DashLine))
 
 
 def hatch(region: pg.LinearRegionItem) -> None:
@@ -121,13 +154,16 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
 class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     """A plot in the theme's colours.
 
-    The wheel zooms, a drag pans, and the button "Fit" shows everything.
+    The wheel zooms, a drag pans, and the button "Fit" shows everything. A right click or the menu
+    key requests a menu, see `meshmash_viewer.app.plots.saving`.
     """
 
     #: Position in plot coordinates.
     clicked = Signal(float, float)
     #: Likewise; NaN when the pointer has left.
     hovered = Signal(float, float)
+    #: Place on the screen of a menu.
+    menu_requested = Signal(QPoint)
 
     def __init__(self, name: str, accessible_name: str) -> None:
         axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
@@ -164,6 +200,11 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         if self._labels != {"left": left, "bottom": bottom}:
             self._labels = {"left": left, "bottom": bottom}
             self._dress_axes()
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """Labels of both axes, bottom and left."""
+        return self._labels["bottom"], self._labels["left"]
 
     def set_log(self, bottom: bool, left: bool) -> None:
         """Label axes with powers of ten; the data must be logarithms already."""
@@ -244,6 +285,14 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         point = self._point(event.scenePos())
         if event.button() == Qt.MouseButton.LeftButton and point is not None:
             self.clicked.emit(point.x(), point.y())
+        elif event.button() == Qt.MouseButton.RightButton:
+            self.menu_requested.emit(QPointF(event.screenPos()).toPoint())
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        """Request the menu for its key; of the mouse, a drag with the right button zooms."""
+        if event.reason() == QContextMenuEvent.Reason.Keyboard:
+            self.menu_requested.emit(self.mapToGlobal(self.rect().center()))
+        event.accept()
 
     def _move(self, position: QPointF) -> None:
         point = self._point(position)

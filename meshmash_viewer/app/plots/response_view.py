@@ -6,9 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 import pyqtgraph as pg
+from PySide6.QtGui import QTextDocumentFragment
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.plots.plot import color, dashed, hatch, marker, solid
+from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.family import Family
@@ -87,6 +89,24 @@ class ResponseView:
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
         return f"{mark} {self._response_text}&nbsp;&nbsp; {ticks}"
+
+    def numbers(self) -> list[Series]:
+        """The response of the filter of the field, and of others of the feature."""
+        spectrum, family = self._document.scaled_spectrum, self.family
+        response = None if spectrum is None else family.response(spectrum, self._along(spectrum))
+        if response is None:
+            return []
+        legend = QTextDocumentFragment.fromHtml(response.legend).toPlainText()
+        curves = [(legend, response.curve, theme.palette().marker)]
+        curves += [(f"other {at}", each, "") for at, each in enumerate(response.others, 1)]
+        if not family.response_decades:
+            return [Series(name, *curve, shade) for name, curve, shade in curves]
+        found = []
+        for name, (x, y), shade in curves:  # lines from the lower end of a logarithmic axis
+            above = y > 0.0
+            values = 10.0 ** (family.response_decades * (y[above] - 1.0))
+            found.append(Series(name, x[above], values, shade))
+        return found
 
     # -- coordinates ------------------------------------------------------------------------
 

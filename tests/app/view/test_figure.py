@@ -64,7 +64,7 @@ def test_text_of_svg_and_pdf_is_text(qapp, tmp_path: Path) -> None:
         assert text in texts
     assert svg.count("<image") == 1, "the render alone; the bar is made of vectors"
     save_figure(figure, tmp_path / "a.pdf")
-    for text in ("Height", "along x", "soma", "10 mm"):
+    for text in ("Height", "along x", "soma", "10\u00a0mm"):
         assert text in pdf_text(tmp_path / "a.pdf")
 
 

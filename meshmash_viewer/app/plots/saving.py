@@ -1,0 +1,223 @@
+"""Plots on the clipboard and in files: as vectors, pixels or numbers, in the light colours."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from pyqtgraph.exporters import Exporter
+from PySide6.QtCore import QMarginsF, QObject, QPoint, QPointF, QRectF, QSize, QSizeF, Qt
+from PySide6.QtGui import (
+    QColor,
+    QFontMetricsF,
+    QGuiApplication,
+    QImage,
+    QPageSize,
+    QPainter,
+    QPdfWriter,
+)
+from PySide6.QtSvg import QSvgGenerator
+from PySide6.QtWidgets import QMenu
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.dialogs.files import FormatDialog
+from meshmash_viewer.app.plots.plot import Plot, scaled_pens
+from meshmash_viewer.app.plots.series import Series
+from meshmash_viewer.app.saved import say_saved
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.write import check_output
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Severity
+
+_FORMATS = {
+    ".svg": "SVG, with text and lines as vectors",
+    ".pdf": "PDF, with text and lines as vectors",
+    ".png": "PNG picture, 300 dpi",
+    ".csv": "CSV, the numbers that are drawn",
+}
+_DPI, _INCH = 300, 25.4
+#: Length of a line in the legend, and the gap after it, in heights of the text.
+_STROKE, _GAP = 1.2, 0.5
+
+
+class PlotSaver(QObject):
+    """Saves or copies a plot, on a right click or the menu key.
+
+    `numbers` returns what is drawn, and `dress` applies the colours of the theme to it.
+    """
+
+    def __init__(
+        self,
+        plot: Plot,
+        document: Document,
+        numbers: Callable[[], Sequence[Series]],
+        dress: Callable[[], None],
+    ) -> None:
+        super().__init__(plot)
+        self._plot, self._document = plot, document
+        self._numbers, self._dress = numbers, dress
+        plot.menu_requested.connect(self._show_menu)
+
+    def _show_menu(self, place: QPoint) -> None:
+        menu = theme.named(QMenu(self._plot), "plot_menu", "What can be done with this plot")
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        for name, text, act in (
+            ("save_plot", "Save this plot…", self.ask), ("copy_plot", "Copy", self.copy)
+        ):  # fmt: skip
+            menu.addAction(text, act).setObjectName(name)
+        menu.popup(place)
+
+    def copy(self) -> None:
+        """Copy the plot to the clipboard."""
+        QGuiApplication.clipboard().setImage(self._pixels())
+        self._document.notices.say("Plot copied.")
+
+    def ask(self) -> None:
+        """Ask for format and file, and save the plot."""
+        document, name = self._document, self._plot.objectName().removesuffix("_plot")
+        folder = document.path.parent if document.path else Path()
+        mesh = document.mesh.name if document.mesh is not None else ""
+        path = folder / f"{mesh or 'mesh'}_{name}"
+        dialog = FormatDialog(
+            "plot", "Save this plot", path, _FORMATS, lambda _: "", "nothing", self._plot.window()
+        )
+        dialog.lay_out()
+        dialog.accepted.connect(lambda: self._save(dialog.path))
+        dialog.finished.connect(dialog.deleteLater)
+        dialog.open()
+
+    def _save(self, path: Path) -> None:
+        try:
+            self.save(path)
+        except InputError as fault:
+            self._document.notices.say(f"The plot was not saved: {fault}", Severity.ERROR)
+        else:
+            say_saved(self._document, f"Plot saved to {path}.", path)
+
+    def save(self, path: Path) -> None:
+        """Write the plot in the format of the file's ending, one of those offered.
+
+        Raises
+        ------
+        InputError
+            If the ending is another one, or the file cannot be written.
+        """
+        check_output(path, "plot")
+        ending = path.suffix.lower()
+        with writing_errors(path), written_whole(path) as part:
+            if ending == ".csv":
+                self._write_numbers(part)
+            elif ending == ".png":
+                if not self._pixels().save(str(part), "PNG"):  # type: ignore[call-overload]
+                    raise OSError(f"{path.name} could not be written.")
+            else:
+                self._write_vectors(part, ending == ".pdf")
+
+    def _write_numbers(self, path: Path) -> None:
+        """Write one row a point: its series, x and y, named as the axes are."""
+        bottom, left = self._plot.labels
+        with path.open("w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(["series", bottom, left])
+            for each in self._numbers():
+                pairs = zip(np.asarray(each.x).tolist(), np.asarray(each.y).tolist(), strict=True)
+                table.writerows([each.name, x, y] for x, y in pairs)
+
+    def _write_vectors(self, path: Path, as_pdf: bool) -> None:
+        with self._on_paper() as (size, draw):
+            resolution = self._plot.logicalDpiX()
+            device: QPdfWriter | QSvgGenerator
+            if as_pdf:
+                device = QPdfWriter(str(path))
+                points = QSizeF(size) * 72.0 / resolution
+                device.setPageSize(QPageSize(points, QPageSize.Unit.Point))
+                device.setPageMargins(QMarginsF())
+            else:
+                device = QSvgGenerator()
+                device.setFileName(str(path))
+                device.setSize(size)
+                device.setViewBox(QRectF(QPointF(), QSizeF(size)))
+            device.setResolution(resolution)
+            with QPainter(device) as painter:
+                draw(painter)
+
+    def _pixels(self) -> QImage:
+        scale = _DPI / self._plot.logicalDpiX()
+        with self._on_paper(scale) as (size, draw):
+            image = QImage(size * scale, QImage.Format.Format_RGB32)
+            image.setDevicePixelRatio(scale)
+            image.fill(QColor("#ffffff"))
+            with QPainter(image) as painter:
+                painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+                draw(painter)
+            image.setDevicePixelRatio(1.0)
+            # afterwards, since fonts depend on it
+            image.setDotsPerMeterX(round(_DPI / _INCH * 1000.0))
+            image.setDotsPerMeterY(round(_DPI / _INCH * 1000.0))
+        return image
+
+    @contextmanager
+    def _on_paper(self, scale: float = 1.0) -> Iterator[tuple[QSize, Callable[[QPainter], None]]]:
+        """Dress the plot in the light colours; yields its size and what draws it."""
+        plot, box = self._plot, self._plot.plotItem.vb
+        automatic = box.autoRangeEnabled()
+        box.disableAutoRange()  # which would follow the widths of pens
+        try:
+            with theme.light(), scaled_pens(scale):
+                self._dress_all()
+                rows = self._rows([each for each in self._numbers() if each.color])
+                line = 1.4 * QFontMetricsF(plot.font()).height()
+                head = round(line * len(rows))
+                size = QSize(plot.width(), plot.height() + head)
+                yield size, lambda painter: self._draw(painter, rows, line, head)
+        finally:
+            self._dress_all()
+            box.enableAutoRange(x=automatic[0], y=automatic[1])
+
+    def _draw(
+        self, painter: QPainter, rows: Sequence[Sequence[Series]], line: float, head: int
+    ) -> None:
+        """Draw the legend, and the plot below its `head`."""
+        plot, exporter = self._plot, Exporter(self._plot.plotItem)
+        painter.setFont(plot.font())
+        for at, row in enumerate(rows):
+            self._draw_names(painter, row, line * at, line / 1.4)
+        source = QRectF(plot.mapToScene(plot.rect()).boundingRect())
+        target = QRectF(0.0, head, plot.width(), plot.height())
+        exporter.setExportMode(True, {"antialias": True, "painter": painter})
+        try:
+            plot.scene().render(painter, target, source)
+        finally:
+            exporter.setExportMode(False)
+
+    def _dress_all(self) -> None:
+        self._plot.dress()
+        self._dress()
+
+    def _rows(self, named: Sequence[Series]) -> list[list[Series]]:
+        """Rows of the legend, each as long as the plot is wide."""
+        metrics, rows, used = QFontMetricsF(self._plot.font()), list[list[Series]](), 0.0
+        for each in named:
+            wide = (_STROKE + 2.0 * _GAP) * metrics.height() + metrics.horizontalAdvance(each.name)
+            if not rows or used + wide > self._plot.width():
+                rows, used = [*rows, []], 0.0
+            rows[-1].append(each)
+            used += wide
+        return rows
+
+    def _draw_names(
+        self, painter: QPainter, row: Sequence[Series], top: float, high: float
+    ) -> None:
+        metrics, x, middle = QFontMetricsF(self._plot.font()), _GAP * high, top + 0.7 * high
+        for each in row:
+            painter.fillRect(
+                QRectF(x, middle - 0.08 * high, _STROKE * high, 0.16 * high), QColor(each.color)
+            )
+            x += (_STROKE + _GAP) * high
+            painter.setPen(QColor(theme.palette().text))
+            painter.drawText(QPointF(x, middle + 0.35 * high), each.name)
+            x += metrics.horizontalAdvance(each.name) + _GAP * high
