@@ -151,8 +151,11 @@ def test_names_and_colours_are_given_by_the_menu(window: MainWindow, qtbot: QtBo
 
 
 def test_a_click_within_the_disc_of_a_pin_unpins_it(window: MainWindow) -> None:
+    scene, camera = window.scene, window.scene.camera()
+    scene.set_camera({**camera, "half_size": 8.0 * camera["half_size"]})
     window.document.pins.toggle(200)
-    at = window.scene.display_point(200) + QPoint(5, 4)
+    at = scene.display_point(200) + QPoint(4, 4)
+    assert scene.vertex_at(at.x(), at.y()) != 200, "another vertex is there"
     QTest.mouseMove(window.scene.plotter, at - QPoint(1, 0))
     QTest.mouseMove(window.scene.plotter, at)
     text = window.hover_label.text()
