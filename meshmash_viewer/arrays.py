@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,6 +18,11 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 _NAMED_OFFENDERS = 5
 #: Largest coordinate, whose fourth power and its inverse are still numbers.
 _LARGEST = 1e75
+
+
+def blocks(stop: int, size: int, start: int = 0) -> Iterator[slice]:
+    """Yield slices of at most `size` indices that cover those from `start` to `stop`."""
+    return (slice(at, min(at + size, stop)) for at in range(start, stop, size))
 
 
 def distinct_corners(faces: IntArray) -> npt.NDArray[np.bool_]:

@@ -33,6 +33,13 @@ class Progress:
 ProgressCallback: TypeAlias = Callable[[Progress], None]
 CancelCallback: TypeAlias = Callable[[], bool]
 
+
+def check_cancelled(cancel: CancelCallback | None) -> None:
+    """Raise `Cancelled` if a callback is given and returns True."""
+    if cancel is not None and cancel():
+        raise Cancelled
+
+
 #: The bar shows the share of the work, since pairs converge in batches.
 _FORMAT = "{desc}: {percentage:3.0f}%|{bar}|{postfix} [{elapsed}]"
 

@@ -25,12 +25,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.features.sums import accumulate_features
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback, check_cancelled
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -318,10 +318,8 @@ def _nearest(
     tree = KDTree(candidates) if len(candidates) > _ALL else None
     single, half = candidates.astype(np.float32), 0.5 * np.square(candidates).sum(axis=1)
     half = half.astype(np.float32)
-    for start in range(0, len(points), _AT_ONCE):
-        if cancel is not None and cancel():
-            raise Cancelled
-        some = slice(start, start + _AT_ONCE)
+    for some in blocks(len(points), _AT_ONCE):
+        check_cancelled(cancel)
         if tree is None:
             near[some] = np.argmax(points[some].astype(np.float32) @ single.T - half, axis=1)
             distances[some] = np.linalg.norm(points[some] - candidates[near[some]], axis=1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.features.filter_parameters import count_zeros
 from meshmash_viewer.features.maps import (
     as_map_values,
@@ -18,7 +18,7 @@ from meshmash_viewer.features.maps import (
     filled,
     without_gaps,
 )
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback, check_cancelled
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -154,16 +154,13 @@ def inner_products(
     These have shape (n,) or (m, n), and are 0 at vertices not `used`.
     """
     products = np.zeros((*weighted.shape[:-1], last - first))
-    for low in range(first, last, _ROWS):
-        high = min(low + _ROWS, last)
-        for start in range(0, len(used), _VERTICES):
-            if cancel is not None and cancel():
-                raise Cancelled
-            part = slice(start, start + _VERTICES)
-            block = rows[low:high, part]
+    for some in blocks(last, _ROWS, first):
+        for part in blocks(len(used), _VERTICES):
+            check_cancelled(cancel)
+            block = rows[some, part]
             if not used[part].all():
                 block = np.where(used[part], block, 0.0)  # NaN at unreferenced vertices
-            products[..., low - first : high - first] += weighted[..., part] @ block.T
+            products[..., some.start - first : some.stop - first] += weighted[..., part] @ block.T
     return products
 
 
@@ -173,8 +170,7 @@ def partial_sum(rows: Any, coefficients: FloatArray, first: int, last: int) -> F
     Coefficients of shape (k,) or (m, k) give a sum of shape (n,) or (m, n).
     """
     total = np.zeros((*coefficients.shape[:-1], rows.shape[1]))
-    for start in range(0, rows.shape[1], _VERTICES):
-        part = slice(start, start + _VERTICES)
+    for part in blocks(rows.shape[1], _VERTICES):
         total[..., part] = coefficients[..., first:last] @ rows[first:last, part]
     return total
 
@@ -226,10 +222,8 @@ def dominant_bands(
     result = np.full(n, -1, dtype=np.int64)
     if not len(edges):
         return result
-    for start in range(0, n, _VERTICES):
-        if cancel is not None and cancel():
-            raise Cancelled
-        part = slice(start, start + _VERTICES)
+    for part in blocks(n, _VERTICES):
+        check_cancelled(cancel)
         sums = np.stack(
             [
                 spectrum.coefficients[first:last] @ rows[first:last, part]

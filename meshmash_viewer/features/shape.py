@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback, check_cancelled
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -277,10 +277,8 @@ def match_features(
     tree = KDTree(values_b[rows_b] / scale)
     distances = np.empty(len(rows_a))
     nearest = np.empty(len(rows_a), dtype=np.int64)
-    for start in range(0, len(rows_a), _AT_ONCE):
-        if cancel is not None and cancel():
-            raise Cancelled
-        some = slice(start, start + _AT_ONCE)
+    for some in blocks(len(rows_a), _AT_ONCE):
+        check_cancelled(cancel)
         distances[some], nearest[some] = tree.query(values_a[rows_a[some]] / scale, workers=-1)
     indices = np.full(len(values_a), -1, dtype=np.int64)
     scores = np.full(len(values_a), np.nan)

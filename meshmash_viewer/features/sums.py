@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.features.truncation import (
     Truncation,
@@ -25,7 +25,7 @@ from meshmash_viewer.features.truncation import (
     warn_of_open_end,
     warn_of_truncation,
 )
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import named_apart
@@ -395,17 +395,15 @@ def sum_squares(
         # contiguous rows are read without a copy
         together = band[-1] - band[0] + 1 == len(band)
         which = slice(int(band[0]), int(band[-1]) + 1) if together else band
-        for start in range(whole.start, min(whole.stop, rows.shape[1]), _VERTICES):
-            if cancel is not None and cancel():
-                raise Cancelled
-            part = slice(start, start + _VERTICES)
+        for part in blocks(whole.stop, _VERTICES, whole.start):
+            check_cancelled(cancel)
             squares = np.square(rows[which, part], dtype=np.float64)
             total[:, part] += coefficients[:, band] @ squares
             if density is not None:
                 density[part] += squares.sum(axis=0)
 
-    for first in range(0, len(used), _ROWS):
-        fill_in_parts(rows.shape[1], partial(add, used[first : first + _ROWS]))
+    for some in blocks(len(used), _ROWS):
+        fill_in_parts(rows.shape[1], partial(add, used[some]))
     return total
 
 
@@ -415,6 +413,5 @@ def fill_in_parts(n_vertices: int, fill: Callable[[slice], object]) -> None:
     Two threads use nearly twice the memory bandwidth of one. New threads are started each time:
     Linux wakes a sleeping thread on the core of the waking one, so that both would share a core.
     """
-    parts = [slice(start, start + _PART) for start in range(0, n_vertices, _PART)]
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(fill, parts))
+        list(pool.map(fill, blocks(n_vertices, _PART)))

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh
 from meshmash_viewer.spectral.weyl import (
     TOLERANCE,
@@ -72,8 +72,7 @@ class Remainder:
         `values`, shape (n, f), are the truncated features, used for normalised filters only.
         """
         result = np.empty((len(self.left), len(self.totals)))
-        for first in range(0, len(result), _VERTICES):
-            part = slice(first, first + _VERTICES)
+        for part in blocks(len(result), _VERTICES):
             result[part] = self._estimate(self.left[part], values[part])
         return result
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_parameters import first_nonzero_eigenvalue
 from meshmash_viewer.features.sums import Features, sum_squares
@@ -52,8 +52,7 @@ def invariant_columns(
     weights = np.concatenate([decay, -exponents * decay])
     waves = step * np.exp(-2j * np.pi / _PERIOD * np.outer(np.arange(count), places))
     found = np.empty((count, rows.shape[1]))
-    for start in range(0, rows.shape[1], _BLOCK):
-        part = slice(start, start + _BLOCK)
+    for part in blocks(rows.shape[1], _BLOCK):
         sums = sum_squares(rows[: len(eigenvalues), part], weights, np.float64, cancel)
         found[:, part] = np.abs(waves @ (sums[n_times:] / sums[:n_times]))
     return found

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import blocks
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.bank_columns import FEATURES, BankFamily
 from meshmash_viewer.fields.family import Answer, Cancel, Description, Family, Table
@@ -117,8 +118,7 @@ class SimilarityTable:
         distances = np.empty(self.coordinates.shape[1], dtype=np.float32)
 
         def fill(whole: slice) -> None:
-            for start in range(whole.start, min(whole.stop, len(distances)), _BLOCK):
-                part = slice(start, start + _BLOCK)
+            for part in blocks(whole.stop, _BLOCK, whole.start):
                 way = self.coordinates[:, part] - here
                 np.sqrt(np.einsum("ij,ij->j", way, way), out=distances[part])
 

@@ -40,7 +40,7 @@ from meshmash_viewer.io.cache import (
     Published,
     folder_size,
 )
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
@@ -197,8 +197,7 @@ class EigenpairStore:
         row_bytes, checksums = 8 * self.n_vertices, self._published.checksums
 
         def is_intact(index: int) -> bool:
-            if cancel is not None and cancel():
-                raise Cancelled
+            check_cancelled(cancel)
             checksum, block = 0, memoryview(bytearray(_BLOCK))
             try:
                 with (self.folder / ROWS).open("rb") as file:

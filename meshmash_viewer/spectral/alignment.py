@@ -15,6 +15,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import blocks
+
 FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
 
 #: Vertices at a time in the inner products.
@@ -119,8 +121,7 @@ def _inner(
 ) -> npt.NDArray[np.float64]:
     """Return the products ``rows M shownᵀ`` plus a tiny multiple of the identity."""
     total = np.zeros((len(rows), len(shown)))
-    for begin in range(0, rows.shape[1], _BLOCK):
-        part = slice(begin, begin + _BLOCK)
+    for part in blocks(rows.shape[1], _BLOCK):
         weighted = np.nan_to_num(np.asarray(rows[:, part], dtype=np.float64)) * mass[part]
         total += weighted @ np.nan_to_num(np.asarray(shown[:, part], dtype=np.float64)).T
     # so that rows without overlap are not rotated

@@ -6,14 +6,13 @@ products, and counts from another factorization (SuperLU, in another order) or t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import counted, format_number, format_quantity, format_range
 
@@ -165,10 +164,6 @@ def verify_pairs(
     )
 
 
-def _blocks(k: int) -> Iterator[slice]:
-    return (slice(i, min(i + _ROWS, k)) for i in range(0, k, _ROWS))
-
-
 def _residuals(
     values: FloatArray, rows: Rows, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
 ) -> FloatArray:
@@ -178,7 +173,7 @@ def _residuals(
     """
     exact = matrix.astype(np.longdouble)
     residuals = np.empty(len(values))
-    for part in _blocks(len(values)):
+    for part in blocks(len(values), _ROWS):
         some = np.asarray(rows[part][:, used], dtype=np.longdouble)
         weighted = some * diagonal
         defect = (exact @ some.T).T - values[part, None] * weighted
@@ -201,9 +196,9 @@ def _norms(rows: npt.NDArray[np.longdouble]) -> npt.NDArray[np.longdouble]:
 
 def _orthonormality(rows: Rows, diagonal: FloatArray, used: npt.NDArray[np.intp]) -> float:
     k, worst = len(rows), 0.0
-    for part in _blocks(k):
+    for part in blocks(k, _ROWS):
         weighted = np.asarray(rows[part][:, used], dtype=np.float64) * diagonal
-        for other in _blocks(part.stop):
+        for other in blocks(part.stop, _ROWS):
             gram = weighted @ np.asarray(rows[other][:, used], dtype=np.float64).T
             if other == part:
                 gram -= np.eye(len(gram))

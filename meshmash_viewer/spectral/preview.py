@@ -21,9 +21,9 @@ import numpy.typing as npt
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import dijkstra
 
-from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.split.partition import edge_graph
@@ -69,18 +69,18 @@ def preview_eigenpairs(
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)
     areas = mesh.vertex_areas
     seeds = _spread_seeds(mesh, areas, n_cells, n_pairs)
-    _ask(cancel)
+    check_cancelled(cancel)
     cells = _nearest_seeds(mesh, seeds)
-    _ask(cancel)
+    check_cancelled(cancel)
     _, centroids = _measure(mesh, areas, cells, seeds)
     cells = _rounded(mesh, cells, centroids)
     cell_areas, centroids = _measure(mesh, areas, cells, seeds)
-    _ask(cancel)
+    check_cancelled(cancel)
     stiffness = _cell_stiffness(mesh, cells, centroids)
-    _ask(cancel)
+    check_cancelled(cancel)
     labels = mesh.component_labels
     values, vectors = _cell_eigenpairs(stiffness, cell_areas, labels[seeds], n_pairs, cancel)
-    _ask(cancel)
+    check_cancelled(cancel)
     n_null = min(mesh.n_components, n_pairs)
     count = min(len(values), n_pairs - n_null)
     shape = n_null + count, mesh.n_vertices
@@ -94,11 +94,6 @@ def preview_eigenpairs(
     eigenvalues = np.concatenate([np.zeros(n_null), values[:count]])
     error = expected_error(len(seeds), n_pairs)
     return Eigenpairs(eigenvalues, rows, np.full(len(rows), np.nan), n_exact=0, error=error)
-
-
-def _ask(cancel: CancelCallback | None) -> None:
-    if cancel is not None and cancel():
-        raise Cancelled
 
 
 # -- cells ------------------------------------------------------------------------------------
@@ -183,8 +178,7 @@ def _candidates(
 
     The values are undefined for vertices in no cell.
     """
-    for start in range(0, len(cells) if len(near) else 0, _BLOCK):
-        part = slice(start, start + _BLOCK)
+    for part in blocks(len(cells) if len(near) else 0, _BLOCK):
         candidates = near[cells[part]]
         squared = np.zeros(candidates.shape)
         outside = cells[part] < 0
@@ -279,7 +273,7 @@ def _interpolate(
     values = vectors.astype(np.float32)
     rows[:] = 0.0
     for part, candidates, squared in _candidates(mesh, cells, centroids, near):
-        _ask(cancel)
+        check_cancelled(cancel)
         reach = 1.05 * squared.max(axis=1, keepdims=True) + 1e-300
         weights = (1.0 - squared / reach) ** 2 / (squared + 1e-3 * reach)
         # padding repeats the last candidate

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback, check_cancelled
 
 #: Boxes whose faces are tested at a time.
 _OPENED = 24
@@ -56,8 +56,7 @@ class RayTarget:
         self._order = np.argsort(key).astype(np.int32)
         ordered = faces[self._order]
         for axis in range(3):
-            if cancel is not None and cancel():
-                raise Cancelled
+            check_cancelled(cancel)
             corners = points[:, axis][ordered]
             self._low[axis] = np.minimum.reduceat(corners.min(axis=1), starts)
             self._high[axis] = np.maximum.reduceat(corners.max(axis=1), starts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.factorization import FactorizationError, OrderedPencil
 from meshmash_viewer.spectral.engine.pencil import Pencil
@@ -47,8 +47,7 @@ class KnownPairs:
         if known is None:
             return None
         count = len(known.values)
-        for start in range(ordered.pencil.n_null, count, _ROWS):
-            part = slice(start, min(start + _ROWS, count))
+        for part in blocks(count, _ROWS, ordered.pencil.n_null):
             rows = known.rows(part.start, part.stop)
             values, residuals = measure_pairs(ordered, rows)
             limit = _RESIDUAL * np.maximum(values, 1e-3)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 
 #: Columns processed at a time, few enough to stay in the cache.
 _CHUNK = 4096
@@ -16,13 +16,9 @@ _NORMAL = 1e-13
 _INDEPENDENT = 0.3
 
 
-def _chunks(n: int) -> Iterator[slice]:
-    return (slice(start, start + _CHUNK) for start in range(0, n, _CHUNK))
-
-
 def multiply_in_place(weights: FloatArray, rows: FloatArray, result: FloatArray) -> None:
     """Compute weights · rows into `result`, which may be the first of `rows`, shape (m, n)."""
-    for part in _chunks(rows.shape[1]):
+    for part in blocks(rows.shape[1], _CHUNK):
         result[:, part] = weights @ rows[:, part]
 
 
@@ -36,7 +32,7 @@ def subtract(
     The target, shape (b, n), is changed in place, and read from memory only once.
     """
     products = [np.zeros((len(target), len(rows))) for rows in against]
-    for part in _chunks(target.shape[1]):
+    for part in blocks(target.shape[1], _CHUNK):
         own = target[:, part]
         for weights, rows in sources:
             own -= weights @ rows[:, part]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.lanczos import Found
@@ -131,8 +131,7 @@ class Output:
         """Accept the next rows of the array unchanged, and measure their orthonormality."""
         place = slice(self.written, self.written + len(eigenvalues))
         self.eigenvalues[place], self.residuals[place] = eigenvalues, residuals
-        for start in range(place.start, place.stop, _KEPT):
-            part = slice(start, min(start + _KEPT, place.stop))
+        for part in blocks(place.stop, _KEPT, place.start):
             kept = self.rows[part]
             worst = max(self._agree(part, final=True), self._defect(kept))
             self.orthonormality = max(self.orthonormality, worst)
@@ -148,7 +147,7 @@ class Output:
         if most > 0.5:
             raise ArithmeticError("two slices found the same eigenvector")
         if most > _TOUCHING and self.rows.dtype == np.float64:
-            for part in self._chunks():
+            for part in blocks(len(self.mass), _CHUNK):
                 written[:, part] -= shared @ self._finite(others[:, part])
             # The removed part belongs to eigenvectors of other eigenvalues.
             values = self.eigenvalues / self.pencil.unit
@@ -178,12 +177,11 @@ class Output:
         else:
             shared, far = self._separate(place, self._before)
             if _largest(far) > _FAR:
-                for start in range(0, self._before.start, _KEPT):
-                    stop = min(start + _KEPT, self._before.start)
-                    self._separate(place, slice(start, stop))
+                for earlier in blocks(self._before.start, _KEPT):
+                    self._separate(place, earlier)
                 shared, far = self._products(written, before)
         signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
-        for part in self._chunks():
+        for part in blocks(len(self.mass), _CHUNK):
             self._mixture[:, part] += signs @ self._finite(before[:, part])
         return max(float(np.abs(shared).max()), _largest(far))
 
@@ -193,7 +191,7 @@ class Output:
         """Compute inner products of rows with those before, and with sums of earlier ones."""
         shared = np.zeros((len(written), len(before)))
         far = np.zeros((len(written), _MIXTURES))
-        for part in self._chunks():
+        for part in blocks(len(self.mass), _CHUNK):
             weighted = self._finite(written[:, part]) * self.mass[part]
             shared += weighted @ self._finite(before[:, part]).T
             far += weighted @ self._mixture[:, part].T
@@ -203,9 +201,6 @@ class Output:
         """Compute the largest defect of the inner products among rows."""
         gram = self._products(written, written)[0]
         return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
-
-    def _chunks(self) -> list[slice]:
-        return [slice(i, i + _CHUNK) for i in range(0, len(self.mass), _CHUNK)]
 
     def _finite(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
         """Return rows in float64, zero where a vertex has no mass."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.spectral.engine.basis import BLOCK
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.orthogonality import (
@@ -40,14 +40,12 @@ def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArra
     projection = np.empty((p, p))
     columns = np.zeros((n, BLOCK))
     images = np.empty((_IMAGES, n))
-    for first in range(0, p, _IMAGES):
-        last = min(first + _IMAGES, p)
-        for start in range(first, last, BLOCK):
-            count = min(BLOCK, last - start)
-            columns[:, :count] = rows[start : start + count].T
-            image = ordered.multiply(columns)
-            ordered.fill_rows(image, images[start - first : start - first + BLOCK])
-        projection[:, first:last] = rows @ images[: last - first].T
+    for many in blocks(p, _IMAGES):
+        for some in blocks(many.stop, BLOCK, many.start):
+            columns[:, : some.stop - some.start] = rows[some].T
+            image, at = ordered.multiply(columns), some.start - many.start
+            ordered.fill_rows(image, images[at : at + BLOCK])
+        projection[:, many] = rows @ images[: many.stop - many.start].T
     gram = independent_gram(rows)
     values, weights = eigh(projection, gram)
     multiply_in_place(np.ascontiguousarray(weights.T), rows, rows)
@@ -68,13 +66,11 @@ def measure_pairs(
     p = len(rows)
     values, residuals = np.empty(p), np.empty(p)
     columns = np.zeros((ordered.pencil.n, BLOCK))
-    for start in range(0, p, BLOCK):
-        stop = min(start + BLOCK, p)
-        b = stop - start
-        columns[:, :b] = rows[start:stop].T
+    for some in blocks(p, BLOCK):
+        b = some.stop - some.start
+        columns[:, :b] = rows[some].T
         quotients, sizes = ordered.quotients(columns, ordered.multiply(columns, exactly))
-        values[start:stop] = quotients[:b]
-        residuals[start:stop] = sizes[:b]
+        values[some], residuals[some] = quotients[:b], sizes[:b]
     return values, residuals
 
 
