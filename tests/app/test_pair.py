@@ -249,7 +249,7 @@ def test_both_colour_bars_say_the_same_numbers(
     assert both[0][0] != -both[0][1]
     field = part(window, QWidget, "limit_low_field")
     assert field.value == pytest.approx(both[0][0], rel=1e-6)
-    own = window.controller.field.colors(display)[0]
+    own = window.controller.field.colors(display)[0][:2]
     QTest.mouseClick(part(window, QCheckBox, "pair_link_colors"), LEFT, pos=QPoint(8, 8))
     rest(window)
     assert bars(window, opened)[0] == pytest.approx(own)
