@@ -1,8 +1,9 @@
-"""Folders of the user for stored eigenpairs, sessions and logs."""
+"""Folders of the user for stored eigenpairs, sessions and logs, and of the pages."""
 
 from __future__ import annotations
 
 import os
+import sysconfig
 from pathlib import Path
 
 #: Environment variable that names one folder for all, on every operating system.
@@ -34,6 +35,14 @@ def log_folder() -> Path:
     if named is not None:
         return named / "log"
     return Path(platformdirs.user_log_path("meshmash-viewer", appauthor=False))
+
+
+def page_file(name: str) -> Path | None:
+    """Return a page on an algorithm, of the checkout or installed with the package; else None."""
+    checkout = Path(__file__).parents[1] / "docs" / "algorithms"
+    installed = Path(sysconfig.get_path("data"), "share", "doc", "meshmash-viewer")
+    files = (folder / f"{name}.md" for folder in (checkout, installed))
+    return next((file for file in files if file.is_file()), None)
 
 
 def _named() -> Path | None:

@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meshmash_viewer.fields import FAMILIES
+
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = "from setuptools import build_meta as b; b.build_{kind}({folder!r})"
 INSTALLED = """
@@ -88,10 +90,13 @@ def test_the_wheel_holds_the_package_whole(archives: tuple[Path, Path]) -> None:
     }
     with zipfile.ZipFile(archives[1]) as wheel:
         held = {name for name in wheel.namelist() if ".dist-info/" not in name}
+        pages = {name for name in held if ".data/data/share/doc/meshmash-viewer/" in name}
         (about,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
         metadata = message_from_bytes(wheel.read(about))
         assert any(name.endswith("licenses/LICENSE") for name in wheel.namelist())
-    assert held == tracked
+    assert held - pages == tracked
+    shown = {family.page for family in FAMILIES.values()}
+    assert shown <= {Path(name).stem for name in pages}
     assert metadata["Description-Content-Type"] == "text/markdown"
     assert metadata["License-Expression"] == "MIT"
     assert {"draco", "html", "movie"} <= set(metadata.get_all("Provides-Extra", []))

@@ -57,6 +57,7 @@ class Distances(Family):
 
     name = "distance"
     label = "Distance from a vertex"
+    page = "distances"
     short = "Distance"
     tip = "Geodesic, biharmonic, commute-time or diffusion distance from a pin"
     export = "distance"

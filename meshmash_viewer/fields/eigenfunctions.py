@@ -30,6 +30,7 @@ class Eigenfunctions(Family):
 
     name = "eigenfunction"
     label = "Eigenfunctions"
+    page = "eigenpairs"
     short = "Eigenfunctions"
     tip = "Eigenfunctions of the Laplacian"
     export = "eigenpairs"

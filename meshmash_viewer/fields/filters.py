@@ -81,6 +81,7 @@ class Filters(BankFamily):
 
     name = "filter"
     label = "Filter"
+    page = "filters"
     short = "Filter"
     tip = "Low-pass, band-pass, Gaussian, or any formula in λ"
     icon = '<path d="M3 5h18l-7 8v6l-4 2v-8z"/>'

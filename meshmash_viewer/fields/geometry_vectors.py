@@ -28,6 +28,7 @@ class GeometryVectors(BankColumns):
 
     name = "band"
     label = "Geometry vectors"
+    page = "geometry_vectors"
     short = "Geometry vectors"
     tip = "Bands of the spectrum: cubic B-splines that sum to 1"
     export = "geometry-vectors"

@@ -44,6 +44,7 @@ class HeatKernelSignature(BankFamily):
 
     name = "hks"
     label = "Heat kernel signature"
+    page = "heat_kernel_signature"
     short = "HKS"
     tip = "Heat kernel signature"
     export = "hks"

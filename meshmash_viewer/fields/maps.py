@@ -38,7 +38,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
 from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.surface.curvature import DIRECTION_FAULT
-from meshmash_viewer.units import format_quantity, format_range, format_share, power_unit
+from meshmash_viewer.units import counted, format_quantity, format_range, format_share, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Maps of every mesh: power of length in their unit, name of the public function, and formula.
@@ -74,6 +74,7 @@ class OwnMaps(Family):
 
     name = "map"
     label = "Own maps"
+    page = "maps"
     short = "Own maps"
     tip = "Values per vertex from a file, and the curvature of the mesh"
     icon = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
@@ -202,7 +203,7 @@ class OwnMaps(Family):
             word = "from"
             if self.view == "residual":
                 share, word = 1.0 - share, "without"
-            text = f"{word} its lowest {self.pairs:,} pairs"
+            text = f"{word} {counted(self.pairs, 'pair')}"
             return text if known is None else f"{text}, {format_share(share)} of what varies"
         if self.filter is not None:
             return f"through {self.filter.describe(spectrum, unit).quantity}"

@@ -71,6 +71,7 @@ class ScaleInvariantHKS(Columns):
 
     name = "sihks"
     label = "Scale-invariant heat kernel signature"
+    page = "scale_invariant_hks"
     short = "SI-HKS"
     tip = "Heat kernel signature that is equal on a mesh of another size"
     icon = '<path d="M3 20h18"/><path d="M5 20V6M9 20v-9M13 20v-6M17 20v-3M21 20v-1"/>'

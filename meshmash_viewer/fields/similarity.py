@@ -30,6 +30,7 @@ class Similarity(Family):
 
     name = "similarity"
     label = "Similar to a vertex"
+    page = "similarity"
     short = "Similar"
     tip = "Distance in feature space from a pinned vertex"
     icon = (

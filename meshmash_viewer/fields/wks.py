@@ -29,6 +29,7 @@ class WaveKernelSignature(BankColumns):
 
     name = "wks"
     label = "Wave kernel signature"
+    page = "wave_kernel_signature"
     short = "WKS"
     tip = "Wave kernel signature, at energies evenly spaced in log λ"
     export = "wks"

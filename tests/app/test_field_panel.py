@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from closed_form import give, part, rectangle_document, rectangle_spectrum, shown, turn_wheel
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QPoint, Qt, QUrl
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from scipy.linalg import eigh
 
+from meshmash_viewer.app.dialogs.page_dialog import PageDialog
 from meshmash_viewer.app.panels.field_panel import FieldPanel
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
@@ -405,6 +406,24 @@ def test_a_log_scale_is_chosen_by_family_and_undone(panel: FieldPanel, document)
     document.history.undo()
     assert document.display.log_scales == {}
     assert scales.currentData() == "automatic"
+
+
+@pytest.mark.parametrize("name", [name for name, family in FAMILIES.items() if family.page])
+def test_a_question_mark_opens_the_page_of_the_family(
+    panel: FieldPanel, document, name: str
+) -> None:
+    document.display.kind = name
+    QTest.mouseClick(part(panel, f"{name}_page_button"), LEFT)
+    (dialog,) = panel.window().findChildren(PageDialog)
+    text = dialog.browser.toPlainText()
+    assert dialog.isVisible()
+    assert document.display.family.definition in text
+    assert "What can go wrong" in text
+    assert "\\Phi" not in text
+    if name == "hks":
+        dialog.browser.anchorClicked.emit(QUrl("truncation.md"))
+        assert dialog.windowTitle() == "Truncation"
+    dialog.close()
 
 
 def test_without_eigenpairs_it_says_what_to_do(qtbot) -> None:

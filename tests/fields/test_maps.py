@@ -254,7 +254,7 @@ def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(
     chosen = replace(OwnMaps(), chosen="height", pairs=7)
     assert chosen.resolved(spectrum, CHOSEN).describe(spectrum, "mm").caption == "height"
     summed = replace(chosen, view="pairs").resolved(spectrum, CHOSEN)
-    assert "lowest 7 pairs" in summed.describe(spectrum, "mm").caption
+    assert "from 7 pairs" in summed.describe(spectrum, "mm").caption
 
 
 def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: mv.Decomposition) -> None:

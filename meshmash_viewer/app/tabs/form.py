@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QObject, QSignalBlocker, QTimer
+from PySide6.QtCore import QObject, QSignalBlocker, Qt, QTimer
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -118,7 +118,24 @@ class FamilyTab(QWidget):
     def _fill(self, name: str, accessible: str, *parts: Part) -> None:
         """Lay the controls out, under a title of these names."""
         self.title = make.label(name, accessible, role="title")
-        self.setLayout(column(self.title, *parts, None, margins=PANEL))
+        head: Part = self.title
+        if self.family.page:
+            head = row((self.title,), self._make_page_button())
+        self.setLayout(column(head, *parts, None, margins=PANEL))
+
+    def _make_page_button(self) -> QPushButton:
+        name, tip = f"{self.family.name}_page_button", "What it is, and what can go wrong"
+        spoken = f"Page on: {self.family.label}"
+        return make.button("?", name, spoken, self._open_page, role="link", tip=tip)
+
+    def _open_page(self) -> None:
+        """Show the page of the family; it stays next to the window."""
+        from meshmash_viewer.app.dialogs.page_dialog import PageDialog
+
+        formula = self._document.display.fields[self.family.name].definition
+        dialog = PageDialog(self.family.page, formula, self.window())
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.show()
 
     def _change(self, **parameters: Any) -> None:
         self._document.display.change(self.family, **parameters)
