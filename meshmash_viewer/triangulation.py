@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+import warnings
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning
 
+#: Triangles of polygons, as many less two for each, and which of these intersect themselves.
+_Cut: TypeAlias = tuple[IntArray, npt.NDArray[np.bool_]]
+_NONE = np.zeros(0, dtype=np.bool_)
 #: VTK's time grows with the square of the number of corners: 0.3 s for so many, a minute for ten
 #: times as many.
 _MOST_CORNERS = 10_000
@@ -22,6 +26,8 @@ _TINY = 1e-300
 _STEPS = 2.0**24
 #: Corners of the triangles of a quadrilateral, by its diagonal.
 _ALONG_DIAGONAL = np.array([[0, 1, 2, 0, 2, 3], [0, 1, 3, 1, 2, 3]])
+#: Cosine between the sides of the halves of a quadrilateral from which it is called flat.
+_FLAT = 0.9
 #: Diagonals whose squared lengths differ by less are equal in coordinates of single precision.
 _EQUAL = 1e-6
 
@@ -38,7 +44,8 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
     `indices` are the corners of all polygons, one polygon after the other, and `counts` the corners
     of each. The triangles, shape (m, 3), are in the order of the polygons. Where an index is out of
     range or a coordinate is not finite, for the caller to say, they are fans. `InputError` is
-    raised if a polygon of more than 10,000 corners is not convex.
+    raised if a polygon of more than 10,000 corners is not convex, and a `MeshWarning` issued if
+    polygons intersect themselves.
     """
     if len(counts) and counts.min() == 3 and counts.max() == 3:
         return indices.reshape(-1, 3)
@@ -51,6 +58,7 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
     indices, counts = _without_repeats(indices, counts)
     many = np.maximum(counts - 2, 0)
     triangles = np.empty((int(many.sum()), 3), dtype=np.int64)
+    crossing = 0
     with np.errstate(over="ignore", invalid="ignore"):  # of coordinates that `Mesh` refuses
         for least, most, cut in (
             (3, 3, _unchanged),
@@ -61,7 +69,12 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
             chosen = (counts >= least) & (counts <= most)
             if chosen.any():
                 corners = indices[np.repeat(chosen, counts)]
-                triangles[np.repeat(chosen, many)] = cut(vertices, corners, counts[chosen])
+                triangles[np.repeat(chosen, many)], crosses = cut(vertices, corners, counts[chosen])
+                crossing += int(np.count_nonzero(crosses))
+    if crossing:
+        cross = "polygon intersects itself" if crossing == 1 else "polygons intersect themselves"
+        text = f"{crossing:,} {cross}: the triangles overlap there, and have too large an area"
+        warnings.warn(text, MeshWarning, stacklevel=2)
     return np.asarray(triangles[distinct_corners(triangles) | np.repeat(counts == 3, many)])
 
 
@@ -123,11 +136,11 @@ def polydata_triangles(poly: Any) -> tuple[FloatArray, IntArray]:
     return vertices, np.concatenate(triangles)
 
 
-def _unchanged(_: FloatArray, indices: IntArray, __: IntArray) -> IntArray:
-    return indices.reshape(-1, 3)
+def _unchanged(_: FloatArray, indices: IntArray, __: IntArray) -> _Cut:
+    return indices.reshape(-1, 3), _NONE
 
 
-def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> IntArray:
+def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> _Cut:
     """Two triangles of each quadrilateral."""
     corners = indices.reshape(-1, 4)
     order = (corners.argmin(axis=1)[:, None] + np.arange(4)) % 4
@@ -144,10 +157,20 @@ def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> IntArray:
     is_shorter = _dot(other, other) < (1.0 - _EQUAL) * _dot(two, two)
     takes_other = np.where(both_inside, is_shorter, flatter_other > flatter + rounding)
     cut = _ALONG_DIAGONAL[takes_other.astype(np.int64)]
-    return np.take_along_axis(corners, cut, axis=1).reshape(-1, 3)
+    # of an outline that crosses itself, the halves face opposite sides along either diagonal
+    crosses = _opposite(np.cross(one, two), np.cross(two, three)) & _opposite(
+        np.cross(one, three), np.cross(two - one, other)
+    )
+    return np.take_along_axis(corners, cut, axis=1).reshape(-1, 3), crosses
 
 
-def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> IntArray:
+def _opposite(one: FloatArray, other: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether two vectors point in nearly opposite directions."""
+    lengths = np.sqrt(_dot(one, one) * _dot(other, other))
+    return np.asarray(_dot(one, other) < -_FLAT * lengths)
+
+
+def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _Cut:
     """Fans of polygons that are too large for anything else."""
     indices = _from_lowest(indices, counts)
     triangles = fan_triangles(np.arange(len(indices)), counts)
@@ -158,26 +181,28 @@ def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> I
             f" {_MOST_CORNERS:,} can be cut into triangles: do that in the program that it comes"
             " from."
         )
-    return indices[triangles]
+    return indices[triangles], _NONE
 
 
-def _pieces(vertices: FloatArray, indices: IntArray, counts: IntArray) -> IntArray:
+def _pieces(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _Cut:
     """Triangles of polygons with more than four corners, as many less two for each."""
     indices = _from_lowest(indices, counts)
     points = _own_coordinates(vertices[indices], counts)
     triangles, areas, overlap = _tried(points, counts, 0.0)
+    crosses = overlap.copy()
     # An outline that touches itself, as at the cut that leads to a hole, does not once shrunk, and
     # one that is cut in two at a corner is not once grown.
     for shrinking in (_SHRINKING, -_SHRINKING):
         if overlap.any():
             corners = np.flatnonzero(np.repeat(overlap, counts))
-            again, again_areas, _ = _tried(points[corners], counts[overlap], shrinking)
+            again, again_areas, still = _tried(points[corners], counts[overlap], shrinking)
             better = again_areas < areas[overlap]
             is_better = np.zeros(len(counts), dtype=np.bool_)
             is_better[overlap] = better
             of_better = np.repeat(better, counts[overlap] - 2)
             triangles[np.repeat(is_better, counts - 2)] = corners[again[of_better]]
-    return indices[triangles]
+            crosses[overlap] &= ~better | still
+    return indices[triangles], crosses
 
 
 def _tried(

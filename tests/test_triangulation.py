@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import as_mesh
 from meshmash_viewer.triangulation import triangulate
@@ -127,9 +128,22 @@ def test_triangles_keep_the_side_of_their_polygon(name: str) -> None:
 )
 def test_a_polygon_that_crosses_itself_keeps_at_least_its_area(polygon: Points) -> None:
     points = placed(polygon)
-    triangles = cut(points, [*range(len(points))])
+    with warnings.catch_warnings(action="ignore", category=MeshWarning):
+        triangles = cut(points, [*range(len(points))])
     assert len(triangles) == len(points) - 2
     assert area_of(points, triangles) >= vector_area(points)
+
+
+@pytest.mark.parametrize(
+    "polygon", [[(0, 0), (1, 1), (1, 0), (0, 1)], [(0, 0), (3, 0), (3, 1), (1, -0.3), (0, 1)]]
+)
+def test_a_file_with_a_polygon_that_crosses_itself_says_so(polygon: Points, tmp_path: Path) -> None:
+    path = tmp_path / "crossed.obj"
+    lines = [f"v {x} {y} 0" for x, y in polygon]
+    face = " ".join(str(at + 1) for at in range(len(polygon)))
+    path.write_text("\n".join([*lines, f"f {face}"]))
+    with pytest.warns(MeshWarning, match="crossed.obj has a fault: 1 polygon intersects itself"):
+        read_mesh(path)
 
 
 @pytest.mark.parametrize("polygon", [[0, 1, 0, 2], [0, 0, 1, 1], [0, 1], [0], [], [2] * 6])

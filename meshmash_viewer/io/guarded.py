@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
-from meshmash_viewer.io.raw import RawMesh, raw_mesh
+from meshmash_viewer.io.raw import RawMesh, read_raw
 from meshmash_viewer.plug_ins import PlugIn
 from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child
 
@@ -102,7 +102,7 @@ def read_guarded(
     memory; `InputError` if `reader` raises it, or the child crashes.
     """
     if _watched:
-        return raw_mesh(reader(path))
+        return read_raw(reader, path)
     if isinstance(reader, PlugIn):
         reader.load()  # raises here if the plug-in cannot be loaded
     limits = limits or ReadLimits.of(path.stat().st_size)
@@ -155,7 +155,7 @@ def convert(reader: str, path: Path, memory: float) -> RawMesh:
     _watched = True
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            return raw_mesh(read(path))
+            return read_raw(read, path)
     except MemoryError:
         raise
     except Exception as fault:  # noqa: BLE001  reported by the parent

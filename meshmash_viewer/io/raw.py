@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -111,6 +112,16 @@ def maps_alone(maps: Iterable[RawMap], remarks: tuple[str, ...] = ()) -> RawMesh
     """What a file holds that has no mesh."""
     no_vertices, no_faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     return RawMesh(no_vertices, no_faces, maps=tuple(maps), remarks=remarks)
+
+
+def read_raw(reader: Callable[[Path], RawMesh | MeshLike], path: Path) -> RawMesh:
+    """Call a reader; mesh warnings become remarks."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", MeshWarning)
+        raw = raw_mesh(reader(path))
+    said = tuple(f"has a fault: {each.message}" for each in caught)
+    return replace(raw, remarks=(*raw.remarks, *said)) if said else raw
 
 
 def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:

@@ -30,7 +30,7 @@ from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
-from meshmash_viewer.io.raw import RawMesh, checked_maps, raw_mesh
+from meshmash_viewer.io.raw import RawMesh, checked_maps, read_raw
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.structures import structure_of_file
@@ -161,7 +161,7 @@ def _read_raw(path: Path, ending: str) -> RawMesh:
     with _unpacked(path, ending) as (plain, limits):
         if limits is None and reader in _LIMITS:
             limits = _LIMITS[reader](plain)
-        return raw_mesh(reader(plain)) if limits is None else read_guarded(reader, plain, limits)
+        return read_raw(reader, plain) if limits is None else read_guarded(reader, plain, limits)
 
 
 def mesh_name(path: str | Path) -> str:
