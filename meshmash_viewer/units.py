@@ -101,18 +101,8 @@ def power_unit(unit: str, power: int) -> str:
 def engineering(size: float, unit: str) -> tuple[int, str]:
     """Choose the unit in which a quantity is a short number.
 
-    Parameters
-    ----------
-    size : float
-        The largest magnitude that is written.
-    unit : str
-        As written by `power_unit`; any other text, such as "mV", is kept.
-
-    Returns
-    -------
-    exponent : int
-        Numbers are multiplied by this power of ten.
-    unit : str
+    `size` is the largest magnitude that is written, `unit` as written by `power_unit`; any other
+    text, such as "mV", is kept. The power of ten by which numbers are multiplied comes first.
 
     Examples
     --------

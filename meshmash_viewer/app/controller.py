@@ -45,32 +45,20 @@ class Controller(QObject):
     for another mesh or family are dropped. `show` calls `draw`, through `link` if two meshes are
     compared; `draw` adds the limits and passes the field to the view. Another thread builds the
     tables that make the next fields fast, after which a draft is computed again.
-
-    Signals
-    -------
-    drawn(Field or None, (low, high))
-        A field has been passed to the view, with its limits; None for no field.
-
-    Attributes
-    ----------
-    field : Field or None
-        The last field that was computed.
-    live : LiveFeatures
-        The precomputed tables of the features.
-    late : bool
-        Whether the requested field takes long or cannot be computed.
-    link : Link or None
-        Draws the field together with that of another mesh, where two are compared.
     """
 
+    #: A field has been passed to the view, with its limits (low, high); None for no field.
     drawn = Signal(object, object)
 
     def __init__(self, document: Document, view: MeshView, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document, self._view = document, view
+        #: The last field that was computed.
         self.field: Field | None = None
         self.live = LiveFeatures()
+        #: Whether the requested field takes long or cannot be computed.
         self.late = False
+        #: Draws the field together with that of another mesh, where two are compared.
         self.link: Link | None = None
         self._wanted: FieldRequest | None = None
         self._policy: LimitPolicy | None = None

@@ -34,14 +34,8 @@ class LastSession(QObject):
 
     Files are written in a thread, as flushing them to the disk takes up to a tenth of a second.
 
-    Parameters
-    ----------
-    document : Document
-    folder : Path
-        Of the sessions, one for each mesh file.
-    look : callable
-        Returns the camera (see `View.to_json`) and the pair with the second mesh, if there is one.
-    parent : QObject
+    `folder` holds them, one for each mesh file. `look` returns the camera (see `View.to_json`) and
+    the pair with the second mesh, if there is one.
     """
 
     _failed = Signal(str)

@@ -64,15 +64,8 @@ _FIELDS = (QLineEdit, QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 class MainWindow(ScriptedWindow):
     """One document in one window.
 
-    Parameters
-    ----------
-    document : Document, optional
-        A new one if none is given.
-    fresh : bool
-        Whether to ignore the stored settings.
-    deferred : bool
-        Whether the render and the plots are left out until `load` is called, so that the window
-        can be on the screen before their libraries are.
+    `fresh` ignores the stored settings. If `deferred`, the render and the plots are left out until
+    `load` is called, so that the window can be on the screen before their libraries are.
     """
 
     #: The window has been closed, and its tasks have ended; it cannot be shown again.

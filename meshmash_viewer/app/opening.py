@@ -32,27 +32,11 @@ if TYPE_CHECKING:
 
 
 class Opening(QObject):
-    """What is open in a window: a mesh, perhaps a second one, and sessions of both.
+    """What is open in a window: a mesh, perhaps a second one, and sessions of both."""
 
-    Signals
-    -------
-    pair_changed(Pair or None)
-        A second mesh was opened or closed.
-    pins_requested(Path)
-        A table of pins was opened.
-
-    Attributes
-    ----------
-    scene : MeshView, optional
-    controller : Controller, optional
-        The render of the first mesh, once it is loaded.
-    second_view : SecondView, optional
-        The second mesh.
-    restoration : Restoration, optional
-        The session that is being opened.
-    """
-
+    #: A second mesh was opened or closed: a `Pair`, or None.
     pair_changed = Signal(object)
+    #: The table of pins at a path was opened.
     pins_requested = Signal(object)
 
     def __init__(
@@ -66,9 +50,11 @@ class Opening(QObject):
         self._window, self._document, self._settings = window, document, settings
         self._stage = stage
         self.last_session = LastSession(document, settings.sessions, self._look_of, self)
+        #: The render of the first mesh, once it is loaded.
         self.scene: MeshView | None = None
         self.controller: Controller | None = None
         self.second_view: SecondView | None = None
+        #: The session that is being opened.
         self.restoration: Restoration | None = None
         self._second_restoration: Restoration | None = None
 

@@ -37,18 +37,7 @@ _Linked: TypeAlias = tuple[Field, Limits] | None
 
 
 class SecondView(QWidget):
-    """A second mesh that follows the first.
-
-    Parameters
-    ----------
-    document, scene, controller
-        Those of the first.
-
-    Attributes
-    ----------
-    pair : Pair
-        The links, and the comparison.
-    """
+    """A second mesh that follows the first, whose document, scene and controller it is given."""
 
     #: The user has pressed the close button, or the mesh could not be read.
     close_requested = Signal()

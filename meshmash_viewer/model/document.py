@@ -116,18 +116,10 @@ class Document(OpenMesh):
     def set_unit(self, text: str) -> None:
         """Set the unit of the coordinates, or the size of the voxels that they count.
 
-        Parameters
-        ----------
-        text : str
-            See `meshmash_viewer.units.parse_unit`. It refers to the coordinates in the file: "8 nm"
-            given twice scales once, and "nm" after it restores the numbers of the file. The
-            spectrum is kept where the numbers do not change; with another voxel size it is computed
-            again.
-
-        Raises
-        ------
-        InputError
-            If the text is not a unit.
+        The text (see `meshmash_viewer.units.parse_unit`) refers to the coordinates in the file:
+        "8 nm" given twice scales once, and "nm" after it restores the numbers of the file. The
+        spectrum is kept where the numbers do not change; with another voxel size it is computed
+        again. `InputError` is raised if it is not a unit.
         """
         voxel, unit = parse_unit(text)
         if self.ready is None:

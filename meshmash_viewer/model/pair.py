@@ -92,16 +92,6 @@ class Pair:
 
     Views connect to `changed`. `comparison_requested` carries a `ComparisonRequest`; its runner
     calls `accept` or `give_up`.
-
-    Attributes
-    ----------
-    links : frozenset of str
-        The active ones of `LINKS`, and "camera" or "mirror" of `CAMERAS`; changed by `link`,
-        `link_cameras` and `set_links`.
-    comparison : Comparison or None
-        None until both are decomposed and compared.
-    carries : bool
-        Whether the second shows the field of the first, transferred by the match of all vertices.
     """
 
     changed = Signal()
@@ -109,8 +99,12 @@ class Pair:
 
     def __init__(self, first: Document, second: Document) -> None:
         self.first, self.second = first, second
+        #: The active ones of `LINKS`, and "camera" or "mirror" of `CAMERAS`; changed by `link`,
+        #: `link_cameras` and `set_links`.
         self.links: frozenset[str] = frozenset()
+        #: None until both are decomposed and compared.
         self.comparison: Comparison | None = None
+        #: Whether the second shows the field of the first, transferred by the match of vertices.
         self.carries = False
         self._matched_in = next(iter(MATCHED_IN))
         self._request: ComparisonRequest | None = None

@@ -21,14 +21,9 @@ from meshmash_viewer.units import format_quantity, power_unit
 
 
 class FilterParameters(QWidget):
-    """A row for each parameter of the document's filter; those of its controls begin with a prefix.
+    """A row for each parameter of the document's filter, in controls named with a prefix."""
 
-    Signals
-    -------
-    tried(str)
-        A person gave a value; what is wrong with it, or nothing.
-    """
-
+    #: A person gave a value; what is wrong with it, or nothing.
     tried = Signal(str)
 
     def __init__(self, document: Document, prefix: str = "") -> None:
@@ -78,14 +73,9 @@ def refusal(chosen: Filters, spectrum: Eigenpairs | None) -> str:
 
 
 class ParameterRow(QWidget):
-    """A parameter as a slider in log scale and as a number, with the length that it means.
+    """A parameter as a slider in log scale and as a number, with the length that it means."""
 
-    Signals
-    -------
-    chosen(str, float)
-        Its name, and what a person gave.
-    """
-
+    #: Its name, and what a person gave.
     chosen = Signal(str, float)
 
     def __init__(self, name: str) -> None:

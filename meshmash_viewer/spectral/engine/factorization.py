@@ -125,21 +125,10 @@ class Factor:
     Sylvester's law of inertia: the number of negative pivots in D is the number of eigenvalues
     of A below the shift.
 
-    Attributes
-    ----------
-    count_below : int
-        Number of eigenvalues below the shift.
-    error : float
-        Backward error of a probe solve, which grows if a pivot is nearly zero.
-    blur : float
-        First-order change of eigenvalues near the shift due to that error.
-
-    Raises
-    ------
-    FactorizationError
-        If a pivot vanished.
-    Cancelled
-        If `stop` was set.
+    `count_below` is the number of eigenvalues below the shift. `error` is the backward error of a
+    probe solve, which grows if a pivot is nearly zero, and `blur` the first-order change of
+    eigenvalues near the shift due to it. `FactorizationError` is raised if a pivot vanished,
+    `Cancelled` if `stop` was set.
 
     References
     ----------
