@@ -114,9 +114,13 @@ def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int
     low, high = low / 10.0**exponent, high / 10.0**exponent
     # the smallest round step that gives at most that many ticks
     power = 10.0 ** floor(log10((high - low) / (most + 1)))
-    for step in (factor * power for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)):
-        first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)
-        if last - first < most:
+    # where that step leaves zero alone, one of 4 gives a value on either side
+    for factors in ((1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0), (4.0, 40.0)):
+        for step in (factor * power for factor in factors):
+            first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)
+            if last - first < most:
+                break
+        if first < last or most < 3:
             break
     decimals = max(0, -floor(log10(step) + 1e-9))
     # a narrow range far from zero needs all digits

@@ -59,6 +59,8 @@ def test_zero_is_a_tick_of_a_symmetric_bar_and_decimals_agree() -> None:
     values, form, exponent = ticks(-1.3e-5, 1.3e-5, 6)
     assert exponent == -5
     assert [form % value for value in values] == ["-1.0", "-0.5", "0.0", "0.5", "1.0"]
+    values, form, exponent = ticks(-0.4886, 0.4886, 4)
+    assert [form % value for value in values] == ["-0.4", "0.0", "0.4"]
     values, form, exponent = ticks(0.0, 100.0, 6)
     assert exponent == 0
     assert [form % value for value in values] == ["0", "20", "40", "60", "80", "100"]
