@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSlider,
     QAbstractSpinBox,
+    QApplication,
     QCheckBox,
     QComboBox,
     QDialog,
@@ -292,6 +293,8 @@ def test_faults_are_repaired_with_one_click_and_undone_with_another(
     assert window.document.mesh.n_faces == len(mesh.faces)
     catch_up()
     assert not repair.isVisible()
+    focus = QApplication.focusWidget()
+    assert focus is None or not panel.isAncestorOf(focus), "Space would press something else"
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert window.document.mesh.n_faces == len(mesh.faces) + 3
     catch_up()

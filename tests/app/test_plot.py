@@ -36,6 +36,15 @@ def test_few_ticks_in_log_scale_have_labels(qapp, ends, texts) -> None:
     assert axis.tickStrings([-8.0, math.log10(2e-8), math.log10(3e-8)], 1.0, 1.0) == texts
 
 
+@pytest.mark.parametrize(("width", "second"), [(140, None), (500, "2")])
+def test_labels_in_log_scale_do_not_touch(qapp, width, second) -> None:
+    axis = ScientificAxis("bottom")
+    axis.setLogMode(True)
+    axis.setRange(0.0, 1.7)
+    axis.resize(width, 40)
+    assert axis.tickStrings([0.0, math.log10(2.0)], 1.0, 1.0) == ["1", second]
+
+
 def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:
     plot = Plot("plot", "A plot")
     qtbot.addWidget(plot)

@@ -167,6 +167,7 @@ class HealthTable(QWidget):
             tip=f"{label} (can be undone)",
         )
         button.hide()
+        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # it hides, and would pass the focus on
         button.installEventFilter(self)
         return count, button
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QButtonGroup,
     QRadioButton,
@@ -121,12 +122,13 @@ class TargetBox(QWidget):
         self.note = reserved_note("weyl_note", 3, "muted", "About the estimates")
         self.fault = reserved_note("target_fault", 3)
         self.keep_button = make.button(
-            "Keep the largest component and compute",
+            "Keep largest and compute",  # no wider than the panel at its narrowest
             "keep_largest_and_compute",
             "Keep the largest component and compute",
             lambda: document.repair("keep_largest_component", then_compute=True),
             role="link",
         )
+        self.keep_button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # as it hides when it is clicked
         self.keep_button.hide()
         self._note_stack = QStackedLayout()  # one or the other: nothing moves
         self._note_stack.addWidget(self.note)

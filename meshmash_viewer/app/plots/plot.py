@@ -94,6 +94,8 @@ def _named(label: str) -> tuple[str, str]:
     return (name, unit) if name and label.endswith(")") else (label, "")
 
 
+#: Pixels between the middles of labels on a logarithmic axis, at least: beside and over each other.
+_CLOSEST = 44.0, 18.0
 #: A label as wide as those of the left axis get.
 _WIDEST = "−2.5×10⁻⁵"
 
@@ -133,7 +135,11 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         texts: list[str] = super().tickStrings(values, scale, spacing)
         if self.logMode:
             low, high = self.range
-            factors = (1, 10) if high - low > 2.2 else (1, 2, 5, 10)
+            upright = self.orientation == "left"
+            pixels = self.height() if upright else self.width()
+            # from 1 to 2 are 0.3 of the pixels of a decade
+            close = 0.3 * pixels < _CLOSEST[upright] * (high - low)
+            factors = (1, 10) if high - low > 1.0 and close else (1, 2, 5, 10)
             return [
                 text.replace("·", "×") if round(10.0 ** (value % 1.0)) in factors else None
                 for text, value in zip(texts, values, strict=True)

@@ -18,6 +18,7 @@ class SimilarityTab(PinChooser):
             "similarity_basis",
             "Features to measure in",
             {name: family.short for name, family in FEATURES.items()},
+            in_row=2,
         )
         self.basis.chosen.connect(lambda key: self._change(basis=key))
         self.explanation = note("similarity_explanation")

@@ -56,7 +56,7 @@ def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
 
 def scale_bar_text(length: float, unit: str) -> str:
     """Write a length, in "units" where its unit is not known."""
-    return format_quantity(length, unit or "units")
+    return format_quantity(length, unit or ("unit" if length == 1.0 else "units"))
 
 
 def exponent_text(exponent: int) -> str:

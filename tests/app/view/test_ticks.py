@@ -28,6 +28,7 @@ def test_lengths_are_round(longest: float, length: float, power: int) -> None:
         (0.05, "mm", "50 µm"),
         (50.0, "mm", "50 mm"),
         (0.2, "", "0.2 units"),
+        (1.0, "", "1 unit"),
         (1e-7, "", "1×10⁻⁷ units"),
     ],
 )
@@ -81,7 +82,7 @@ def test_a_logarithmic_bar_has_decades_at_their_places() -> None:
 def test_a_bar_is_labelled_in_a_unit_of_the_size_of_its_values() -> None:
     labels, heading = bar_labels(-40_000.0, 40_000.0, "nm", most=3)
     assert heading == "µm"
-    assert labels == [(pytest.approx(0.25), "−20"), (0.5, "0"), (pytest.approx(0.75), "20")]
+    assert labels == [(0.0, "−40"), (0.5, "0"), (1.0, "40")]
     labels, heading = bar_labels(1e-8, 1e-4, "nm⁻²", logarithmic=True)
     assert heading == "µm⁻²"
     assert [text for _, text in labels] == ["0.01", "0.1", "1", "10", "100"]
