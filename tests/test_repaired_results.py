@@ -150,7 +150,7 @@ def test_what_is_shown_and_the_script_name_the_vertex_of_the_file(
         document.display.change(family, measure="biharmonic")
     request = request_of(document)
     assert request is not None
-    assert request.description.quantity == "from vertex 50"
+    assert request.description.quantity.startswith("from vertex 50")
     code = reproduction_script(document)
     assert "mv.repair_mesh(mesh, 'keep_largest_component')" in code
     assert "mesh.vertex_of(50)" in code

@@ -45,7 +45,8 @@ class RawMap:
 
         `InputError` is raised as by `VertexMap`, and if it names a vertex that does not exist.
         """
-        name, origin = self.name or (path.name if path else ""), str(path or "")
+        name = self.name or (path.name if path else "")
+        origin = str(path.absolute()) if path else ""
         if self.last >= n_vertices:
             raise InputError(
                 f"Map {name!r} names vertex {self.last:,}, and the mesh has {n_vertices:,}"

@@ -29,8 +29,8 @@ def reproduction_script(
 
     A whole Python program that uses nothing but this package and NumPy. A mesh without a file gets
     a line for its owner to fill in. It writes the columns that were exported, or that the export
-    dialog would suggest, to a file of the dialog's name, or to one with a number where there is
-    such a file: it overwrites none.
+    dialog would suggest, to a file of the dialog's name in its ``folder``, or to one with a number
+    where there is such a file: it overwrites none. All other paths are absolute.
     """
     request = request_of(document)
     lines, rest = _reading(document), list[str]()
@@ -43,7 +43,12 @@ def reproduction_script(
         if any("decomposition" in line for line in rest):
             lines += _decomposition(document, len(request.spectrum))
     lines += rest
-    imports = ["import numpy as np", ""] if any("np." in line for line in lines) else []
+    imports = []
+    if any("folder /" in line for line in lines):
+        imports += ["from pathlib import Path", ""]
+        lines = ["", "folder = Path()  # of the results", *lines]
+    if any("np." in line for line in lines):
+        imports += ["import numpy as np", ""]
     return "\n".join([*imports, "import meshmash_viewer as mv", *lines, ""])
 
 
@@ -143,7 +148,7 @@ def _shape(document: Document, n_pairs: int) -> list[str]:
     return [
         *lines,
         "shape = mv.Mesh(vertices, mesh.faces, unit=mesh.unit, structure=mesh.structure)",
-        f"path = mv.unused_path({f'{name}_shape.npz'!r})",
+        f"path = mv.unused_path(folder / {f'{name}_shape.npz'!r})",
         "np.savez(path, vertices=shape.vertices, faces=shape.faces)",
         "print(path)",
     ]
@@ -152,7 +157,8 @@ def _shape(document: Document, n_pairs: int) -> list[str]:
 def _writing(document: Document, request: FieldRequest, exported: Exported | None) -> list[str]:
     mesh, family = document.mesh, request.family
     assert mesh is not None
-    path = f"path = mv.unused_path({script_output(document)!r})  # no file is overwritten"
+    output = script_output(document)
+    path = f"path = mv.unused_path(folder / {output!r})  # no file is overwritten"
     if family.makes_features():
         known = _known(document, request, exported)
         maps = bool(mesh.maps) if known is None else known.maps

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -110,15 +111,21 @@ def test_script_reads_the_maps_that_were_added(
 ) -> None:
     path, mesh = tmp_path / "depth.npy", document.mesh
     np.save(path, mesh.vertices[:, 0])
-    document.maps.add(mesh, read_maps(path, mesh))
+    with contextlib.chdir(tmp_path):
+        document.maps.add(mesh, read_maps(path.name, mesh))
     document.display.change(OwnMaps, view=view, pairs=7)
     live, request = LiveFeatures(), request_of(document)
     live.prepare(request)
     shown = compute_field(request, live).values
     code = reproduction_script(document)
+    for named in re.findall(r"read_(?:mesh|maps)\('([^']*)'", code):
+        assert Path(named).is_absolute(), named
+    assert code.count("unused_path(") == code.count("unused_path(folder / ")
+    assert repr(str(path)) in code
     made: dict[str, object] = {}
     with contextlib.chdir(tmp_path):
-        exec(code, made)
+        exec(code.replace("folder = Path()", f"folder = Path({str(tmp_path)!r})"), made)
+    assert len(list(tmp_path.glob("my neuron_*"))) == 1
     values = np.asarray(made["values"], dtype=np.float64)
     if view == "band":
         assert np.mean(values == shown) > 0.98
