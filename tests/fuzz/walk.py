@@ -337,7 +337,7 @@ class Walk:
         window.arrangement.reset()
         document.work.cancel()
         # a picture that is being drawn or written holds gigabytes where it is a large one
-        self._wait(lambda: document.work.job is None and not window.commands.pictures.painter.busy)
+        self._wait(lambda: document.work.job is None and window.background_io.idle)
         document.display.playing = False
         home = self.folder / "home.meshmash.json"
         if not home.exists():
