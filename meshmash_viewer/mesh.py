@@ -57,7 +57,7 @@ class Mesh:
         What people call it, usually the file's stem.
     voxel : tuple of three floats
         What the coordinates of its file were multiplied by to be `vertices`, see
-        `meshmash_viewer.units.parse_unit`.
+        `meshmash_viewer.quantities.parse_unit`.
     maps : tuple of VertexMap
         Values per vertex that came with it or were added, see `with_maps`. They make no other mesh
         of it: `content_hash` does not know them.

@@ -22,7 +22,15 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.units import METRES, power_unit
+from meshmash_viewer.units import (
+    LENGTH_UNITS,
+    METRES,
+    NO_VOXEL,
+    UNIT_FORMS,
+    Voxel,
+    is_voxel,
+    power_unit,
+)
 
 #: Maximum length of a text quoted in a message, and of a number.
 _SHOWN, _LONGEST = 40, 100
@@ -54,6 +62,11 @@ _UNIT = re.compile(
     r"[×*]?\ ?(?P<per>(?:1?\ ?/|per\ )\ ?)?(?P<name>[^\W\d_]+)\ ?"
     r"(?:(?:\^|\*\*)?\ ?\(?(?P<power>[+-]?[0-9]+)\)?)?"
 )
+
+
+#: The micro sign is written; the Greek letter mu is read, too.
+_ALIASES = {**{unit: unit for unit in LENGTH_UNITS}, "none": "", "μm": "µm", "um": "µm"}
+_VOXEL = re.compile(r"(?P<sizes>(?:[0-9.,'_ x×]|(?<=[0-9])[eE][+-]?(?=[0-9]))*)(?P<unit>[a-zµ]*)")
 
 
 @dataclass(frozen=True)
@@ -150,6 +163,60 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
     if written or value != value.to_integral_value() or not least <= value <= most:
         raise InputError(f"{allowed}, not {_shown(text)}.")
     return int(value)
+
+
+def parse_unit(text: str) -> tuple[Voxel, str]:
+    """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
+
+    Parameters
+    ----------
+    text : str
+        A length unit, optionally after the size of a voxel in it: one number, or three along x, y
+        and z with "×", "x" or "," between them.
+
+    Returns
+    -------
+    voxel : tuple of three floats
+        Factors that convert coordinates to `unit`; `NO_VOXEL` without a voxel size.
+    unit : str
+        One of `LENGTH_UNITS`.
+
+    Raises
+    ------
+    InputError
+        If the text is not a unit, or the voxel size is ambiguous, or not one positive number or
+        three.
+
+    Examples
+    --------
+    >>> parse_unit("8,5 nm")
+    ((8.5, 8.5, 8.5), 'nm')
+    """
+    match = _VOXEL.fullmatch(_plain(text))
+    fault = InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.")
+    if match is None or match["unit"] not in _ALIASES:
+        raise fault
+    unit, sizes = _ALIASES[match["unit"]], match["sizes"].strip()
+    if not sizes:
+        return NO_VOXEL, unit
+    parts = re.split(r"\s*[x×]\s*|\s+,\s*|,\s+", sizes)
+    if len(parts) == 1 and sizes.count(",") == 2:
+        parts = sizes.split(",")
+        if re.fullmatch("[1-9][0-9]{0,2}(,[0-9]{3}){2}", sizes):
+            raise InputError(
+                f"{_shown(text)} may be a voxel of {' × '.join(parts)} {unit} or of"
+                f" {''.join(parts)} {unit}: write it like one of these."
+            )
+    try:
+        found = tuple(parse_number(part) for part in parts)
+    except _AmbiguousError:
+        raise
+    except InputError:
+        raise fault from None
+    voxel = found * 3 if len(found) == 1 else found
+    if not is_voxel(voxel) or not unit:
+        raise fault
+    return (voxel[0], voxel[1], voxel[2]), unit
 
 
 class _AmbiguousError(InputError):

@@ -35,8 +35,6 @@ METRES: dict[str, int] = {
 }
 METRES |= {f"{name}s": METRES[name] for name in METRES if name[-2:] in ("on", "er", "re", "om")}
 
-#: The micro sign is written; the Greek letter mu is read, too.
-_ALIASES = {**{unit: unit for unit in LENGTH_UNITS}, "none": "", "μm": "µm", "um": "µm"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FROM_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
@@ -47,35 +45,6 @@ _POWER_OF_LENGTH = re.compile("(nm|µm|mm|m)([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]*)"
 _SHORT = {1: (0.1, 1e3), 2: (0.01, 1e4)}
 #: Numbers below this are written without an exponent.
 _LONG = 1e6
-_NUMBER = r"[0-9.]+(?:[eE][+-]?[0-9]+)?"
-_PATTERN = re.compile(
-    rf"\s*(?P<sizes>(?:{_NUMBER}(?:\s*[x×,]\s*{_NUMBER})*)?)\s*(?P<unit>[a-zµμ]*)\s*"
-)
-
-
-def parse_unit(text: str) -> tuple[Voxel, str]:
-    """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
-
-    The size of a voxel is one number, or three along x, y and z with "×", "x" or "," between them.
-    Returned are the factors that convert coordinates, `NO_VOXEL` without a voxel size, and one of
-    `LENGTH_UNITS`. `InputError` is raised if the text is not a unit, or the voxel size is not one
-    positive number or three.
-    """
-    match = _PATTERN.fullmatch(text)
-    fault = InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.")
-    if match is None or match["unit"] not in _ALIASES:
-        raise fault
-    unit = _ALIASES[match["unit"]]
-    if not match["sizes"]:
-        return NO_VOXEL, unit
-    try:
-        sizes = tuple(float(size) for size in re.split("[x×,]", match["sizes"]))
-    except ValueError:
-        raise fault from None
-    voxel = sizes * 3 if len(sizes) == 1 else sizes
-    if not is_voxel(voxel) or not unit:
-        raise fault
-    return (voxel[0], voxel[1], voxel[2]), unit
 
 
 def is_voxel(voxel: tuple[float, ...]) -> bool:

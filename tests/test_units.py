@@ -5,7 +5,7 @@ import math
 import pytest
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.quantities import parse_number
+from meshmash_viewer.quantities import parse_number, parse_unit
 from meshmash_viewer.units import (
     LENGTH_UNITS,
     NO_BREAK,
@@ -16,7 +16,6 @@ from meshmash_viewer.units import (
     format_quantity,
     format_range,
     format_share,
-    parse_unit,
     plain_text,
     power_unit,
     whole_number,
@@ -45,6 +44,31 @@ def test_a_unit_is_read_and_written(text: str, voxel: Voxel, unit: str, written:
     assert parse_unit(text) == (voxel, unit)
     assert written_unit(unit, voxel) == written
     assert parse_unit(written) == (voxel, unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "sizes"),
+    [
+        ("8,5 nm", (8.5, 8.5, 8.5)),
+        ("8,5 x 8,5 x 40 nm", (8.5, 8.5, 40.0)),
+        ("4, 4, 40 nm", (4.0, 4.0, 40.0)),
+        ("1 234 nm", (1234.0, 1234.0, 1234.0)),
+    ],
+)
+def test_a_voxel_is_read_as_numbers_elsewhere(text: str, sizes: Voxel) -> None:
+    assert parse_unit(text) == (sizes, "nm")
+
+
+@pytest.mark.parametrize(
+    ("text", "readings"),
+    [("8,500 nm", ("8500", "8.5")), ("1,234,567 nm", ("1 × 234 × 567 nm", "1234567 nm"))],
+)
+def test_an_ambiguous_voxel_is_refused_with_its_readings(
+    text: str, readings: tuple[str, ...]
+) -> None:
+    with pytest.raises(InputError) as fault:
+        parse_unit(text)
+    assert all(reading in str(fault.value) for reading in readings)
 
 
 @pytest.mark.parametrize(

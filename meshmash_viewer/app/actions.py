@@ -37,7 +37,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Drag a pin", "Move it along the surface"),
     ("Right click", "Everything that can be done at a vertex, a pin or next to the mesh"),
     ("Drop a file", "Open it, or add its values per vertex to the mesh"),
-    ("Drop a mesh on the right half", "Compare it with the open one"),
+    ("Drop a mesh on the right half of the window", "Compare it with the open one"),
     ("Drop values per vertex on the second mesh", "Add them to that one"),
 )
 

@@ -12,6 +12,7 @@ from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
     QDragLeaveEvent,
+    QDragMoveEvent,
     QDropEvent,
     QGuiApplication,
     QKeyEvent,
@@ -36,7 +37,9 @@ from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
+from meshmash_viewer.app.drop_areas import DropAreas
 from meshmash_viewer.app.hover_label import HoverLabel
+from meshmash_viewer.app.job_progress import StatusProgress
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
@@ -96,6 +99,7 @@ class MainWindow(ScriptedWindow):
         self._signed: bool | None = None
         self.stage = Stage()
         self.setCentralWidget(self.stage)
+        self.drop_areas = DropAreas(self)
         self.mesh_panel = MeshPanel(self.document)
         self.document.solve.seconds_rate = self.settings.seconds_rate
         self.actions_ = Actions(self)
@@ -153,6 +157,8 @@ class MainWindow(ScriptedWindow):
         self.hover_label = HoverLabel(self.document)
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addPermanentWidget(self.hover_label, 1)
+        self.status_progress = StatusProgress(self.document, self.arrangement.docks["mesh"])
+        self.statusBar().addPermanentWidget(self.status_progress, 1)
 
     def _place(self) -> None:
         """Take the size of last time, or a good part of the screen."""
@@ -249,8 +255,10 @@ class MainWindow(ScriptedWindow):
         ready = self.document.ready
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
-        if ready is not None and ready.path is not None and not ready.derived:
-            self.settings.add_recent(ready.path)
+        if ready is not None and not ready.derived:
+            self.arrangement.docks["mesh"].raise_()
+            if ready.path is not None:
+                self.settings.add_recent(ready.path)
         self.hover_label.show_vertex(-1)
 
     def _show_stage(self) -> None:
@@ -369,33 +377,39 @@ class MainWindow(ScriptedWindow):
         self.arrangement.fit()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        """Accept dragged files."""
-        if any(url.isLocalFile() for url in event.mimeData().urls()):
+        """Accept dragged files, and show what a drop does."""
+        if self._show_drop(event):
             event.acceptProposedAction()
-            self.stage.welcome.set_dropping(True)
+
+    def dragMoveEvent(self, event: QDragMoveEvent) -> None:
+        """Highlight the area under the pointer."""
+        self.drop_areas.point_at(event.position().toPoint())
+        event.acceptProposedAction()
 
     def dragLeaveEvent(self, event: QDragLeaveEvent) -> None:
         """End a drag without a drop."""
-        self.stage.welcome.set_dropping(False)
+        self.drop_areas.hide()
 
     def dropEvent(self, event: QDropEvent) -> None:
         """Open the first mesh or session that was dropped, and add the maps that were."""
-        self.stage.welcome.set_dropping(False)
+        if paths := self._show_drop(event):
+            event.acceptProposedAction()
+            second = self.drop_areas.point_at(event.position().toPoint()) == 1
+            self.opening.open_paths(paths, as_second=second)
+        self.drop_areas.hide()
+
+    def _show_drop(self, event: QDropEvent) -> list[Path]:
+        """Show the areas of the files of an event, and return these."""
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         if paths:
-            event.acceptProposedAction()
-            place = event.position().toPoint()
-            self.opening.open_paths(paths, as_second=self._is_second_half(place))
-
-    def _is_second_half(self, place: QPoint) -> bool:
-        """Whether a position is in the half of the second mesh, also while there is none."""
-        if not self.loaded or self.document.ready is None:
-            return False
-        if self.opening.second_view is not None:
-            view = self.opening.second_view
-            return view.rect().contains(view.mapFrom(self, place))
-        at = self.stage.mapFrom(self, place)
-        return self.stage.rect().contains(at) and at.x() > self.stage.rect().center().x()
+            second = self.opening.second_view
+            half = QPoint(self.stage.width() // 2, 0)
+            middle = (
+                self.stage.mapTo(self, half) if second is None else second.mapTo(self, QPoint())
+            )
+            self.drop_areas.show_texts(self.opening.drop_texts(paths), middle.x())
+            self.drop_areas.point_at(event.position().toPoint())
+        return paths
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Store the settings, stop all tasks, and delete temporary files."""

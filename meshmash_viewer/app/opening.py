@@ -89,6 +89,23 @@ class Opening(QObject):
         if len(others) > 1:
             self._document.notices.say(f"Opening {others[0].name}; one mesh at a time.")
 
+    def drop_texts(self, paths: Sequence[Path]) -> tuple[str, ...]:
+        """Say what `open_paths` does with files, and with `as_second` if that is something else."""
+        first, maps = self._document.mesh, [path for path in paths if is_map_file(path)]
+        others = [path for path in paths if path not in maps]
+        values = maps[0].name if len(maps) == 1 else counted(len(maps), "map")
+        if not others:
+            names = ["the open mesh" if first is None else first.name or "the open mesh"]
+            if self.pair is not None and self.pair.second.mesh is not None:
+                names.append(self.pair.second.mesh.name or "the second mesh")
+            return tuple(f"Add {values}\nto {name}" for name in names)
+        if others[0].name.endswith(SESSION_ENDING):
+            return (f"Open the session\n{others[0].name}",)
+        name = others[0].name + (f"\nwith {values}" if maps else "")
+        if first is None or self.scene is None:
+            return (f"Open\n{name}",)
+        return f"Open\n{name}", f"Compare\n{first.name or 'the open mesh'}\nwith {name}"
+
     def read(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
         """Read a mesh file as it was left, with files of maps; the open mesh stays if that fails.
 

@@ -177,8 +177,8 @@ def view(
     >>> window = mv.view((vertices, faces), unit="um")  # doctest: +SKIP
     """
     from meshmash_viewer.mesh import as_mesh
+    from meshmash_viewer.quantities import parse_unit
     from meshmash_viewer.spectral.engine.compiler import check_compiler
-    from meshmash_viewer.units import parse_unit
 
     check_compiler()
     taken = as_mesh(mesh)

@@ -151,11 +151,6 @@ class Welcome(QScrollArea):
         self.loading_label.setText(text)
         self.loading_label.setVisible(bool(text))
 
-    def set_dropping(self, dropping: bool) -> None:
-        """Highlight the card while a file is dragged over the window."""
-        self._card.setProperty("dropping", dropping)
-        theme.restyle(self._card)
-
     def _refresh(self) -> None:
         self._icon.setPixmap(icons.pixmap("mesh", theme.palette().accent, 44))
 

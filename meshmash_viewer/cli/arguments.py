@@ -12,9 +12,9 @@ from meshmash_viewer.cli import numbers
 from meshmash_viewer.cli.numbers import said, whole
 from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.quantities import parse_number
+from meshmash_viewer.quantities import parse_number, parse_unit
 from meshmash_viewer.structures import named_structure
-from meshmash_viewer.units import UNIT_FORMS, parse_unit
+from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
     from meshmash_viewer.fields.family import Family

@@ -33,8 +33,9 @@ from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, 
 from meshmash_viewer.io.raw import RawMesh, checked_maps, read_raw
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
+from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.structures import structure_of_file
-from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
+from meshmash_viewer.units import NO_VOXEL, counted
 
 Reader: TypeAlias = Callable[[Path], RawMesh]
 

@@ -26,8 +26,8 @@ from meshmash_viewer.fields.parameter import (
 )
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.weyl import TARGET_KINDS
-from meshmash_viewer.units import parse_unit
 
 SESSION_ENDING = ".meshmash.json"
 

@@ -26,8 +26,9 @@ from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
 from meshmash_viewer.model.work import Work
+from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.units import Voxel, counted, parse_unit
+from meshmash_viewer.units import Voxel, counted
 
 #: Attributes of the display whose changes are recorded, with their names in the menu.
 _RECORDED = {
@@ -116,9 +117,9 @@ class Document(OpenMesh):
     def set_unit(self, text: str) -> None:
         """Set the unit of the coordinates, or the size of the voxels that they count.
 
-        The text (see `meshmash_viewer.units.parse_unit`) refers to the coordinates in the file:
-        "8 nm" given twice scales once, and "nm" after it restores the numbers of the file. The
-        spectrum is kept where the numbers do not change; with another voxel size it is computed
+        The text (see `meshmash_viewer.quantities.parse_unit`) refers to the coordinates in the
+        file: "8 nm" given twice scales once, and "nm" after it restores the numbers of the file.
+        The spectrum is kept where the numbers do not change; with another voxel size it is computed
         again. `InputError` is raised if it is not a unit.
         """
         voxel, unit = parse_unit(text)

@@ -20,9 +20,10 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import NO_VOXEL, Voxel, parse_unit
+from meshmash_viewer.units import NO_VOXEL, Voxel
 from meshmash_viewer.work import Channel, Job
 
 
@@ -30,9 +31,9 @@ from meshmash_viewer.work import Channel, Job
 class ReadJob:
     """Read a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
 
-    `unit` is as `units.parse_unit` takes it; empty for the unit that the format states. `repairs`
-    are made in this order, unless `source`, the hash of the numbers that they were made for,
-    differs from that of the file; a remark then says so.
+    `unit` is as `quantities.parse_unit` takes it; empty for the unit that the format states.
+    `repairs` are made in this order, unless `source`, the hash of the numbers that they were made
+    for, differs from that of the file; a remark then says so.
     """
 
     path: Path

@@ -8,6 +8,7 @@ from closed_form import drag, part, rectangle_document, shown
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.panels.field_panel import FieldPanel
 from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
 from meshmash_viewer.features.filters import (
@@ -72,13 +73,36 @@ def summed(document: Document, bank, column: int = 0) -> np.ndarray:
     return accumulate_features(rows, bank(spectrum.eigenvalues))[:, column]
 
 
+def colored(panel: FieldPanel, color: str) -> int:
+    """How many pixels of the field of the formula have a colour."""
+    image = part(panel, "filter_formula_edit").grab().toImage()
+    places = [(x, y) for x in range(image.width()) for y in range(image.height())]
+    return sum(image.pixelColor(x, y).name() == color for x, y in places)
+
+
+def test_an_error_of_a_formula_is_shown_at_its_character(panel: FieldPanel) -> None:
+    edit, error = part(panel, "filter_formula_edit"), theme.palette().error
+    write(panel, "filter_formula_edit", "exp(-t*x)")
+    assert not colored(panel, error)
+    write(panel, "filter_formula_edit", "exp(-t*x) + y[2]")
+    assert colored(panel, error), "the character is underlined"
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    QTest.qWait(1)
+    assert panel.window().focusWidget() is edit
+    assert edit.selectedText() == "y"
+    QTest.keyClick(edit, Qt.Key.Key_End)
+    for _ in range(3):
+        QTest.keyClick(edit, Qt.Key.Key_Backspace)
+    assert not colored(panel, error)
+
+
 def test_a_low_pass_is_the_librarys(panel: FieldPanel, document: Document) -> None:
     cutoff = 0.5 * float(document.spectrum.eigenvalues[40] + document.spectrum.eigenvalues[41])
     enter(panel, "filter_parameter_0_field", f"{cutoff!r}")
     np.testing.assert_allclose(
         on_the_render(document), summed(document, low_pass_bank(cutoff)), rtol=1e-6
     )
-    assert "nm⁻²" in request_of(document).description.quantity
+    assert "µm⁻²" in request_of(document).description.quantity
 
 
 def test_a_band_pass_is_the_librarys(panel: FieldPanel, document: Document) -> None:

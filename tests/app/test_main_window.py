@@ -377,8 +377,8 @@ def test_another_unit_keeps_spectrum_and_camera(qtbot: QtBot, ball: MainWindow) 
     before = ball.scene.camera()
     spectrum = ball.document.spectrum
     edit = ball.mesh_panel.unit_combo.lineEdit()
-    edit.setFocus()
-    edit.selectAll()
+    QTest.mouseClick(edit, LEFT)
+    qtbot.waitUntil(lambda: edit.selectedText() == edit.text())  # to be typed over
     QTest.keyClicks(edit, "mm")
     QTest.keyClick(edit, Qt.Key.Key_Return)
     assert ball.document.mesh.unit == "mm"

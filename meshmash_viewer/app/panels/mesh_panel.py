@@ -21,6 +21,7 @@ from meshmash_viewer.app.controls.compute_button import written_cost
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.job_progress import progress_text, show_progress
 from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
@@ -242,8 +243,7 @@ class MeshPanel(QWidget):
         buttons = row(self.compute_button, self.cancel_button)
         buttons.setStretch(0, 2)
         buttons.setStretch(1, 1)
-        #: Of a job whose end is not known, the maximum is 0.
-        self.progress_bar = QProgressBar(textVisible=False, minimum=0, maximum=1000)
+        self.progress_bar = QProgressBar(textVisible=False)
         theme.named(self.progress_bar, "progress_bar", "Progress")
         keep_room(self.progress_bar)
         # one or the other, in room that is kept: the buttons above stay where they are
@@ -283,15 +283,8 @@ class MeshPanel(QWidget):
         self.progress_bar.setVisible(state is not None)
         self._status_stack.setCurrentIndex(0 if state is None else 1)
         if state is not None:
-            progress = state.progress
-            self.progress_bar.setMaximum(0 if progress.fraction is None else 1000)
-            if progress.fraction is not None:
-                self.progress_bar.setValue(round(1000 * min(max(progress.fraction, 0.0), 1.0)))
-            what = "Stopping" if state.cancelling else progress.message or progress.stage
-            parts = [what[:1].upper() + what[1:] if what else state.job.label]
-            if progress.remaining is not None and not state.cancelling:
-                parts.append(f"{cost.written_duration(progress.remaining)} left")
-            self.progress_label.setText(" · ".join(parts))
+            show_progress(self.progress_bar, state)
+            self.progress_label.setText(progress_text(state))
         self._refresh_proof()
 
     def _refresh_proof(self) -> None:

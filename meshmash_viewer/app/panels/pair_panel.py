@@ -291,7 +291,7 @@ class PairPanel(QWidget):
             return "Open a mesh, then a second one to compare it with."
         if self._pair is None:
             return (
-                "Open a second mesh next to this one, or drop it on the right half of the render."
+                "Open a second mesh next to this one, or drop it on the right half of the window."
                 " Both are solved to the same eigenvalue times area."
             )
         spectrum = self._document.spectrum

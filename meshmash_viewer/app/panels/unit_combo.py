@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QFocusEvent
 from PySide6.QtWidgets import QComboBox
 
 from meshmash_viewer.app import theme
@@ -28,7 +30,7 @@ class UnitCombo(QComboBox):
             tip="Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
             "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied",
         )
-        self._document, self._refused = document, False
+        self._document, self._refused, self._clicked_in = document, False, False
         # the last ones show that a voxel size can be said too, whichever it is
         self.addItems([*(unit or "none" for unit in LENGTH_UNITS), "8 nm", "4 × 4 × 40 nm"])
         # of "m" it would make "mm"
@@ -36,11 +38,25 @@ class UnitCombo(QComboBox):
         edit = self.lineEdit()
         assert edit is not None  # the list is editable
         self._edit = edit
+        edit.installEventFilter(self)
         edit.editingFinished.connect(self._choose)
         edit.textEdited.connect(self._begin)
         self.activated.connect(self._choose)
         follow(document.mesh_changed, self.refresh)
         self.refresh()
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        """Note whether a click gives the focus."""
+        self._clicked_in = event.reason() == Qt.FocusReason.MouseFocusReason
+        super().focusInEvent(event)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Select all at the end of the click that gave the focus, to be typed over."""
+        if event.type() == QEvent.Type.MouseButtonRelease and self._clicked_in:
+            self._clicked_in = False
+            if not self._edit.hasSelectedText():
+                QTimer.singleShot(0, self._edit, self._edit.selectAll)
+        return super().eventFilter(watched, event)
 
     def _choose(self, _row: int = 0) -> None:
         text, ready = self.currentText().strip(), self._document.ready

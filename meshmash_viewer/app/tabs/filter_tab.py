@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtWidgets import QLineEdit
+from PySide6.QtCore import QTimer
+from PySide6.QtGui import QColor, QInputMethodEvent, QTextCharFormat
+from PySide6.QtWidgets import QApplication, QLineEdit
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
@@ -13,7 +15,7 @@ from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.tabs.filter_parameters import FilterParameters, refusal
 from meshmash_viewer.app.tabs.form import FamilyTab, PlayButton
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula
+from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, FormulaError
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import power_unit
@@ -28,6 +30,21 @@ def _no_range(value: float) -> str:
     return "" if value > 0.0 else "The range of a parameter begins above zero."
 
 
+def _underline(edit: QLineEdit, position: int | None) -> None:
+    """Underline a character; None for no character."""
+    formats = []
+    if position is not None:
+        wave = QTextCharFormat()
+        wave.setUnderlineStyle(QTextCharFormat.UnderlineStyle.WaveUnderline)
+        wave.setUnderlineColor(QColor(theme.palette().error))
+        wave.setForeground(QColor(theme.palette().error))
+        kind = QInputMethodEvent.AttributeType.TextFormat
+        start = position - edit.cursorPosition()
+        formats = [QInputMethodEvent.Attribute(kind, start, 1, wave)]
+    # Qt has no other way to format a part of the text
+    QApplication.sendEvent(edit, QInputMethodEvent("", formats))
+
+
 class FilterTab(FamilyTab):
     """Choose a ready filter or write one, and move its parameters."""
 
@@ -38,6 +55,10 @@ class FilterTab(FamilyTab):
         theme.named(self.edit, "filter_formula_edit", "Formula of the filter", tip=_HINT)
         self.edit.textEdited.connect(self._check)
         self.edit.editingFinished.connect(self._take_formula)
+        # after the window has taken the focus away
+        self.edit.returnPressed.connect(lambda: QTimer.singleShot(0, self.edit, self._point))
+        #: Where the typed formula is wrong.
+        self._position: int | None = None
         self.fault = reserved_note("filter_fault", 2, "muted", "What is wrong with the formula")
         self.parameters = FilterParameters(self._document)
         self.parameters.tried.connect(self._say)
@@ -78,8 +99,16 @@ class FilterTab(FamilyTab):
             self._set_formula(text)
 
     def _check(self, text: str) -> None:
-        """Say what is wrong as one types."""
+        """Say what is wrong as one types, and underline the character."""
         self._say(self._complaint(text))
+        _underline(self.edit, self._position)
+
+    def _point(self) -> None:
+        """Select the wrong character of a formula that is not taken, to be typed over."""
+        if self._complaint(self.edit.text()):
+            self.edit.setFocus()
+            if self._position is not None:
+                self.edit.setSelection(self._position, 1)
 
     # -- from the model ---------------------------------------------------------------------
 
@@ -92,7 +121,9 @@ class FilterTab(FamilyTab):
         try:
             Formula(text)
         except InputError as fault:
+            self._position = fault.position if isinstance(fault, FormulaError) else None
             return str(fault)
+        self._position = None
         return refusal(Filters(text), self._document.scaled_spectrum)
 
     def _say(self, complaint: str) -> None:

@@ -1,0 +1,138 @@
+"""Files dragged over the window; the panel that comes to the front; progress in the status bar."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtGui import QDragEnterEvent, QDragLeaveEvent, QDragMoveEvent, QDropEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QDockWidget, QPushButton, QWidget
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.spectral.weyl import Target
+
+LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+COPY = Qt.DropAction.CopyAction
+PATIENCE = 60_000
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, Path]:
+    found = {}
+    for name, level in (("ball", 2), ("other", 2)):
+        mesh = shapes.icosphere(level)
+        found[name] = tmp_path / f"{name}.npz"
+        np.savez(found[name], vertices=mesh.vertices, faces=mesh.faces)
+    found["map"] = tmp_path / "lh.depth.npy"
+    np.save(found["map"], np.arange(mesh.n_vertices, dtype=float))
+    found["session"] = tmp_path / "work.meshmash.json"
+    return found
+
+
+def data_of(*paths: Path) -> QMimeData:
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(path)) for path in paths])
+    return data
+
+
+def drag(window: MainWindow, *paths: Path, share: float) -> tuple[QPoint, QMimeData]:
+    """Drag files over the window, as the window system does."""
+    place, data = QPoint(round(share * window.width()), window.height() // 2), data_of(*paths)
+    QApplication.sendEvent(window, QDragEnterEvent(place, COPY, data, LEFT, NONE))
+    QApplication.sendEvent(window, QDragMoveEvent(place, COPY, data, LEFT, NONE))
+    return place, data
+
+
+def drop(window: MainWindow, *paths: Path, share: float) -> None:
+    place, data = drag(window, *paths, share=share)
+    QApplication.sendEvent(window, QDropEvent(QPointF(place), COPY, data, LEFT, NONE))
+
+
+def areas(window: MainWindow) -> str:
+    shown = window.findChild(QWidget, "drop_areas")
+    assert isinstance(shown, QWidget)
+    return shown.accessibleName() if shown.isVisible() else ""
+
+
+def opened(qtbot: QtBot, window: MainWindow, path: Path) -> None:
+    qtbot.waitUntil(
+        lambda: window.document.path == path and window.document.work.job is None, timeout=PATIENCE
+    )
+
+
+def test_a_drag_shows_what_a_drop_does(qtbot: QtBot, window: MainWindow, files: dict) -> None:
+    drag(window, files["ball"], share=0.9)
+    assert areas(window) == "Open\nball.npz", "there is nothing to compare with"
+    QApplication.sendEvent(window, QDragLeaveEvent())
+    assert areas(window) == ""
+    drop(window, files["ball"], share=0.9)
+    assert areas(window) == ""
+    opened(qtbot, window, files["ball"])
+    drag(window, files["other"], files["map"], share=0.2)
+    with_map = "other.npz\nwith lh.depth.npy"
+    assert areas(window) == f"Open\n{with_map}, Compare\nball\nwith {with_map}"
+    drag(window, files["map"], share=0.2)
+    assert areas(window) == "Add lh.depth.npy\nto ball"
+    drag(window, files["session"], share=0.2)
+    assert areas(window) == "Open the session\nwork.meshmash.json"
+    QApplication.sendEvent(window, QDragLeaveEvent())
+
+
+def test_the_right_half_opens_the_second_mesh(
+    qtbot: QtBot, window: MainWindow, files: dict
+) -> None:
+    drop(window, files["ball"], share=0.1)
+    opened(qtbot, window, files["ball"])
+    drop(window, files["other"], share=0.9)
+    qtbot.waitUntil(
+        lambda: window.opening.pair is not None and window.opening.pair.second.mesh is not None,
+        timeout=PATIENCE,
+    )
+    assert window.document.path == files["ball"]
+    drag(window, files["map"], share=0.9)
+    assert areas(window) == "Add lh.depth.npy\nto ball, Add lh.depth.npy\nto other"
+    drop(window, files["map"], share=0.9)
+    second = window.opening.pair.second
+    qtbot.waitUntil(lambda: len(second.mesh.maps) == 1, timeout=PATIENCE)
+    assert not window.document.mesh.maps
+
+
+def test_opening_brings_the_mesh_panel_to_the_front(
+    qtbot: QtBot, window: MainWindow, files: dict
+) -> None:
+    docks = {name: window.findChild(QDockWidget, f"{name}_dock") for name in ("mesh", "shape")}
+    docks["shape"].raise_()
+    qtbot.waitUntil(lambda: docks["mesh"].visibleRegion().isEmpty(), timeout=PATIENCE)
+    drop(window, files["ball"], share=0.1)
+    opened(qtbot, window, files["ball"])
+    qtbot.waitUntil(lambda: not docks["mesh"].visibleRegion().isEmpty(), timeout=PATIENCE)
+
+
+@pytest.mark.parametrize("how", ["behind", "closed"])
+def test_progress_and_cancel_are_in_the_status_bar_where_the_panel_is_hidden(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path, how: str
+) -> None:
+    mesh, path = shapes.icosphere(5), tmp_path / "large.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    window.open_mesh(path)
+    opened(qtbot, window, path)
+    status = window.findChild(QWidget, "status_progress")
+    window.document.solve.target = Target("count", 2000)
+    button = window.findChild(QPushButton, "compute_button")
+    qtbot.waitUntil(button.isEnabled, timeout=PATIENCE)
+    QTest.mouseClick(button, LEFT)
+    qtbot.waitUntil(lambda: window.document.work.job is not None, timeout=PATIENCE)
+    assert not status.isVisible(), "the panel shows it"
+    if how == "closed":
+        window.findChild(QDockWidget, "mesh_dock").close()
+    else:
+        window.findChild(QDockWidget, "shape_dock").raise_()
+    qtbot.waitUntil(status.isVisible, timeout=PATIENCE)
+    QTest.mouseClick(window.findChild(QPushButton, "status_cancel_button"), LEFT)
+    qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: not status.isVisible(), timeout=PATIENCE)
