@@ -204,7 +204,7 @@ class OwnMaps(Family):
             if self.view == "residual":
                 share, word = 1.0 - share, "without"
             text = f"{word} {counted(self.pairs, 'pair')}"
-            return text if known is None else f"{text}, {format_share(share)} of what varies"
+            return text if known is None else f"{text}: {format_share(share)} of what varies"
         if self.filter is not None:
             return f"through {self.filter.describe(spectrum, unit).quantity}"
         if self.view == "band":

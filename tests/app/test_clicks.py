@@ -91,7 +91,7 @@ def test_small_components_can_be_hidden(
     window = open_window(None, (1000, 700))
     document = window.document
     hide = window.findChild(QAction, "hide_small")
-    vertices = np.concatenate([0.1 * ball.vertices + [1.5, 0.0, 0.0], ball.vertices])
+    vertices = np.concatenate([0.1 * ball.vertices + [4.0, 0.0, 0.0], ball.vertices])
     height = VertexMap("height", np.append(np.full(n, 9.0), ball.vertices[:, 2]))
     document.take_mesh(Mesh(vertices, np.concatenate([ball.faces, ball.faces + n]), maps=(height,)))
 

@@ -135,8 +135,9 @@ class MeshRenderer:
         geometry = geometry_of(self.mesh)
         self.sample = geometry.sample
         if hidden is not None:
-            points = geometry.points[self.mesh.referenced & ~hidden]
-            self.sample = points[:: max(1, len(points) // _SAMPLED)] + self.centre
+            visible = np.flatnonzero(self.mesh.referenced & ~hidden)
+            chosen = visible[:: max(1, len(visible) // _SAMPLED)]
+            self.sample = geometry.points[chosen] + self.centre
 
     def move(
         self,
