@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +20,12 @@ from meshmash_viewer.io.atomic import written_whole
 from meshmash_viewer.io.session import SESSION_ENDING, Session, read_session, write_session
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.vertex_map import VertexMap
 
 #: Milliseconds from a change until it is written.
-_DELAY = 1000
+_DELAY = 700
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
 _MAPS_ENDING = ".maps.npz"
@@ -60,11 +62,17 @@ class LastSession(QObject):
         listen(document.mesh_changed, self._note_mesh)
         changes = document.history.changed, document.display.events, document.solve.changed
         listen(changes, self.changed)
+        self._rest = QTimer(self, singleShot=True, interval=_DELAY)
+        self._rest.timeout.connect(self.save)
 
     def changed(self) -> None:
         """Write the session soon."""
         if self._document.path is not None and not self._timer.isActive():
             self._timer.start()
+
+    def camera_moved(self) -> None:
+        """Write the session when the camera has come to rest."""
+        self._rest.start()
 
     def watch(self, document: Document | None) -> None:
         """Save unit and repairs of a second document, too, until it is closed (None)."""
@@ -75,10 +83,26 @@ class LastSession(QObject):
     def stored(self, mesh_path: Path) -> Session | None:
         """Return the session of a mesh file; None if there is none that can be read."""
         self._pool.waitForDone()
+        if not self.path(mesh_path).exists():
+            return None
         try:
             return read_session(self.path(mesh_path))
-        except InputError:
+        except InputError as fault:
+            self.set_aside(mesh_path, str(fault))
             return None
+
+    def set_aside(self, mesh_path: Path, fault: str) -> None:
+        """Keep a session that cannot be used under another name, and say so."""
+        file = self.path(mesh_path)
+        kept = file.with_suffix(".unreadable")
+        try:
+            file.replace(kept)
+        except OSError as error:
+            fault += f" It cannot be renamed ({error.strerror})."
+        text = f"{mesh_path.name} opens without what was made on it before. {fault}"
+        text += f" That session is kept as {kept}."
+        # past the opening, too
+        self._document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
 
     def path(self, mesh_path: Path) -> Path:
         """Return the file of the session of a mesh file."""
@@ -88,6 +112,7 @@ class LastSession(QObject):
     def save(self) -> None:
         """Write the session now; a failure is shown in the message bar."""
         self._timer.stop()
+        self._rest.stop()
         document = self._document
         if document.path is None or document.mesh is None:
             return
@@ -104,9 +129,9 @@ class LastSession(QObject):
     def forget(self, mesh_path: Path) -> None:
         """Delete the session of a mesh file."""
         self._timer.stop()
+        self._rest.stop()
         self._pool.waitForDone()
-        for file in (self.path(mesh_path), self._maps_file(self.path(mesh_path))):
-            file.unlink(missing_ok=True)
+        _delete(self.path(mesh_path))
 
     def restore_maps(self) -> int:
         """Add the kept maps to the mesh again, and return their number."""
@@ -116,17 +141,19 @@ class LastSession(QObject):
             return 0
         self._pool.waitForDone()
         try:
-            with np.load(self._maps_file(self.path(document.path))) as stored:
+            kept = _maps_file(self.path(document.path), mesh.content_hash)
+            with kept.open("rb") as file, np.load(file) as stored:
                 about = json.loads(str(stored["about"]))
-                values = [stored[f"values_{at}"] for at in range(len(about["maps"]))]
-        except (OSError, ValueError, KeyError):
+                maps = [
+                    VertexMap(one["name"], stored[f"values_{at}"], unit=one["unit"])
+                    for at, one in enumerate(about)
+                ]
+        except FileNotFoundError:
             return 0
-        if about["mesh"] != mesh.content_hash:
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as fault:
+            text = f"The maps kept of {document.path.name} cannot be read: {fault}"
+            document.notices.say(text, Severity.WARNING)
             return 0
-        maps = [
-            VertexMap(one["name"], each, unit=one["unit"])
-            for one, each in zip(about["maps"], values, strict=True)
-        ]
         with document.history.paused():
             document.maps.add(mesh, maps, shown=False)
         self._written = tuple(maps)
@@ -151,10 +178,6 @@ class LastSession(QObject):
             path = self.path(document.path)
             self._pool.start(lambda: self._write(path, now, "", None))
 
-    @staticmethod
-    def _maps_file(session: Path) -> Path:
-        return session.with_name(session.name.removesuffix(SESSION_ENDING) + _MAPS_ENDING)
-
     def _new_maps(self, mesh: Mesh) -> tuple[VertexMap, ...] | None:
         """Return the maps that are in no file; None if they have been written."""
         kept = tuple(each for each in mesh.maps if not each.path and each.name not in self._of_file)
@@ -171,27 +194,49 @@ class LastSession(QObject):
         """Write a session and new maps, in the thread."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            write_session(path, session)
             if maps is not None:
-                named = [{"name": each.name, "unit": each.unit} for each in maps]
-                about = json.dumps({"mesh": mesh_hash, "maps": named})
+                about = json.dumps([{"name": each.name, "unit": each.unit} for each in maps])
                 values: dict[str, Any] = {
                     f"values_{at}": each.values for at, each in enumerate(maps)
                 }
-                with written_whole(self._maps_file(path)) as part, part.open("wb") as file:
+                # under a name of their mesh, so that those of the session before stay until this
+                # one is written
+                with written_whole(_maps_file(path, mesh_hash)) as part, part.open("wb") as file:
                     np.savez(file, about=np.array(about), **values)
+            write_session(path, session)
+            if maps is not None:
+                _delete_maps(path, mesh_hash)
             self._delete_oldest()
         except (InputError, OSError) as fault:
             self._failed.emit(str(fault))
 
     def _say_failed(self, fault: str) -> None:
         self._written = ()  # to be tried again
-        self._document.notices.say(f"What you made could not be saved for the next time: {fault}")
+        text = f"What you made could not be saved for the next time: {fault}"
+        self._document.notices.say(text, Severity.WARNING)
 
     def _delete_oldest(self) -> None:
         sessions = sorted(
             self._folder.glob(f"*{SESSION_ENDING}"), key=lambda each: each.stat().st_mtime
         )
         for old in sessions[:-_KEPT]:
-            old.unlink(missing_ok=True)
-            self._maps_file(old).unlink(missing_ok=True)
+            _delete(old)
+
+
+def _maps_file(session: Path, mesh_hash: str) -> Path:
+    name = session.name.removesuffix(SESSION_ENDING)
+    return session.with_name(f"{name}.{mesh_hash[:20]}{_MAPS_ENDING}")
+
+
+def _delete_maps(session: Path, but: str = "") -> None:
+    """Delete the maps of a session, but for those of one mesh."""
+    name = session.name.removesuffix(SESSION_ENDING)
+    for file in session.parent.glob(f"{name}.*{_MAPS_ENDING}"):
+        if not but or file != _maps_file(session, but):
+            file.unlink(missing_ok=True)
+
+
+def _delete(session: Path) -> None:
+    """Delete a session and its maps."""
+    session.unlink(missing_ok=True)
+    _delete_maps(session)

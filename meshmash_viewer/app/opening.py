@@ -120,8 +120,9 @@ class Opening(QObject):
         session = replace(session, unit=unit or session.unit, mesh_path=str(path.absolute()))
         try:
             restoration = Restoration(self._document, file, session, saved_itself=True, maps=maps)
-        except InputError:
-            self._document.open_mesh(path, unit or session.unit, maps=maps)
+        except InputError as fault:
+            self.last_session.set_aside(path, str(fault))
+            self._document.open_mesh(path, session.unit, maps=maps)
             return
         restoration.restored.connect(lambda: self._offer_fresh_start(path, session))
         self._begin(restoration)

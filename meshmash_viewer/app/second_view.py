@@ -95,6 +95,7 @@ class SecondView(QWidget):
         document.notices.shown.connect(self._on_notice)
         follow(document.work.changed, self._on_job_changed)  # its notice goes first
         self.scene.vertex_clicked.connect(pair.pin_second)
+        self.scene.click_revoked.connect(pair.revoke_pin_second)
         self.scene.stepped.connect(self._step)
         self.scene.camera_changed.connect(self._turned)
         self._first_scene.camera_changed.connect(self._turn_second)

@@ -156,15 +156,14 @@ class Document(OpenMesh):
 
     def undo_repair(self) -> None:
         """Revert the last repair, and what was changed after it."""
-        while self.can_undo_repair and self.history.undo_label != "repair":
-            self.history.undo()
-        if self.can_undo_repair:
+        for _ in range(self.undo_repair_steps):
             self.history.undo()
 
     @property
-    def can_undo_repair(self) -> bool:
-        """Whether there is a repair to undo."""
-        return any(step.label == "repair" for step in self.history.past)
+    def undo_repair_steps(self) -> int:
+        """Number of steps that `undo_repair` undoes: the last repair and those after it; or 0."""
+        labels = [step.label for step in reversed(self.history.past)]
+        return labels.index("repair") + 1 if "repair" in labels else 0
 
     @property
     def file_mesh(self) -> Mesh | None:
@@ -250,14 +249,15 @@ class Document(OpenMesh):
             self._undoing = False
             pins = followed_pins(self.pins.placed, before, ready.mesh)
             shown = Shown(ready, ready.known)
-            self.history.complete({"mesh": shown, "pins": pins, "signs": frozenset()})
+            parts = {"mesh": shown, "pins": pins, "signs": frozenset(), "rotation": ()}
+            self.history.complete(parts)
             self.history.undo()
             return
         repaired = ready.repairs != self.repairs
         if repaired and not self.repairs:
             self._file_mesh = before
         label = "repair" if repaired else "change of unit"
-        self.history.record(label, "mesh", "pins", "signs")  # signs are of other eigenfunctions
+        self.history.record(label, *self.history.read())  # signs, too: of other eigenfunctions
         with self.history.paused():
             self._show(ready, ready.known, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")

@@ -35,6 +35,7 @@ from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.history import Step
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback
@@ -113,6 +114,8 @@ class Pair:
         self._applied: dict[str, Family] = {}
         #: By pin number: vertices that were pinned on the second, as their index in its file.
         self._pinned: dict[int, int] = {}
+        #: The history of the first, and `_pinned`, before the last vertex was pinned on the second.
+        self._before: tuple[tuple[Step, ...], dict[int, int]] = ((), {})
         events = first.display.events
         self._connections = [
             *((getattr(events, name), self._follow_display) for name in (
@@ -187,6 +190,7 @@ class Pair:
 
     def pin_second(self, vertex: int) -> None:
         """Pin a vertex of the second and its best match on the first, or remove both pins."""
+        self._before = self.first.history.past, dict(self._pinned)
         there = {pin.vertex: pin.number for pin in self.second.pins.placed}
         match = -1 if self.comparison is None else int(self.comparison.back.indices[vertex])
         if vertex in there:
@@ -203,6 +207,16 @@ class Pair:
                 number = 1 + max((pin.number for pin in self.first.pins.placed), default=0)
                 self._pinned[number] = index
                 self.first.pins.toggle(match, number)
+
+    def revoke_pin_second(self) -> None:
+        """Take back the last `pin_second`, unless something else was changed after it."""
+        past, pinned = self._before
+        now = self.first.history.past
+        if now[: len(past)] == past and len(now) <= len(past) + 1:
+            self._pinned = pinned
+            if len(now) > len(past):
+                self.first.history.undo()
+            self._follow_pins()
 
     def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the field that the second shows, and colour limits for both fields.

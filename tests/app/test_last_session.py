@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapes
 from closed_form import part
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
@@ -124,3 +124,57 @@ def test_a_changed_file_is_opened_without_what_was_made_on_the_old_one(
     notice = again.stage.message_bar.notice
     assert notice is not None
     assert "has changed" in notice.text
+
+
+def test_what_is_damaged_is_said_and_kept(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path = two_balls(folder / "balls.npz")
+    window = opened(open_window(), path, qtbot)
+    mesh = window.document.mesh
+    assert mesh is not None
+    window.document.maps.add(mesh, [VertexMap("height", mesh.vertices[:, 2])])
+    window.close()
+    (session,) = (folder / "sessions").glob("*.meshmash.json")
+    (maps,) = (folder / "sessions").glob("*.maps.npz")
+    maps.write_bytes(maps.read_bytes()[:300])
+    window = opened(open_window(), path, qtbot)
+    notice = window.stage.message_bar.notice
+    assert notice is not None
+    assert notice.text.startswith("The maps kept of balls.npz cannot be read")
+    window.close()
+    half = session.read_bytes()[:200]
+    session.write_bytes(half)
+    window = opened(open_window(), path, qtbot)
+    notice = window.stage.message_bar.notice
+    assert notice is not None
+    assert notice.text.startswith("balls.npz opens without what was made on it before.")
+    (kept,) = (folder / "sessions").glob("*.unreadable")
+    assert kept.read_bytes() == half
+
+
+def test_a_camera_at_rest_is_saved(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path = two_balls(folder / "balls.npz")
+    window = opened(open_window(), path, qtbot)
+    last = window.opening.last_session
+    last.save()
+    session = last.stored(path)
+    assert session is not None
+    before = session.camera
+    render = window.plotter
+    middle = render.rect().center()
+    QTest.mousePress(render, Qt.MouseButton.LeftButton, pos=middle)
+    for at in range(5):
+        QTest.mouseMove(render, middle + QPoint(8 * at, 0))
+    QTest.mouseRelease(render, Qt.MouseButton.LeftButton, pos=middle + QPoint(40, 0))
+
+    def saved() -> bool:
+        session = last.stored(path)
+        return session is not None and session.camera != before
+
+    qtbot.waitUntil(saved, timeout=PATIENCE)
+    session = last.stored(path)
+    assert session is not None
+    assert session.camera == window.scene.camera()

@@ -288,7 +288,7 @@ def test_faults_are_repaired_with_one_click_and_undone_with_another(
     assert repair.isVisible()
     assert not panel.findChild(QAbstractButton, "merge_coincident_vertices").isVisible()
     QTest.mouseClick(repair, LEFT)
-    qtbot.waitUntil(lambda: window.document.can_undo_repair, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.document.undo_repair_steps, timeout=PATIENCE)
     qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
     assert window.document.mesh.n_faces == len(mesh.faces)
     catch_up()

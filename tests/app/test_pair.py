@@ -425,7 +425,12 @@ def test_a_right_click_on_the_second_pins_and_names_both(
 ) -> None:
     second = beside(window, folder / "copy.npz", monkeypatch)
     wait_for(lambda: second.scene.can_pick)
-    at = second.scene.rect().center()
+    at, canvas = second.scene.rect().center(), second.scene.plotter
+    QTest.mouseClick(canvas, LEFT, pos=at)
+    assert len(window.document.pins.placed) == len(second.document.pins.placed) == 1
+    QTest.mouseDClick(canvas, LEFT, pos=at)  # the second press alone: both centre, and pin nothing
+    QTest.mouseRelease(canvas, LEFT, pos=at)
+    assert window.document.pins.placed == second.document.pins.placed == ()
 
     def choose(name: str) -> None:
         QTest.mouseClick(second.scene.plotter, Qt.MouseButton.RightButton, pos=at)

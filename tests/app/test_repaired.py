@@ -194,15 +194,18 @@ def test_what_is_shown_and_written_counts_as_the_file(
     values = np.array(table[list(table)[1]], dtype=float)
     np.testing.assert_array_equal(np.isfinite(values), np.arange(206) >= 44)
 
-    # one change at a time: first the pin, by its key, then the repair, by the link
-    assert not part(window, "undo_repair_button").isVisible()
-    pins = [pin.number for pin in document.pins.placed]
+    # the link says what it takes back: the pin as well, and a key one at a time
+    link = part(window, "undo_repair_button")
+    qtbot.waitUntil(lambda: link.text() == "Undo repair and 1 later change", timeout=PATIENCE)
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
-    assert [pin.number for pin in document.pins.placed] == pins[:-1]
-    while document.history.undo_label != "repair":
-        document.history.undo()
-    qtbot.waitUntil(part(window, "undo_repair_button").isVisible, timeout=PATIENCE)
-    QTest.mouseClick(part(window, "undo_repair_button"), LEFT)
+    qtbot.waitUntil(lambda: link.text() == "Undo repair", timeout=PATIENCE)
+    QTest.keyClick(
+        window,
+        Qt.Key.Key_Z,
+        Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier,
+    )
+    qtbot.waitUntil(lambda: link.text() == "Undo repair and 1 later change", timeout=PATIENCE)
+    QTest.mouseClick(link, LEFT)
     qtbot.waitUntil(lambda: document.repairs == (), timeout=PATIENCE)
     rest(qtbot, window)
     assert {pin.number: pin.vertex for pin in document.pins.placed} == {1: 7, 2: 60}
@@ -233,7 +236,7 @@ def test_repairs_are_made_again_and_undone_one_by_one(
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     qtbot.waitUntil(lambda: document.repairs == (), timeout=PATIENCE)
     rest(qtbot, window)
-    assert (document.mesh.n_vertices, document.can_undo_repair) == (206, False)
+    assert (document.mesh.n_vertices, document.undo_repair_steps) == (206, 0)
 
     # each file has its own
     read(qtbot, window, other)

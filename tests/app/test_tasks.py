@@ -232,14 +232,14 @@ def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
     document.set_unit("4 x 4 x 40 nm")
     session.wait_until_idle()
     assert document.repairs == ("keep_largest_component",)
-    assert document.can_undo_repair
+    assert document.undo_repair_steps
     np.testing.assert_allclose(document.mesh.vertices, before.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)
     document.history.undo()
     assert document.mesh is before
     document.history.undo()
     assert document.repairs == ()
-    assert not document.can_undo_repair
+    assert not document.undo_repair_steps
     assert document.mesh.vertices is neuron.vertices
     document.history.redo()
     document.history.redo()

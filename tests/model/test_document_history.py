@@ -74,7 +74,7 @@ def test_another_mesh_starts_without_what_was_chosen_on_the_last(
     assert display[Similarity].vertex is None
     assert display.kind == "eigenfunction"
     assert document.pins.placed == ()
-    assert not document.can_undo_repair
+    assert not document.undo_repair_steps
 
 
 def test_a_second_flip_takes_the_first_back(document: Document) -> None:
@@ -315,7 +315,7 @@ def test_pins_made_after_a_repair_are_undone_before_it(split: Document) -> None:
     split.pins.toggle(0)
     split.undo_repair()
     assert pinned(split) == {1: 3, 2: kept}
-    assert not split.can_undo_repair
+    assert not split.undo_repair_steps
 
 
 def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
@@ -342,7 +342,7 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
         assert document.mesh.content_hash == mesh.content_hash
         assert document.ready.source == "a"
         assert document.file_mesh is raw or document.file_mesh.content_hash == raw.content_hash
-    assert not document.can_undo_repair
+    assert not document.undo_repair_steps
     document.history.redo()
     document.history.redo()
     assert document.repairs == (MERGE, LARGEST)
@@ -398,7 +398,7 @@ def test_a_mesh_that_comes_repaired_has_nothing_before_it(sphere: Mesh) -> None:
     document = Document()
     document.undo_repair()  # of nothing, quietly
     document.accept_mesh(ready(sphere, "one"))
-    assert not document.can_undo_repair
+    assert not document.undo_repair_steps
     document.undo_repair()
     assert document.mesh is sphere
 

@@ -199,6 +199,10 @@ ACTIONS: dict[str, Callable[[Walk], object]] = {
     "voxel": lambda walk: walk.document.set_unit(walk.pick(["nm", "8 nm", "4 x 4 x 40 nm"])),
     "limits": _limits,
     "log scale": _log_scales,
+    "rotate": lambda walk: walk.document.rotate(1, walk.pick([15, 30, 90])),
+    "hide small": lambda walk: setattr(
+        walk.document.display, "hide_small", walk.pick([True, False])
+    ),
     "diverging": lambda walk: setattr(
         walk.document.display, "diverging_colormap", walk.pick(["RdBu_r", "PuOr", "coolwarm"])
     ),

@@ -415,3 +415,20 @@ def test_a_map_of_the_second_is_looked_at_on_it() -> None:
     paired(pair.first, third)
     third.maps.add(first, [VertexMap("height", first.vertices[:, 1])], shown=False)
     assert third.display[OwnMaps].chosen == "thickness"
+
+
+def test_the_first_click_of_two_on_the_second_is_taken_back(
+    pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
+) -> None:
+    place, history = meshes[2], pair.first.history
+    pair.first.pins.toggle(7)
+    before = pair.first.pins.placed, pair.second.pins.placed, history.past
+    for vertex in (int(place[50]), int(place[7])):  # a new pin, and the removal of one
+        pair.pin_second(vertex)
+        assert pair.first.pins.placed != before[0]
+        pair.revoke_pin_second()
+        assert (pair.first.pins.placed, pair.second.pins.placed, history.past) == before
+    pair.pin_second(int(place[50]))
+    pair.first.pins.toggle(30)
+    pair.revoke_pin_second()
+    assert [pin.vertex for pin in pair.first.pins.placed] == [7, 50, 30], "only the last"

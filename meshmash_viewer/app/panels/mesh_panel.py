@@ -135,7 +135,10 @@ class MeshPanel(QWidget):
         return self.name_label, self.path_label, grid(*facts, unit, spacing=(theme.GAP, 3))
 
     def _refresh_undo(self) -> None:
-        self.undo_button.setVisible(self._document.history.undo_label == "repair")
+        steps = self._document.undo_repair_steps
+        more = f" and {counted(steps - 1, 'later change')}" if steps > 1 else ""
+        self.undo_button.setText(f"Undo repair{more}")
+        self.undo_button.setVisible(steps > 0)
 
     def _refresh_facts(self) -> None:
         ready = self._document.ready

@@ -244,7 +244,7 @@ class PairPanel(QWidget):
         self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
         for control in (self.carry_check, self.save_button):
             control.setEnabled(found is not None)
-        self.undo_button.setVisible(pair.second.can_undo_repair)
+        self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         self.map_button.setEnabled(other is not None)
         figures = dict.fromkeys((*_FIGURES, *_MATCHES), "")
         if found is not None:

@@ -1,0 +1,21 @@
+"""Nothing that was made is lost when the program is killed, but for the last second."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fuzz.window_kills import KilledWindows
+from tiers import slow
+
+
+@pytest.mark.parametrize("kills", [3, slow(50)])
+def test_a_killed_window_loses_at_most_a_second(kills: int, tmp_path: Path) -> None:
+    windows = KilledWindows(tmp_path)
+    for _ in range(kills + 1):
+        windows.kill_once()
+    lost = windows.lost
+    figures = f"{kills} kills after {windows.changes} changes, lost up to {max(lost):.2f} s"
+    assert windows.changes > kills, figures
+    # a second, and what a busy machine needs to write
+    assert max(lost) < 2.0, figures
