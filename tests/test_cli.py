@@ -697,6 +697,16 @@ def test_two_meshes_are_compared(
     np.testing.assert_array_equal(matches[:, 0], np.arange(mesh.n_vertices))
     status, said, _ = run(capsys, "compare", ball, squeezed, "--count", 30)
     assert status == 0
+    assert "by index" in said
+    turned = tmp_path / "turned.npz"
+    np.savez(turned, vertices=mesh.vertices[::-1], faces=mesh.n_vertices - 1 - mesh.faces)
+    status, said, _ = run(capsys, "compare", ball, turned, "--count", 30, "--refine", "-o", out)
+    assert status == 0
+    assert "refined by ZoomOut" in said
+    order = np.load(out)["features"][:, 0]
+    assert np.mean(order == np.arange(mesh.n_vertices)[::-1]) > 0.0
+    assert json.loads(str(np.load(out)["meta"]))["options"]["refined"] == {"landmarks": 0}
+    status, said, _ = run(capsys, "compare", ball, squeezed, "--count", 30)
     share = float(re.search(r"spectral distance +\S+ \((\S+) %", said).group(1))
     assert share > 5.0
     few = tmp_path / "few.npz"

@@ -145,6 +145,11 @@ def command_parser() -> argparse.ArgumentParser:
         "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
     )
     _add_columns(compare, "number of columns")
+    compare.add_argument(
+        "--refine",
+        action="store_true",
+        help="match vertices by a functional map from these features, refined by ZoomOut",
+    )
     _add_output(
         compare, "OUT", "file for the matches, one row for each vertex of the first mesh", False
     )

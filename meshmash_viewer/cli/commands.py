@@ -152,7 +152,7 @@ def compare(options: Namespace) -> int:
     for mesh, pairs in zip(meshes, (first, second), strict=True):
         check_comparable(mesh.name, mesh.n_vertices, pairs.eigenvalues)
     bank, vertices = family.bank(unit_area_spectrum(first)), corresponding_vertices(*meshes)
-    found = compare_shapes(first, second, bank, vertices=vertices)
+    found = compare_shapes(first, second, bank, vertices=vertices, refine=options.refine)
     report: dict[str, Any] = {
         "meshes": [mesh.name for mesh in meshes],
         "kind": family.export,
@@ -162,6 +162,7 @@ def compare(options: Namespace) -> int:
         "spectral_distance": found.distance,
         "relative_distance": found.relative_distance,
         "same_vertices": found.given,
+        "refined": found.functional is not None,
         "mutual_share": found.mutual_share,
         "median_score": float(np.nanmedian(found.forth.scores)),
         "eigenfunctions": [
@@ -181,6 +182,8 @@ def compare(options: Namespace) -> int:
         whole, operator = options.whole_mesh, chosen_operator(options)
         made = export_options("match", operator, target, proof, options.repair, whole_mesh=whole)
         made["matched_in"] = family.export
+        if found.functional is not None:
+            made["refined"] = {"landmarks": 0}
         table = found.match_table(meshes[1].name, meshes[1])
         table = table.on_file(meshes[0]) if whole else table
         write_features(options.output, table, read_as[0] if whole else meshes[0], meta=made)
@@ -199,7 +202,8 @@ def _described_comparison(report: dict[str, Any]) -> str:
     vertices = "by index: the faces are the same"
     if not report["same_vertices"]:
         mutual = format_share(report["mutual_share"])
-        vertices = f"matched in {report['kind']}, {mutual} of {first} mutually"
+        how = ", refined by ZoomOut" if report["refined"] else ""
+        vertices = f"matched in {report['kind']}{how}, {mutual} of {first} mutually"
     rows = [
         ("eigenvalues compared", f"{compared:,}, times area"),
         ("spectral distance", f"{distance} ({share})"),

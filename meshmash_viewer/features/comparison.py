@@ -15,6 +15,12 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
+from meshmash_viewer.features.functional_map import (
+    FunctionalMap,
+    functional_map,
+    inverse_matches,
+    zoomout,
+)
 from meshmash_viewer.features.shape import Matches, column_spread, distinct_matches, match_features
 from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.mesh import Mesh
@@ -94,6 +100,8 @@ class Comparison:
     given : bool
         Whether corresponding vertices were given: these are the matches then, with the distances
         of their features as scores.
+    functional : FunctionalMap, optional
+        The refined functional map that the matches are from.
 
     Examples
     --------
@@ -110,6 +118,7 @@ class Comparison:
     functions: FunctionMatches
     features: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
     given: bool = False
+    functional: FunctionalMap | None = None
 
     @property
     def relative_distance(self) -> float:
@@ -242,6 +251,9 @@ def compare_shapes(
     bank: FilterBank | None = None,
     cancel: CancelCallback | None = None,
     vertices: npt.ArrayLike | None = None,
+    *,
+    refine: bool = False,
+    landmarks: npt.ArrayLike = (),
 ) -> Comparison:
     """Compare two shapes by their eigenpairs.
 
@@ -258,6 +270,12 @@ def compare_shapes(
         For each vertex of the first the corresponding one of the second, -1 for none, if that is
         known (`corresponding_vertices`). Eigenfunctions are then matched with these vertices, those
         of a multiplet after a rotation (`FunctionMatches.rotations`).
+    refine : bool
+        Match vertices by a functional map from the features and the `landmarks`, refined with all
+        eigenfunctions up to 150 (`functional_map`, `zoomout`), and not by the nearest features
+        alone. Scores are distances in the space of eigenfunctions then.
+    landmarks : array_like of int, shape (p, 2), optional
+        With `refine`: corresponding vertices of the first and the second.
 
     Returns
     -------
@@ -295,7 +313,12 @@ def compare_shapes(
     )
     spread = column_spread(back_features[np.isfinite(back_features).all(axis=1)])
     mine, others = forth_features / spread, back_features / spread
-    if vertices is None:
+    functional = None
+    if vertices is None and refine:
+        start = functional_map(first, second, bank, landmarks=landmarks)
+        functional = zoomout(first, second, start, cancel=cancel)
+        forth, back = functional.matches, inverse_matches(first, second, functional, cancel)
+    elif vertices is None:
         forth = match_features(forth_features, back_features, standardize=True, cancel=cancel)
         back = match_features(back_features, forth_features, standardize=True, cancel=cancel)
     else:
@@ -316,6 +339,7 @@ def compare_shapes(
         match_functions(first, second, forth.indices, turned=vertices is not None),
         (mine.astype(np.float32), others.astype(np.float32)),
         given=vertices is not None,
+        functional=functional,
     )
 
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
 from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
@@ -212,9 +213,15 @@ def functional_map(
             shape.coefficients(features[:, at, None] * shape.functions[:, :count], count)
             for shape, features in zip(shapes, columns, strict=True)
         )
-        commutator = np.kron(np.eye(count), there.T) - np.kron(here, np.eye(count))
-        normal += _COMMUTATORS / len(products) * commutator.T @ commutator
-    matrix = np.linalg.lstsq(normal, (mine @ other.T).ravel(), rcond=None)[0]
+        # the square of C ↦ C there - here C; both are symmetric
+        weight = _COMMUTATORS / len(products)
+        normal += weight * (
+            np.kron(np.eye(count), there @ there)
+            - 2.0 * np.kron(here, there)
+            + np.kron(here @ here, np.eye(count))
+        )
+    # QR with pivoting: products of a symmetric shape may leave some entries undetermined
+    matrix = scipy.linalg.lstsq(normal, (mine @ other.T).ravel(), lapack_driver="gelsy")[0]
     return _with_matches(matrix.reshape(count, count), *shapes, cancel=None)
 
 
@@ -265,9 +272,21 @@ def zoomout(
     while count < last:
         near = _nearest(here[:, : len(matrix)] @ matrix, whole[1], cancel)[0]
         count = min(count + step, last)
-        solved = np.linalg.lstsq(here[:, :count], there[near, :count], rcond=None)
-        matrix = np.asarray(solved[0], dtype=np.float64)
+        mine = here[:, :count]
+        matrix = scipy.linalg.lstsq(mine.T @ mine, mine.T @ there[near, :count])[0]
     return _with_matches(matrix, *whole, cancel=cancel)
+
+
+def inverse_matches(
+    first: Eigenpairs,
+    second: Eigenpairs,
+    found: FunctionalMap,
+    cancel: CancelCallback | None = None,
+) -> Matches:
+    """Return for each vertex of the second the nearest one of the first, by the same map."""
+    count = len(found.matrix)
+    shapes = _Shape.of(second, count), _Shape.of(first, count)
+    return _with_matches(found.matrix.T, *shapes, cancel=cancel).matches
 
 
 def _of_length_one(*columns: FloatArray, mass: FloatArray) -> FloatArray:

@@ -67,11 +67,23 @@ def _as_shown(pairs: Eigenpairs) -> Eigenpairs:
 
 @dataclass(frozen=True, eq=False)
 class ComparisonRequest:
-    """Eigenpairs of two meshes up to the same eigenvalue times area, and a key of `MATCHED_IN`."""
+    """Eigenpairs of two meshes up to the same eigenvalue times area, and how they are matched.
+
+    `matched_in` is a key of `MATCHED_IN`; for `refined` and `landmarks` see `compare_shapes`.
+    """
 
     first: Eigenpairs
     second: Eigenpairs
     matched_in: str
+    refined: bool = False
+    landmarks: tuple[tuple[int, int], ...] = ()
+
+    def equals(self, other: ComparisonRequest) -> bool:
+        """Whether another request has the same answer."""
+        if self.first.rows is not other.first.rows or self.second.rows is not other.second.rows:
+            return False
+        how = self.matched_in, self.refined, self.landmarks
+        return how == (other.matched_in, other.refined, other.landmarks)
 
     def answered(self, cancel: CancelCallback | None = None) -> Comparison:
         """Compute the comparison; raise `InputError` where there are too few pairs."""
@@ -85,7 +97,9 @@ class ComparisonRequest:
         if vertices is not None:
             other = replace(other, rows=self.second.rows)  # they are aligned again
         bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
-        return compare_shapes(mine, other, bank, cancel, vertices)
+        return compare_shapes(
+            mine, other, bank, cancel, vertices, refine=self.refined, landmarks=self.landmarks
+        )
 
 
 class Pair:
@@ -108,6 +122,7 @@ class Pair:
         #: Whether the second shows the field of the first, transferred by the match of vertices.
         self.carries = False
         self._matched_in = next(iter(MATCHED_IN))
+        self._refined = False
         self._request: ComparisonRequest | None = None
         self._asked: tuple[Any, Any] = None, None
         #: Families of the first that were last applied to the second.
@@ -122,7 +137,7 @@ class Pair:
                 "fields", "kind", "policies", "log_scales", "diverging_colormap",
                 "sequential_colormap", "nodal_lines", "hide_small",
             )),
-            (first.pins.changed, self._follow_pins),
+            (first.pins.changed, self._follow_first_pins),
             (first.spectrum_changed, self._follow_spectra),
             (second.spectrum_changed, self._follow_spectra),
             (second.mesh_changed, self._follow_mesh),
@@ -187,6 +202,26 @@ class Pair:
     def matched_in(self, name: str) -> None:
         self._matched_in = name
         self._follow_spectra()
+
+    @property
+    def refined(self) -> bool:
+        """Whether vertices are matched by a functional map, refined by ZoomOut."""
+        return self._refined
+
+    @refined.setter
+    def refined(self, on: bool) -> None:
+        self._refined = on
+        self._follow_spectra()
+
+    @property
+    def landmarks(self) -> tuple[tuple[int, int], ...]:
+        """Vertices of the first and the second that were pinned on both, by the user."""
+        mine = {pin.number: pin.vertex for pin in self.first.pins.placed}
+        return tuple(
+            (mine[pin.number], pin.vertex)
+            for pin in self.second.pins.placed
+            if pin.number in self._pinned and pin.number in mine
+        )
 
     def pin_second(self, vertex: int) -> None:
         """Pin a vertex of the second and its best match on the first, or remove both pins."""
@@ -317,6 +352,8 @@ class Pair:
         if self.second.repairs:
             options["second_repairs"] = list(self.second.repairs)
         options["matched_in"] = MATCHED_IN[request.matched_in].export
+        if request.refined:
+            options["refined"] = {"landmarks": len(request.landmarks)}
         write_features(
             path, found.match_table(second.mesh.name, second.mesh), first.mesh, meta=options
         )
@@ -350,15 +387,9 @@ class Pair:
             and second.complete
             and self.second.work.job is None
         ):
-            request = ComparisonRequest(first, second, self._matched_in)
-        same = (
-            before is not None
-            and request is not None
-            and before.matched_in == request.matched_in
-            and before.first.rows is request.first.rows
-            and before.second.rows is request.second.rows
-        )
-        if not same:
+            landmarks = self.landmarks if self._refined else ()
+            request = ComparisonRequest(first, second, self._matched_in, self._refined, landmarks)
+        if before is None or request is None or not before.equals(request):
             self._request, self.comparison = request, None
             if request is not None:
                 self.comparison_requested.emit(request)
@@ -422,6 +453,11 @@ class Pair:
         """Display maps on the first too, after one has been added to the second."""
         if "kind" in self.links and self.second.display.family.own:
             self.first.display.kind = self.second.display.kind
+
+    def _follow_first_pins(self) -> None:
+        self._follow_pins()
+        if self._refined:
+            self._follow_spectra()  # with other landmarks
 
     def _follow_pins(self) -> None:
         """Pin the best match of each pin, under its number."""

@@ -117,6 +117,8 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
     family = MATCHED_IN[pair.matched_in]().resolved(first, pair.first.display.fields)
     bank = family.carried(Correspondence(1.0 / mesh.area**0.5)).bank_script()
     area = "decomposition.mass.sum()"
+    landmarks = [list(each) for each in pair.landmarks]
+    refined = f", refine=True, landmarks={landmarks}" if pair.refined else ""
     bank = bank.replace("decomposition.eigenvalues", f"decomposition.eigenvalues * {area}")
     return [
         *_reading(pair.second, "other"),
@@ -126,7 +128,7 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
         f"bank = {bank}",
         "vertices = mv.corresponding_vertices(mesh, other)",
         "comparison = mv.compare_shapes("
-        "decomposition, other_decomposition, bank, vertices=vertices)",
+        f"decomposition, other_decomposition, bank, vertices=vertices{refined})",
         "print(comparison.distance, comparison.mutual_share)",
     ]
 

@@ -472,6 +472,12 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     wait_for(lambda: opened.pair.matched_in != "hks" and opened.pair.comparison is not None)
     rest(window)
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
+    refine = part(window, QCheckBox, "pair_refine_check")
+    QTest.mouseClick(refine, LEFT, pos=QPoint(8, 8))
+    wait_for(lambda: opened.pair.comparison is not None)
+    rest(window)
+    assert text(window, "pair_told_label") == "by ZoomOut, 100\N{NO-BREAK SPACE}% mutual"
+    assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     check = part(window, QCheckBox, "pair_carry_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, 8))
     catch_up()

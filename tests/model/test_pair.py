@@ -34,6 +34,7 @@ from meshmash_viewer.model.limits import (
 )
 from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
 from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
@@ -227,6 +228,25 @@ def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
         assert pair.comparison is not None
         assert pair.comparison.mutual_share > 0.99
     assert pair.comparison is not before
+
+
+def test_the_match_is_refined_with_pins_of_both_meshes_as_landmarks(
+    pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
+) -> None:
+    place = meshes[2]
+    pair.refined = True
+    assert pair.comparison is not None
+    assert pair.comparison.functional is not None
+    assert np.mean(pair.comparison.forth.indices == place) > 0.99
+    assert np.mean(place[pair.comparison.back.indices] == np.arange(len(place))) > 0.99
+    assert pair.landmarks == ()
+    before = pair.comparison
+    pair.pin_second(int(place[50]))
+    assert pair.landmarks == ((50, place[50]),)
+    assert pair.comparison is not before
+    assert "refine=True, landmarks=[[50, " in reproduction_script(pair.first, pair)
+    pair.refined = False
+    assert pair.comparison.functional is None
 
 
 def test_more_pairs_than_needed_are_compared_too(meshes: tuple[Mesh, Mesh, np.ndarray]) -> None:

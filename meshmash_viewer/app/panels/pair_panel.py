@@ -100,6 +100,11 @@ class PairPanel(QWidget):
             "pair_feature_combo", "Feature in which vertices are matched", self._choose_feature,
             {name: family.short for name, family in MATCHED_IN.items()},
         )  # fmt: skip
+        self.refine_check = make.check(
+            "Refined by ZoomOut", "pair_refine_check",
+            "Match vertices by a functional map, refined with more and more eigenfunctions",
+            self._refine, tip="Pins that you set on both meshes are its landmarks",
+        )  # fmt: skip
         self.matches = Facts(_MATCHES)
         self.match_note = note("pair_match_note")
         self.carry_check = make.check(
@@ -137,6 +142,7 @@ class PairPanel(QWidget):
                 self.plot,
                 make.heading("Vertices"),
                 row(make.muted("Matched by"), (self.feature_combo,)),
+                self.refine_check,
                 self.matches,
                 self.match_note,
                 self.carry_check,
@@ -197,6 +203,10 @@ class PairPanel(QWidget):
         if self._pair is not None:
             self._pair.matched_in = name
 
+    def _refine(self, on: bool) -> None:
+        if self._pair is not None:
+            self._pair.refined = on
+
     def _save(self) -> None:
         path = ask_to_save(self, self._document, "match", "match.npz", "Tables", WRITERS)
         if path is not None:
@@ -241,6 +251,7 @@ class PairPanel(QWidget):
             show_quietly(check, name in pair.links)
         self.cameras.show_key(pair.cameras)
         show_quietly(self.carry_check, pair.carries)
+        show_quietly(self.refine_check, pair.refined)
         self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
         for control in (self.carry_check, self.save_button):
             control.setEnabled(found is not None)
@@ -251,9 +262,7 @@ class PairPanel(QWidget):
             figures |= {
                 "pair_distance_label": _written_distance(found),
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
-                "pair_told_label": "by index: same faces"
-                if found.given
-                else f"by features, {format_share(found.mutual_share)} mutual",
+                "pair_told_label": "by index: same faces" if found.given else _written_match(found),
                 "pair_functions_label": _written_functions(found.functions),
             }
             shown = self._document.display.family
@@ -359,6 +368,12 @@ def _written_distance(found: Comparison) -> str:
     text = f"{format_number(found.distance)}: norm of the difference of λ × area"
     share = found.relative_distance
     return f"{text}, {format_share(share)} of that of the first" if math.isfinite(share) else text
+
+
+def _written_match(found: Comparison) -> str:
+    """How vertices are matched, and how many of them mutually."""
+    how = "by features" if found.functional is None else "by ZoomOut"
+    return f"{how}, {format_share(found.mutual_share)} mutual"
 
 
 def _written_functions(found: FunctionMatches) -> str:
