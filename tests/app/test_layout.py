@@ -111,7 +111,9 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
     document = window.document
     before = places(window)
     document.display.change(Eigenfunctions, index=11)
-    assert places(window) == before, "a multiplet"
+    with_multiplet = places(window)
+    assert before.items() <= with_multiplet.items()
+    before = with_multiplet
     assert part(window, "multiplet_label").isVisible()
     give(part(window, "limit_low_field"), "1e9")
     assert places(window) == before, "limits the wrong way round"
