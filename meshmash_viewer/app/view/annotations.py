@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +45,8 @@ EDGE = 16
 #: gap to its labels, and their smallest distance from the edge.
 BAR_SPACE, _BAR_EDGE, _BAR, _GAP, _PAD = 108, 88, 14, 6, 4
 _MAX_LABELS = 7
+#: Number of characters of a label that there is room for.
+_LONGEST = 9
 #: Font sizes of title, quantity, scale bar and labels.
 TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
 #: Height of the line of the formula, and of the lowest picture that has it.
@@ -233,9 +236,11 @@ class _Painter:
         next_to, theme = left + _BAR + _GAP, self._theme
         self._strip(caption.table, left, below, tall)
         count = min(max(int(tall / 34), 2), _MAX_LABELS)
-        labels, heading = bar_labels(
-            caption.low, caption.high, caption.unit, caption.logarithmic, count
-        )
+        named = partial(bar_labels, caption.low, caption.high, caption.unit, caption.logarithmic)
+        labels, heading = named(count)
+        while count > 2 and max((len(label) for _, label in labels), default=0) > _LONGEST:
+            count -= 1  # fewer labels have fewer digits
+            labels, heading = named(count)
         self._text(heading, _LABEL, theme.faint_ink, left, below + tall + 12, edge=_PAD)
         for share, label in labels:
             up = below + tall * share

@@ -14,6 +14,7 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.text import text_size
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.units import NO_BREAK
 
 pytestmark = pytest.mark.pixels
 
@@ -39,19 +40,27 @@ def difference(one: MeshRenderer, other: MeshRenderer, size: tuple[int, int] = S
     return np.array([rows.min(), rows.max(), columns.min(), columns.max()])
 
 
-def test_labels_of_the_bar_stand_where_their_values_are_and_share_a_power_of_ten(qapp) -> None:
+def test_labels_of_the_bar_stand_where_their_values_are_and_share_a_unit(qapp) -> None:
     written = Written(shown(limits=(-1.3e-5, 2.6e-5)), SIZE)
-    assert "×10⁻⁵ nm⁻¹" in written.texts
+    assert "mm⁻¹" in written.texts
     ((_, below, _, tall),) = written.strips
-    for text in ("-1", "0", "1", "2"):
+    for text in ("−10", "0", "10", "20"):
         share = (written.texts[text][1] - below) / tall
-        assert share == pytest.approx((float(text) + 1.3) / 3.9, abs=1.0 / tall)
+        value = float(text.replace("−", "-"))
+        assert share == pytest.approx((value + 13.0) / 39.0, abs=1.0 / tall)
+
+
+def test_labels_of_a_narrow_range_are_not_cut(qapp) -> None:
+    texts = Written(shown(limits=(0.0811939550, 0.0811939575)), SIZE).texts
+    labels = [text for text in texts if text.startswith("81.19")]
+    assert len(labels) >= 2
+    assert not any("…" in text for text in texts)
 
 
 @pytest.mark.parametrize("size", [(430, 340), (560, 420), (900, 400)])
 def test_the_colour_bar_begins_below_the_title(qapp, size: tuple[int, int]) -> None:
     texts = Written(shown(limits=(-1.3e-5, 2.6e-5)), size).texts
-    unit, quantity = texts["×10⁻⁵ nm⁻¹"][1], texts["λ₅ = 1"][1]
+    unit, quantity = texts["mm⁻¹"][1], texts["λ₅ = 1"][1]
     assert unit + 14 < quantity - 12
 
 
@@ -111,7 +120,9 @@ def test_the_scale_bar_is_as_long_as_it_says(qapp, size: tuple[int, int]) -> Non
     long = max(width for _, _, width, _ in written.rectangles)
     camera = renderer.renderer.GetActiveCamera()
     millimetres = long * 2.0 * camera.GetParallelScale() / size[1]
-    lengths = [text.split() for text in written.texts if text.endswith((" mm", " µm"))]
+    lengths = [
+        text.split() for text in written.texts if text.endswith((f"{NO_BREAK}mm", f"{NO_BREAK}µm"))
+    ]
     ((number, unit),) = lengths
     said = float(number) * {"mm": 1.0, "µm": 1e-3}[unit]
     assert millimetres == pytest.approx(said, abs=1.0 / long)
