@@ -258,7 +258,9 @@ class Walk:
         if kind is not QtMsgType.QtDebugMsg and not text.startswith(_HARMLESS):
             self._fault(f"Qt: {text}")
 
-    def _hear(self, notice: Notice) -> None:
+    def _hear(self, notice: Notice | None) -> None:
+        if notice is None:  # the one before is withdrawn
+            return
         if "defect" in notice.text or "Traceback" in notice.text or "failed" in notice.text:
             self._fault(f"notice: {notice.text}\n{notice.details}")
 
