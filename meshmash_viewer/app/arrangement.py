@@ -116,6 +116,13 @@ class Arrangement:
         """Restore the default layout."""
         self._window.restoreState(self._first, _VERSION)
         self._narrow = False
+        self.share_room()
+
+    def share_room(self) -> None:
+        """Give the docks their default sizes.
+
+        Unlike `reset`, it leaves no tab bar behind, which Qt makes anew with a restored state.
+        """
         self.fit()
         sides = [self.docks["mesh"], self.docks["field"]]
         self._window.resizeDocks(sides, [290, 330], Qt.Orientation.Horizontal)

@@ -164,7 +164,7 @@ class MainWindow(ScriptedWindow):
         """Take the size of last time, or a good part of the screen."""
         screen = QGuiApplication.primaryScreen().availableGeometry()
         self.resize(min(1440, screen.width() - 40), min(900, screen.height() - 60))
-        self.arrangement.reset()
+        self.arrangement.share_room()
         layout = self.settings.layout
         if layout is not None:
             self.arrangement.restore(layout)
@@ -216,7 +216,7 @@ class MainWindow(ScriptedWindow):
         self.loaded = True
         self.stage.welcome.set_loading("")
         if self.settings.layout is None:
-            self.arrangement.reset()
+            self.arrangement.share_room()
         self.scene.set_theme(theme.is_dark())
         self.controller.show_mesh()
         self.shape_source.refresh()

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QLineEdit,
     QPushButton,
+    QTabBar,
     QWidget,
 )
 from pytestqt.qtbot import QtBot
@@ -105,6 +106,11 @@ def test_the_first_thing_one_sees_is_not_cut_off(
     assert abs(middle - window.stage.width() / 2) <= 8  # a scroll bar beside it, at most
     for link in card.findChildren(QPushButton):
         assert link.mapTo(window.stage, link.rect().bottomRight()).x() < window.stage.width()
+
+
+def test_no_tab_bar_lies_over_the_menus(window: MainWindow) -> None:
+    bars = window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly)
+    assert [bar.tabText(0) for bar in bars if bar.isVisible()] == ["Mesh"]
 
 
 def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> None:
