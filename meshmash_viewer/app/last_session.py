@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -55,6 +56,8 @@ class LastSession(QObject):
         #: Names of the maps in the mesh file itself, and the other ones that have been written.
         self._of_file: frozenset[str] = frozenset()
         self._written: tuple[VertexMap, ...] = ()
+        #: Name of the file in which they are; "" without any.
+        self._maps_file = ""
         self._pool = QThreadPool(self, maxThreadCount=1)
         self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
         self._timer = QTimer(self, singleShot=True, interval=_DELAY)
@@ -117,8 +120,8 @@ class LastSession(QObject):
         if document.path is None or document.mesh is None:
             return
         mesh, path = document.mesh, self.path(document.path)
-        session = session_of(document, *self._look())
         maps = self._new_maps(mesh)
+        session = replace(session_of(document, *self._look()), kept_maps=self._maps_file)
         self._pool.start(lambda: self._write(path, session, mesh.content_hash, maps))
 
     def close(self) -> None:
@@ -133,30 +136,29 @@ class LastSession(QObject):
         self._pool.waitForDone()
         _delete(self.path(mesh_path))
 
-    def restore_maps(self) -> int:
-        """Add the kept maps to the mesh again, and return their number."""
+    def restore_maps(self, name: str) -> int:
+        """Add the kept maps in a file of this name to the mesh again, and return their number."""
         document = self._document
         mesh = document.mesh
-        if mesh is None or document.path is None:
+        if mesh is None or document.path is None or not name:
             return 0
         self._pool.waitForDone()
         try:
-            kept = _maps_file(self.path(document.path), mesh.content_hash)
-            with kept.open("rb") as file, np.load(file) as stored:
+            with (self._folder / Path(name).name).open("rb") as file, np.load(file) as stored:
                 about = json.loads(str(stored["about"]))
                 maps = [
                     VertexMap(one["name"], stored[f"values_{at}"], unit=one["unit"])
-                    for at, one in enumerate(about)
+                    for at, one in enumerate(about["maps"])
                 ]
-        except FileNotFoundError:
-            return 0
+            if about["mesh"] != mesh.content_hash:
+                return 0
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as fault:
             text = f"The maps kept of {document.path.name} cannot be read: {fault}"
             document.notices.say(text, Severity.WARNING)
             return 0
         with document.history.paused():
             document.maps.add(mesh, maps, shown=False)
-        self._written = tuple(maps)
+        self._written, self._maps_file = tuple(maps), name
         return len(maps)
 
     # -- details ------------------------------------------------------------------------------
@@ -165,7 +167,7 @@ class LastSession(QObject):
         ready = self._document.ready
         if ready is not None and not ready.derived:
             self._of_file = frozenset(each.name for each in ready.mesh.maps)
-            self._written = ()
+            self._written, self._maps_file = (), ""
         self.changed()
 
     def _keep_second(self) -> None:
@@ -186,6 +188,10 @@ class LastSession(QObject):
         ):
             return None
         self._written = kept
+        path = self._document.path
+        assert path is not None  # without one nothing is saved
+        name = f"{_key(self.path(path))}.{time.time_ns():x}{_MAPS_ENDING}"
+        self._maps_file = name if kept else ""
         return kept
 
     def _write(
@@ -194,24 +200,25 @@ class LastSession(QObject):
         """Write a session and new maps, in the thread."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            if maps is not None:
-                about = json.dumps([{"name": each.name, "unit": each.unit} for each in maps])
+            if maps:
+                named = [{"name": each.name, "unit": each.unit} for each in maps]
+                about = json.dumps({"mesh": mesh_hash, "maps": named})
                 values: dict[str, Any] = {
                     f"values_{at}": each.values for at, each in enumerate(maps)
                 }
-                # under a name of their mesh, so that those of the session before stay until this
-                # one is written
-                with written_whole(_maps_file(path, mesh_hash)) as part, part.open("wb") as file:
+                # a new file, so that those of the session before stay until this one is written
+                kept = self._folder / session.kept_maps
+                with written_whole(kept) as part, part.open("wb") as file:
                     np.savez(file, about=np.array(about), **values)
             write_session(path, session)
             if maps is not None:
-                _delete_maps(path, mesh_hash)
+                _delete_maps(path, session.kept_maps)
             self._delete_oldest()
         except (InputError, OSError) as fault:
             self._failed.emit(str(fault))
 
     def _say_failed(self, fault: str) -> None:
-        self._written = ()  # to be tried again
+        self._written, self._maps_file = (), ""  # to be tried again
         text = f"What you made could not be saved for the next time: {fault}"
         self._document.notices.say(text, Severity.WARNING)
 
@@ -223,17 +230,15 @@ class LastSession(QObject):
             _delete(old)
 
 
-def _maps_file(session: Path, mesh_hash: str) -> Path:
-    name = session.name.removesuffix(SESSION_ENDING)
-    return session.with_name(f"{name}.{mesh_hash[:20]}{_MAPS_ENDING}")
-
-
 def _delete_maps(session: Path, but: str = "") -> None:
-    """Delete the maps of a session, but for those of one mesh."""
-    name = session.name.removesuffix(SESSION_ENDING)
-    for file in session.parent.glob(f"{name}.*{_MAPS_ENDING}"):
-        if not but or file != _maps_file(session, but):
+    """Delete the files of maps of a session, but for one."""
+    for file in session.parent.glob(f"{_key(session)}.*{_MAPS_ENDING}"):
+        if file.name != but:
             file.unlink(missing_ok=True)
+
+
+def _key(session: Path) -> str:
+    return session.name.removesuffix(SESSION_ENDING)
 
 
 def _delete(session: Path) -> None:

@@ -131,7 +131,7 @@ class Opening(QObject):
         """Say what of the last time is there again, and offer to open the file without it."""
         made = {
             "pin": len(self._document.pins.placed),
-            "map": self.last_session.restore_maps() + len(session.maps),
+            "map": self.last_session.restore_maps(session.kept_maps) + len(session.maps),
             "second mesh": int(bool(session.second_path)),
         }
         if any(made.values()):

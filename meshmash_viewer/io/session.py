@@ -115,6 +115,8 @@ class Session(Parameters):
     #: Names and colours that were given to them, "" for none.
     pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
     pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
+    #: Name of a file next to this one with maps that are in no other; "" for none.
+    kept_maps: str = parameter("", Text(200))
     #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
     file_indices: bool = True
     #: Position, focal point and so on in the mesh's coordinates; empty for the default view.

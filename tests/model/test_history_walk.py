@@ -283,3 +283,28 @@ def test_what_is_undone_and_redone_at_random_comes_back(
     assert not walk.document.repairs
     walk.cross(steps)
     assert walk.state() == end
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("repair", REPAIRS)
+def test_pins_follow_each_repair_by_the_index_in_the_file(repair: str, tmp_path: Path) -> None:
+    walk = Walk(dirty(tmp_path / "dirty.npz"), (), 1)
+    document = walk.document
+    before = document.mesh
+    assert before is not None
+    for vertex in range(before.n_vertices):
+        document.pins.toggle(vertex)
+    placed = document.pins.placed
+    document.repair(repair)
+    mesh = document.mesh
+    assert mesh is not None
+    assert document.repairs == (repair,)
+    left = {pin.number: pin.vertex for pin in document.pins.placed}
+    assert len(set(left.values())) == len(left) == mesh.n_vertices, "one for each vertex that stays"
+    for pin in placed:
+        if pin.number in left:
+            vertex = left[pin.number]
+            np.testing.assert_array_equal(mesh.vertices[vertex], before.vertices[pin.vertex])
+            assert mesh.vertex_of(pin.vertex) == vertex, "named by the index in the file"
+    document.history.undo()
+    assert document.pins.placed == placed
