@@ -528,6 +528,24 @@ def test_render_draws(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "logarithmic"),
+    [((), True), (("--color-scale", "linear"), False), (("--color-scale", "log"), True)],
+)
+def test_a_picture_has_a_log_scale_where_it_serves_or_is_asked_for(
+    capsys: pytest.CaptureFixture[str],
+    ball: Path,
+    tmp_path: Path,
+    options: tuple[str, ...],
+    logarithmic: bool,
+) -> None:
+    pytest.importorskip("vtkmodules.vtkRenderingOpenGL2")
+    np.save(tmp_path / "sizes.npy", np.geomspace(1e-3, 1e3, read_mesh(ball).n_vertices))
+    picture = ("-o", tmp_path / "out.png", "--size", "320x240", "--json")
+    given = ("render", ball, "--map", tmp_path / "sizes.npy", *options, *picture)
+    assert json.loads(run(capsys, *given)[1])["log_scale"] == logarithmic
+
+
 def test_maps_are_columns_and_pictures(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:

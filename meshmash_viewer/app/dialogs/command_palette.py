@@ -62,7 +62,7 @@ SYNONYMS = {
             "ventral": "bottom below inferior",
         }.items()
     },
-    "hide_small": "debris fragments specks islands components clean",
+    "hide_small": "debris fragments islands components clean",
     "nodal_lines": "contours isolines zero level",
     "theme_system": "theme dark light mode appearance colour color",
     "theme_light": "theme white mode appearance colour color",
