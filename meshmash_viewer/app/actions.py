@@ -49,8 +49,8 @@ class Command:
     `shortcuts` are portable, the first one is shown, and those of the operating system
     (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
     `icons.PATHS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
-    "exact spectrum", "small components" or "second mesh" (`Commands.there`), `does` the name and
-    the argument of the method, if it is not the one of this `name`.
+    "small components" or "second mesh" (`Commands.there`), `does` the name and the argument of the
+    method, if it is not the one of this `name`.
     """
 
     name: str
@@ -100,9 +100,9 @@ COMMANDS: tuple[Command, ...] = (
             ("Ctrl+Shift+O",), separated=True),
     Command("save_session", "Save session…", "File",
             "Save which mesh, settings, pins and camera are on screen", ("Ctrl+S",), needs="mesh"),
-    Command("export", "Export features…", "File",
-            "Write features or eigenpairs of this mesh to a file", ("Ctrl+E",),
-            toolbar="Export", icon="export", separated=True, needs="exact spectrum"),
+    Command("export", "Export…", "File",
+            "Write features, eigenpairs or maps of this mesh to a file", ("Ctrl+E",),
+            toolbar="Export", icon="export", separated=True, needs="render"),
     Command("save_picture", "Save picture…", "File",
             "Save what is on screen for a paper or a talk: width in mm, text and bars as vectors",
             ("Ctrl+Shift+S",), toolbar="Picture", icon="picture", needs="render"),

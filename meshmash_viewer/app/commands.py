@@ -29,6 +29,7 @@ from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral import cost
+from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
@@ -119,10 +120,6 @@ class Commands:
             "mesh": ready is not None,
             "render": shown,
             "spectrum": some,
-            # previews are not exported
-            "exact spectrum": some
-            and spectrum is not None
-            and (not spectrum.preview or spectrum.complete),
             "small components": ready is not None and ready.small is not None,
             "second mesh": self._opening.pair is not None,
         }
@@ -171,14 +168,24 @@ class Commands:
         from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 
         folder, ending = self._settings.folder, self._export_ending
-        dialog = ExportDialog(self._document, folder, self._window, ending)
+        dialog = ExportDialog(self._document, folder, self._window, ending, self._shown_map())
         ask(dialog, lambda: self._start_export(dialog))
+
+    def _shown_map(self) -> VertexMap | None:
+        """The field on the render as a map; None if it is a draft, or approximate."""
+        controller, spectrum = self._opening.controller, self._document.spectrum
+        field = None if controller is None else controller.field
+        if field is None or field.draft:
+            return None
+        exact = spectrum is None or not spectrum.preview or not field.family.of_pairs
+        return field.as_map() if exact else None
 
     def _start_export(self, dialog: ExportDialog) -> None:
         job = dialog.job()
         self._export_ending = dialog.format.ending
         self._settings.folder = job.path.parent
-        self._exported = Exported(job.mesh.content_hash, job.family, job.n_pairs, job.maps)
+        if job.family is not None:
+            self._exported = Exported(job.mesh.content_hash, job.family, job.n_pairs, job.maps)
         self._document.work.request(job)
 
     def compute_in_pieces(self) -> None:
@@ -197,6 +204,12 @@ class Commands:
             self._document.notices.say(text, Severity.WARNING)
             return
         self._write(path, shape_writer(self._document, path), "Shape")
+
+    def keep_match(self) -> None:
+        """Keep the field of the first mesh, by the match, as a map of the second."""
+        pair, controller = self._opening.pair, self._opening.controller
+        if pair is not None and controller is not None and controller.field is not None:
+            pair.keep(controller.field)
 
     def save_match(self, path: Path) -> None:
         """Save the match of the vertices of both meshes."""

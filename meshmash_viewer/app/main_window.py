@@ -205,6 +205,7 @@ class MainWindow(ScriptedWindow):
         self.pair_panel.open_requested.connect(self.opening.compare_with)
         self.pair_panel.close_requested.connect(self.opening.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
+        self.pair_panel.keep_requested.connect(self.commands.keep_match)
         self.pair_panel.maps_requested.connect(self.opening.add_map_to_second)
         self.scene.camera_changed.connect(self.opening.last_session.camera_moved)
         self.scene.vertex_clicked.connect(self.document.pins.toggle)

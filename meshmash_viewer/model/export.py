@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.fields.family import Family
@@ -57,7 +59,7 @@ class ExportJob:
     #: Its ending determines the format.
     path: Path
     #: What is written, with its (resolved) parameters.
-    family: Family
+    family: Family | None
     #: Number of leading eigenpairs to use.
     n_pairs: int
     #: The target that these were computed for.
@@ -79,13 +81,12 @@ class ExportJob:
         `InputError` is raised if the eigenpairs are no longer in the store or damaged there, or the
         file cannot be written; `Cancelled` if the user cancelled.
         """
-        from meshmash_viewer.io.provenance import export_options
-
         pairs, proof, known_to = None, "", None
+        if self.family is None:
+            return self._write(maps_alone(self.mesh), None, "", "maps")
         if self.family.of_pairs:
             pairs = stored_pairs(self.mesh, self.operator, self.n_pairs, channel)
             proof, known_to = pairs.proof(self.mesh.unit), pairs.known_to or None
-        description, missing = counted(self.n_pairs, "eigenpair"), ""
         results: Features | Eigenpairs | None = pairs
         if self.family.makes_features():
             channel.report(Progress("features", message="Computing features"))
@@ -94,12 +95,22 @@ class ExportJob:
                 raise Cancelled
             if self.maps:
                 results = results.with_maps(self.mesh)
-            columns = counted(len(results.columns), "column")
-            description, missing = f"{self.family.label}, {columns},", results.missing
         assert results is not None
         channel.report(Progress("writing", message=self.label))
+        return self._write(results, pairs, proof, self.family.export)
+
+    def _write(
+        self, results: Features | Eigenpairs, pairs: Eigenpairs | None, proof: str, kind: str
+    ) -> Written:
+        from meshmash_viewer.io.provenance import export_options
+
+        description, missing = counted(self.n_pairs, "eigenpair"), ""
+        if isinstance(results, Features):
+            columns, missing = counted(len(results.columns), "column"), results.missing
+            label = "Maps" if self.family is None else self.family.label
+            description = f"{label}, {columns},"
         meta = export_options(
-            self.family.export,
+            kind,
             self.operator,
             self.target or Target("count", self.n_pairs),
             proof,
@@ -115,6 +126,11 @@ class ExportJob:
         repairs = f"Repaired before: {listed_repairs(self.repairs)}" if self.repairs else ""
         remark = ". ".join(filter(None, (missing, repairs)))
         return Written(self.path, description, remark, warns=bool(missing))
+
+
+def maps_alone(mesh: Mesh) -> Features:
+    """Return the maps of a mesh as columns, without features."""
+    return Features(np.empty((mesh.n_vertices, 0)), (), kind="maps").with_maps(mesh)
 
 
 def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Channel) -> Eigenpairs:

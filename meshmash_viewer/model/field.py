@@ -24,8 +24,8 @@ from meshmash_viewer.model.limits import (
 )
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.units import engineering, format_quantity, round_length
-from meshmash_viewer.vertex_map import Label
+from meshmash_viewer.units import engineering, format_quantity, plain_text, round_length
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.model.display import Display
@@ -159,6 +159,16 @@ class Field:
             return limits, display.diverging_colormap
         named = display.sequential_colormap
         return limits, reversed_map(named) if self.family.bright_low else named
+
+    def as_map(self) -> VertexMap:
+        """Return the values as a map of the mesh, named as they are on the render."""
+        is_map = self.family.own and not self.family.of_pairs
+        name = self.title if is_map else plain_text(f"{self.title} {self.quantity}")
+        if not self.labels:
+            return VertexMap(name, self.values, unit=self.unit)
+        labels = tuple(replace(each, key=at) for at, each in enumerate(self.labels))
+        keys = np.nan_to_num(self.values, nan=-1.0).astype(np.int64)
+        return VertexMap(name, keys, labels)
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
         """Return the field on another mesh, with the values at `vertices`; NaN for -1."""

@@ -264,6 +264,12 @@ class Pair:
             return first.carried(self.comparison.back.indices), limits
         return self.with_shared_limits(first, second)
 
+    def keep(self, field: Field) -> None:
+        """Add a field of the first, transferred by the match, to the maps of the second."""
+        other, found = self.second.mesh, self.comparison
+        if other is not None and found is not None:
+            self.second.maps.add(other, [field.carried(found.back.indices).as_map()])
+
     def with_shared_limits(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the second field scaled for comparison, and colour limits for both fields.
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapes
 from closed_form import give, rectangle_document
 from PIL import Image
 from PySide6.QtCore import QObject, QPoint, Qt, QUrl, Signal
@@ -24,8 +26,10 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
+import meshmash_viewer as mv
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
+from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.model.export import ExportJob
@@ -63,7 +67,7 @@ def pictured(qtbot: QtBot, window: MainWindow) -> FigureDialog:
     return dialog
 
 
-def type_path(dialog: FigureDialog, path: Path) -> None:
+def type_path(dialog: SaveDialog, path: Path) -> None:
     edit = dialog.file_row.edit
     QTest.mouseClick(edit, LEFT)
     edit.selectAll()
@@ -191,11 +195,39 @@ def test_what_one_looks_at_is_offered_and_the_format_remembered(
     again.reject()
 
 
+def test_maps_are_exported_without_eigenpairs(
+    qtbot: QtBot, open_window: Callable[..., MainWindow], tmp_path: Path
+) -> None:
+    window = open_window()
+    ball = shapes.icosphere(2)
+    window.document.take_mesh(mv.Mesh(ball.vertices, ball.faces, unit="mm"))
+    qtbot.waitUntil(lambda: window.document.mesh is not None, timeout=PATIENCE)
+    window.document.display.kind = "map"
+    qtbot.waitUntil(
+        lambda: window.controller is not None and window.controller.field is not None,
+        timeout=PATIENCE,
+    )
+    qtbot.waitUntil(window.actions_["export"].isEnabled, timeout=PATIENCE)
+    dialog = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)
+    assert isinstance(dialog, ExportDialog)
+    assert dialog.kind == "maps"
+    kinds = [dialog.kind_combo.itemData(at) for at in range(dialog.kind_combo.count())]
+    assert kinds == ["distance", "maps"], "what needs no eigenpairs"
+    type_path(dialog, tmp_path / "ball.csv")
+    QTest.keyClick(dialog.file_row.edit, Qt.Key.Key_Return)
+    qtbot.waitUntil((tmp_path / "ball.csv").exists, timeout=PATIENCE)
+    with (tmp_path / "ball.csv").open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["vertex", "Mean curvature"]
+    found = np.array([row[1] for row in rows[1:]], dtype=float)
+    np.testing.assert_array_equal(found, window.controller.field.values.astype(float))
+
+
 def test_no_text_of_the_export_dialog_touches_another(qtbot: QtBot, window: MainWindow) -> None:
     dialog = ExportDialog(window.document, Path("/data"), window)
     qtbot.addWidget(dialog)
     dialog.show()
-    for kind in EXPORTS:
+    for kind in (*EXPORTS, "maps"):
         dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData(kind))
         qtbot.wait(30)
         column = [dialog.table, dialog.contents_label, dialog.columns_label, dialog.file_row]

@@ -345,15 +345,6 @@ def test_dialogs_are_gone_when_they_have_been_answered(
     assert len(QApplication.allWidgets()) <= before
 
 
-def test_export_asks_nothing_while_there_is_nothing_to_export(
-    shown: MainWindow, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # as in the turn in which another mesh has come, before the actions have followed
-    monkeypatch.setattr(shown.document, "spectrum", None)
-    shown.actions_["export"].trigger()
-    assert shown.findChild(QDialog) is None
-
-
 # -- sessions ------------------------------------------------------------------------------------
 
 

@@ -703,7 +703,7 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     ball.document.display.kind = "hks"
     dialog = ExportDialog(ball.document, tmp_path, ball)
     assert [each.ending for each in FORMATS] == [
-        ".npz", ".npy", ".csv", ".parquet", ".vtp", ".ply", ".func.gii",
+        ".npz", ".npy", ".csv", ".parquet", ".vtp", ".ply", ".func.gii", ".shape.gii",
     ]  # fmt: skip
     assert {each.ending for each in FORMATS} <= set(WRITERS)
     assert "642 rows (vertices) × 32 columns" in dialog.contents_label.text()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pytest
 import shapes
@@ -384,3 +385,34 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     wanted = phi @ (weights * (phi.T @ (mass * DEPTH)))
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
     np.testing.assert_array_equal(field.values, kept.values)
+
+
+@pytest.mark.parametrize(("view", "ending"), [("pairs", ".func.gii"), ("residual", ".shape.gii")])
+def test_a_sum_and_its_residual_are_kept_and_exported_alone(
+    window: MainWindow, tmp_path: Path, view: str, ending: str
+) -> None:
+    document = window.document
+    document.display.change(OwnMaps, chosen="depth", pairs=30)
+    QTest.mouseClick(part(window, QPushButton, f"map_view_{view}"), LEFT)
+    rest(window)
+    keep = part(window, QPushButton, "map_keep_button")
+    wait_for(keep.isEnabled)
+    field, path = window.controller.field, tmp_path / f"sum{ending}"
+    window.actions_["export"].trigger()
+    (dialog,) = (each for each in window.findChildren(ExportDialog) if each.isVisible())
+    assert dialog.kind == "maps", "it opens on what one looks at"
+    dialog.file_row.edit.setText(str(path))
+    assert dialog.format.ending == ending
+    QTest.mouseClick(dialog.accept_button, LEFT)
+    wait_for(path.exists)
+    rest(window)
+    (column,) = nibabel.load(path).darrays
+    np.testing.assert_allclose(column.data, field.values, rtol=1e-6)
+    assert column.meta["Name"].startswith("depth")
+    assert "30 pairs" in column.meta["Name"]
+    QTest.mouseClick(keep, LEFT)
+    rest(window)
+    np.testing.assert_array_equal(document.mesh.maps[-1].values, field.values)
+    assert window.controller.field.title == document.mesh.maps[-1].name
+    document.history.undo()
+    rest(window)

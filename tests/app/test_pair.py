@@ -158,6 +158,18 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     return window.opening.second_view
 
 
+def test_the_colours_of_the_first_are_kept_on_the_second(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair = beside(window, folder / "other.npz", monkeypatch).pair
+    field = window.controller.field
+    QTest.mouseClick(part(window, QPushButton, "pair_keep_button"), LEFT)
+    rest(window)
+    (kept,) = pair.second.mesh.maps
+    np.testing.assert_array_equal(kept.values, field.values[pair.comparison.back.indices])
+    assert kept.name.startswith(field.title)
+
+
 @pytest.mark.pixels
 def test_both_meshes_are_in_a_picture_and_in_a_copy(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -65,9 +65,9 @@ class FileRow(QWidget):
 
     def set_ending(self, ending: str, pattern: str) -> None:
         """Change the ending of the file."""
-        path, before = self.path, self._ending
+        path, before, typed = self.path, self._ending, self.edit.text().strip().lower()
         self._ending, self._pattern = ending, pattern
-        if self.named and not path.name.lower().endswith(ending):
+        if self.named and not typed.endswith(ending):
             stem = path.name.removesuffix(before)
             self.edit.setText(str(path.parent / (stem + ending)))
 

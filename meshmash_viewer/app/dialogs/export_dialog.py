@@ -34,7 +34,7 @@ from meshmash_viewer.plug_ins import known_plug_ins
 from meshmash_viewer.spectral.cost import written_bytes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
-from meshmash_viewer.vertex_map import named_apart
+from meshmash_viewer.vertex_map import VertexMap, named_apart
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ FORMATS = (
     Format("VTK PolyData", ".vtp", "the mesh with its columns, for ParaView", 8, 80),
     Format("PLY", ".ply", "the mesh with one property per column", 4, 50),
     Format("GIFTI functional", ".func.gii", "maps for neuroimaging tools", 5, 0),
+    Format("GIFTI shape", ".shape.gii", "maps of the shape, such as curvature", 5, 0),
     *(
         Format(each.package, each.name, "what that plug-in writes", 8, 0)
         for each in known_plug_ins()
@@ -70,6 +71,8 @@ FORMATS = (
 )
 
 
+#: Kind of an export of maps alone.
+_MAPS = "maps"
 #: Remark on the rows of a mesh from which vertices were removed.
 _ROWS = " Rows have the index of their vertex in the file."
 
@@ -77,30 +80,44 @@ _ROWS = " Rows have the index of their vertex in the file."
 class ExportDialog(SaveDialog):
     """Asks for the parameters of an `ExportJob`; `job` returns it.
 
-    The document has a mesh and at least one eigenpair. A file in `folder` is suggested, in the
-    format with an `ending` if that can hold what is exported.
+    The document has a mesh. A file in `folder` is suggested, in the format with an `ending` if that
+    can hold what is exported; `shown` is the field on the render, which is one of the maps.
     """
 
     def __init__(
-        self, document: Document, folder: Path, parent: QWidget | None = None, ending: str = ""
+        self,
+        document: Document,
+        folder: Path,
+        parent: QWidget | None = None,
+        ending: str = "",
+        shown: VertexMap | None = None,
     ) -> None:
+        known = document.known
         assert document.mesh is not None
-        assert document.spectrum is not None
+        assert known is not None
         self._document = document
-        self._mesh, self._spectrum = document.mesh, document.spectrum.exact
+        self._mesh, self._spectrum = document.mesh, known.exact
+        named = {each.name: each for each in self._mesh.maps}
+        # an own map as it is in the file, rather than as it is drawn
+        self._shown = named.get(shown.name, shown) if shown is not None else None
         self._possible = True
         self._missing = ""
         suggested = folder / f"{self._mesh.name or 'mesh'}_hks.npz"
         file_row = FileRow(suggested, FORMATS[0].pattern, FORMATS[0].ending)
         super().__init__("export", "Export", file_row, parent, ("Export", "export_button"))
-        labels = {kind: family.export_label or family.label for kind, family in EXPORTS.items()}
+        labels = {
+            kind: family.export_label or family.label
+            for kind, family in EXPORTS.items()
+            if len(self._spectrum) or not self._set(family).of_pairs
+        }
+        labels[_MAPS] = "Maps: what is shown, and own maps"
         self.kind_combo = make.combo("export_kind_combo", "What to export", entries=labels)
         most = len(self._spectrum)
         self.pairs_spin = make.spin(
             "export_pairs_spin",
             "Number of eigenpairs to use",
             minimum=1,
-            maximum=most,
+            maximum=max(most, 1),
             value=most,
             suffix=f" of {most:,} eigenpairs",
             keyboardTracking=True,
@@ -112,13 +129,7 @@ class ExportDialog(SaveDialog):
             maximum=MOST_COUNT,
             keyboardTracking=True,
         )
-        maps = self._mesh.maps
-        self.maps_check = make.check(
-            f"and {counted(len(maps), 'own map')}: {', '.join(each.name for each in maps)}",
-            "export_maps_check",
-            "Own maps as more columns",
-        )
-        self.maps_check.setChecked(bool(maps))
+        self.maps_check = make.check("", "export_maps_check", "Own maps as more columns")
         self._whole = self._document.file_mesh
         if self._whole is not None and self._whole.n_vertices == self._mesh.n_vertices:
             self._whole = None
@@ -173,12 +184,13 @@ class ExportDialog(SaveDialog):
         self.maps_check.toggled.connect(self._refresh)
         self.whole_check.setVisible(self._whole is not None)
         self.whole_check.toggled.connect(self._refresh)
-        self.maps_check.setVisible(bool(maps))
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
-        shown = document.display.family
-        shown = shown if shown.export else document.display.profile_family
-        self.kind_combo.setCurrentIndex(max(self.kind_combo.findData(shown.export), 0))
+        family = document.display.family
+        kind = family.export or document.display.profile_family.export
+        if family.own or self.kind_combo.findData(kind) < 0:
+            kind = _MAPS
+        self.kind_combo.setCurrentIndex(self.kind_combo.findData(kind))
         self._change_kind()
         self._choose_ending(ending)
 
@@ -186,7 +198,7 @@ class ExportDialog(SaveDialog):
 
     @property
     def kind(self) -> str:
-        """Key of `EXPORTS`."""
+        """Key of `EXPORTS`, or "maps"."""
         return str(self.kind_combo.currentData())
 
     @property
@@ -194,23 +206,40 @@ class ExportDialog(SaveDialog):
         """The format chosen in the table."""
         return FORMATS[max(self.table.currentRow(), 0)]
 
+    @property
+    def _maps_alone(self) -> bool:
+        return self.kind == _MAPS
+
     def job(self) -> ExportJob:
         """The chosen export."""
+        mesh = self._mesh
+        if self._maps_alone:
+            for each in mesh.maps:
+                mesh = mesh.without_map(each.name)
+            mesh = mesh.with_maps(*self._chosen_maps())
         return ExportJob(
-            self._mesh,
+            mesh,
             self._spectrum.operator or self._document.solve.operator,
             self.path,
-            self._family(self._used()),
-            self.pairs_spin.value(),
+            None if self._maps_alone else self._family(self._used()),
+            min(self.pairs_spin.value(), len(self._spectrum)),
             self._document.solve.target,
             self._document.repairs,
             self.maps_check.isChecked(),
             self._whole if self.whole_check.isChecked() else None,
         )
 
+    def _chosen_maps(self) -> tuple[VertexMap, ...]:
+        """The maps to export, where there are no features."""
+        others = (each for each in self._mesh.maps if each is not self._shown)
+        shown = () if self._shown is None else (self._shown,)
+        return named_apart((*shown, *(others if self.maps_check.isChecked() else ())))
+
     def _chosen(self) -> Family:
         """The family to export, with the parameters shown in the window."""
-        family = EXPORTS[self.kind]
+        return self._set(EXPORTS[self.kind])
+
+    def _set(self, family: type[Family]) -> Family:
         chosen = self._document.display.fields.get(family.name) or family()
         return chosen.measured_from([pin.vertex for pin in self._document.pins.placed])
 
@@ -268,19 +297,28 @@ class ExportDialog(SaveDialog):
 
     def _holds(self, chosen: Format) -> bool:
         """Whether a format can hold what is exported; only two formats hold eigenpairs."""
+        if self._maps_alone:
+            return True
         return self._chosen().makes_features() or chosen.ending in EIGENPAIR_WRITERS
 
     def _change_kind(self) -> None:
-        chosen = self._chosen()
-        features = chosen.makes_features()
+        chosen = None if self._maps_alone else self._chosen()
+        features = chosen is None or chosen.makes_features()
+        counted_by = "" if chosen is None else chosen.counted
         self._output = "features" if features else "eigenpairs"
-        self.count_spin.setVisible(bool(chosen.counted))
+        self.count_spin.setVisible(bool(counted_by))
+        others = [each for each in self._mesh.maps if chosen is not None or each is not self._shown]
+        names = ", ".join(each.name for each in others)
+        self.maps_check.setText(f"and {counted(len(others), 'own map')}: {names}")
+        self.maps_check.setVisible(bool(others))
+        # what one looks at comes alone, unless there is nothing else
+        self.maps_check.setChecked(bool(others) and (chosen is not None or self._shown is None))
         for widget in self._count_row:
-            widget.setVisible(bool(chosen.counted) or (features and bool(self._mesh.maps)))
+            widget.setVisible(bool(counted_by) or (features and bool(others)))
         for widget in self._pairs_row:
-            widget.setVisible(chosen.of_pairs)
-        if chosen.counted:
-            show_quietly(self.count_spin, getattr(chosen, chosen.counted))
+            widget.setVisible(chosen is not None and chosen.of_pairs)
+        if counted_by:
+            show_quietly(self.count_spin, getattr(chosen, counted_by))
         flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
         for each, items in zip(FORMATS, self._items, strict=True):
             for item in items:
@@ -288,7 +326,7 @@ class ExportDialog(SaveDialog):
         if not self._holds(self.format):
             self.table.selectRow(0)
         path, stem = self.path, self.path.name.removesuffix(self.format.ending)
-        for kind in EXPORTS:
+        for kind in (*EXPORTS, _MAPS):
             if stem.endswith(f"_{kind}"):
                 stem = f"{stem.removesuffix(kind)}{self.kind}"
                 self.file_row.edit.setText(str(path.with_name(stem + self.format.ending)))
@@ -333,8 +371,12 @@ class ExportDialog(SaveDialog):
 
     def _columns(self) -> tuple[list[str], str]:
         """Names of the columns in the file, and a sentence about them."""
-        used, unit = self._used(), self._mesh.unit
         self._missing = ""
+        if self._maps_alone:
+            maps = [each.name for each in self._chosen_maps()]
+            about = "The field is still being computed, or approximate: wait until it is exact."
+            return maps, "" if maps else about
+        used, unit = self._used(), self._mesh.unit
         family = self._family(used)
         columns, about = family.exported_columns(used, unit)
         names = list(columns)
@@ -351,7 +393,8 @@ class ExportDialog(SaveDialog):
 
     def _refresh_remark(self) -> None:
         parts = [self._missing]
-        if self._chosen().of_pairs and not self._spectrum.complete:
+        of_pairs = not self._maps_alone and self._chosen().of_pairs
+        if of_pairs and not self._spectrum.complete:
             parts.append("The decomposition is not complete: the file will say so.")
         parts.append(self.file_row.remark)
         self.remark_label.setText(" ".join(filter(None, parts)))

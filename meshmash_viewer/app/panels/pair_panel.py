@@ -46,6 +46,8 @@ class PairPanel(QWidget):
     close_requested = Signal()
     #: A file to save the match in.
     save_requested = Signal(object)
+    #: The field of the first mesh is to be kept as a map of the second.
+    keep_requested = Signal()
     #: Files with values per vertex of the second mesh are to be chosen.
     maps_requested = Signal()
 
@@ -115,6 +117,11 @@ class PairPanel(QWidget):
         self.save_button = make.button(
             "Export match…", "pair_save_button", "Save the match of all vertices", self._save
         )
+        self.keep_button = make.button(
+            "Keep as a map", "pair_keep_button",
+            "Keep the colours of the first, by the match, as a map of the second mesh",
+            self.keep_requested,
+        )  # fmt: skip
         self.links = {
             name: make.check(text, f"pair_link_{name}", f"Link: {text}", partial(self._link, name))
             for name, text in LINKS.items()
@@ -146,7 +153,7 @@ class PairPanel(QWidget):
                 self.matches,
                 self.match_note,
                 self.carry_check,
-                row(self.save_button, None),
+                row(self.save_button, self.keep_button, None),
                 make.heading("Linked"),
                 row(make.muted("Cameras"), (self.cameras,)),
                 *self.links.values(),
@@ -253,7 +260,7 @@ class PairPanel(QWidget):
         show_quietly(self.carry_check, pair.carries)
         show_quietly(self.refine_check, pair.refined)
         self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
-        for control in (self.carry_check, self.save_button):
+        for control in (self.carry_check, self.save_button, self.keep_button):
             control.setEnabled(found is not None)
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         self.map_button.setEnabled(other is not None)

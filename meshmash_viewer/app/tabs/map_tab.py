@@ -32,7 +32,6 @@ from meshmash_viewer.units import (
     format_quantity,
     format_range,
     format_share,
-    plain_text,
 )
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -97,15 +96,16 @@ class MapTab(FamilyTab):
         self.keep_button = make.button(
             "Keep as a map",
             "map_keep_button",
-            "Keep the filtered map as a map",
+            "Keep what is shown of the map as a map",
             self._keep,
             tip="It joins the maps above: compare it with them, filter it again, export it",
         )
         self._field: Field | None = None
-        keep = row(self.keep_button, None)
-        self._filter.setLayout(column(self.filter_combo, self.parameters, self.filter_fault, keep))
+        self._filter.setLayout(column(self.filter_combo, self.parameters, self.filter_fault))
         heading = make.heading("On the eigenpairs")
-        self._on_pairs.setLayout(column(heading, self.views, self._sum, self._filter))
+        self._on_pairs.setLayout(
+            column(heading, self.views, self._sum, self._filter, row(self.keep_button, None))
+        )
         self._fill(
             "map_label",
             "Map",
@@ -169,8 +169,7 @@ class MapTab(FamilyTab):
     def _keep(self) -> None:
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
-            name = plain_text(f"{field.title} {field.quantity}")
-            document.maps.add(document.mesh, [VertexMap(name, field.values, unit=field.unit)])
+            document.maps.add(document.mesh, [field.as_map()])
 
     def _can_keep(self) -> bool:
         """Whether the render has the very sum that is chosen: no draft, no approximate pairs."""
@@ -231,6 +230,7 @@ class MapTab(FamilyTab):
         self._sum.setVisible(resolved.view in ("map", *SUMS))
         self._filter.setVisible(resolved.view == "filter")
         self._refresh_filter()
+        self.keep_button.setVisible(resolved.view != "map")
         self.keep_button.setEnabled(self._can_keep())
         self.spin.setSuffix(f" of {last:,} pairs")
         self.views.show_key(resolved.view)
