@@ -256,7 +256,8 @@ class Actions:
 
     def fill_menus(self, window: QMainWindow) -> dict[str, QMenu]:
         """Fill the window's menu bar; returns the menus by name, submenus included."""
-        menus, taken = {}, set()
+        menus: dict[str, QMenu] = {}
+        taken = set("il")  # a line under a narrow letter is not seen
         for name in MENUS:
             at = next(at for at, letter in enumerate(name.lower()) if letter not in taken)
             taken.add(name[at].lower())

@@ -26,6 +26,8 @@ _FIELD_WIDTH = 316
 _PLOT_WIDTH = 130
 #: Below this width of the window the two plots share one place, as tabs.
 _NARROW = 1240
+#: Below this width Field shares the place of the left panels while two meshes are compared.
+_NARROW_PAIR = 1100
 #: Panels that share one place, as tabs.
 _LEFT = ("mesh", "shape", "pair")
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
@@ -72,7 +74,7 @@ class Arrangement:
 
     def __init__(self, window: QMainWindow) -> None:
         self._window = window
-        self._narrow = False
+        self._narrow = self._comparing = self._field_aside = False
         window.setDockNestingEnabled(True)
         areas = Qt.DockWidgetArea
         for area in (_BOTTOM, areas.LeftDockWidgetArea):
@@ -115,7 +117,7 @@ class Arrangement:
     def reset(self) -> None:
         """Restore the default layout."""
         self._window.restoreState(self._first, _VERSION)
-        self._narrow = False
+        self._narrow = self._field_aside = False
         self.share_room()
 
     def share_room(self) -> None:
@@ -132,6 +134,7 @@ class Arrangement:
 
     def fit(self) -> None:
         """Show the plots side by side, or as tabs if the window is narrow."""
+        self._fit_field()
         window, narrow = self._window, self._window.width() < _NARROW
         spectrum, profile = self.docks["spectrum"], self.docks["profile"]
         if narrow == self._narrow or any(
@@ -150,6 +153,30 @@ class Arrangement:
             window.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
             profile.show()
             window.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
+
+    def set_comparing(self, comparing: bool) -> None:
+        """Leave room for two renders, or for one."""
+        self._comparing = comparing
+        self._fit_field()
+        if comparing:
+            self.docks["pair"].show()
+            self.docks["pair"].raise_()
+
+    def _fit_field(self) -> None:
+        """Put Field with the panels at the left while two renders would be narrower than it."""
+        window, field = self._window, self.docks["field"]
+        aside = self._comparing and window.width() < _NARROW_PAIR
+        if aside == self._field_aside or field.isFloating() or field.isHidden():
+            return
+        self._field_aside = aside
+        if aside:
+            window.tabifyDockWidget(self.docks["pair"], field)
+            self.docks["pair"].raise_()
+        else:
+            window.removeDockWidget(field)
+            window.addDockWidget(Qt.DockWidgetArea.RightDockWidgetArea, field)
+            field.show()
+            window.resizeDocks([field], [330], Qt.Orientation.Horizontal)
 
     @staticmethod
     def _show(dock: Dock, shown: bool) -> None:

@@ -306,9 +306,7 @@ class MainWindow(ScriptedWindow):
             second.scene.menu_requested.connect(
                 partial(self.commands.pins.show_second_menu, second)
             )
-        if pair is not None:
-            self.arrangement.docks["pair"].show()
-            self.arrangement.docks["pair"].raise_()
+        self.arrangement.set_comparing(pair is not None)
 
     def _clear_title(self) -> None:
         self.stage.message_bar.keep_clear(self.scene.title_size, self.scene.bar_width)

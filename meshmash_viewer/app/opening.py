@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog, QMainWindow
 
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.last_session import LastSession
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.sessions import Restoration, session_of
 from meshmash_viewer.app.settings import Settings
@@ -57,6 +58,16 @@ class Opening(QObject):
         #: The session that is being opened.
         self.restoration: Restoration | None = None
         self._second_restoration: Restoration | None = None
+        follow((document.mesh_changed, document.spectrum_changed), self._name_first)
+
+    def _name_first(self) -> None:
+        """Write over the first render, while there is a second, what it shows."""
+        mesh, spectrum = self._document.mesh, self._document.spectrum
+        parts = [(mesh.name if mesh is not None else "") or "First mesh"]
+        if spectrum is not None and len(spectrum):
+            pairs = counted(len(spectrum), "pair")
+            parts.append(f"{pairs} · complete" if spectrum.complete else pairs)
+        self._stage.first_label.setText("  ·  ".join(parts))
 
     def open_path(self, path: Path) -> None:
         """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
@@ -233,6 +244,7 @@ class Opening(QObject):
             view.close_requested.connect(self.end_comparison)
             self.last_session.watch(view.document)
             self._stage.add_second(view)
+            self._name_first()
             self.pair_changed.emit(view.pair)
         view.pair.set_links(links)
         return view
@@ -244,8 +256,7 @@ class Opening(QObject):
             view.shut()
             self.last_session.watch(None)
             self.pair_changed.emit(None)
-            view.setParent(None)
-            view.deleteLater()
+            self._stage.remove_second(view)
 
     # -- sessions -----------------------------------------------------------------------------
 

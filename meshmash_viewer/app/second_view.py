@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtCore import QSize, Signal
 from PySide6.QtGui import QIcon
-from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QToolButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import icons
-from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
+from meshmash_viewer.app.stage import render_head
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
@@ -75,14 +76,7 @@ class SecondView(QWidget):
         close.setIcon(QIcon(icons.pixmap("close", theme.palette().muted, 12)))
         close.setIconSize(QSize(12, 12))
         close.clicked.connect(self.close_requested)
-        head = theme.named(QWidget(), "dock_title")
-        head.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        head.setLayout(row((self.status_label,), close, margins=(theme.MARGIN, 4, 6, 4)))
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
-        layout.addWidget(head)
-        layout.addWidget(self.scene, 1)
+        self.setLayout(column(render_head(self.status_label, close), (self.scene,), spacing=0))
 
     def _connect(self) -> None:
         document, pair = self.document, self.pair

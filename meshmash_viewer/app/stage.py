@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QPushButton,
     QScrollArea,
+    QSizePolicy,
     QSplitter,
     QStackedLayout,
     QWidget,
@@ -28,6 +29,18 @@ from meshmash_viewer.app.screen import has_opengl
 _RECENT_SHOWN = 5
 #: Side margin of the card, and width of two buttons in a row, in logical pixels.
 _MARGIN, _SIDE_BY_SIDE = 32, 300
+#: Height of the line over each render of a comparison.
+_HEAD = 27
+
+
+def render_head(label: QLabel, *buttons: QWidget) -> QWidget:
+    """A line over a render; it looks like the title of a dock."""
+    head = theme.named(QWidget(), "dock_title")
+    head.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+    head.setFixedHeight(_HEAD)
+    label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+    head.setLayout(row((label,), *buttons, margins=(theme.MARGIN, 0, 6, 0)))
+    return head
 
 
 class Stage(QWidget):
@@ -45,13 +58,18 @@ class Stage(QWidget):
         self.welcome = Welcome()
         self._pages.addWidget(self.welcome)
         self._scene: QSplitter | None = None
+        self.first_label = make.label("first_label", "First mesh, and its state")
         self.message_bar = MessageBar(self)
 
     def set_scene(self, scene: QWidget) -> None:
         """Add the render as the second page."""
         self._scene = QSplitter(Qt.Orientation.Horizontal)
         self._scene.setChildrenCollapsible(False)
-        self._scene.addWidget(scene)
+        self._first_head = render_head(self.first_label)
+        self._first_head.hide()
+        first = QWidget()
+        first.setLayout(column(self._first_head, (scene,), spacing=0))
+        self._scene.addWidget(first)
         self._pages.addWidget(self._scene)
         self.message_bar.raise_()
 
@@ -60,6 +78,13 @@ class Stage(QWidget):
         assert self._scene is not None
         self._scene.addWidget(other)
         self._scene.setSizes([1000, 1000])
+        self._first_head.show()
+
+    def remove_second(self, other: QWidget) -> None:
+        """Remove what `add_second` has added."""
+        self._first_head.hide()
+        other.setParent(None)
+        other.deleteLater()
 
     def show_scene(self, shown: bool) -> None:
         """Show the render, or the welcome page."""

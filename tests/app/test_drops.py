@@ -10,7 +10,7 @@ import shapes
 from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDragLeaveEvent, QDragMoveEvent, QDropEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QDockWidget, QPushButton, QWidget
+from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QPushButton, QWidget
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.main_window import MainWindow
@@ -100,6 +100,41 @@ def test_the_right_half_opens_the_second_mesh(
     second = window.opening.pair.second
     qtbot.waitUntil(lambda: len(second.mesh.maps) == 1, timeout=PATIENCE)
     assert not window.document.mesh.maps
+
+
+def test_two_renders_have_one_height_and_are_no_smaller_than_compare(
+    qtbot: QtBot, window: MainWindow, files: dict
+) -> None:
+    window.resize(900, 600)
+    docks = {name: window.findChild(QDockWidget, f"{name}_dock") for name in ("pair", "field")}
+    drop(window, files["ball"], share=0.1)
+    opened(qtbot, window, files["ball"])
+    drop(window, files["other"], share=0.9)
+    qtbot.waitUntil(lambda: window.opening.second_view is not None, timeout=PATIENCE)
+    first, second = window.opening.scenes
+    qtbot.waitUntil(lambda: abs(first.width() - second.width()) <= 1, timeout=PATIENCE)
+    assert first.height() == second.height()
+    assert first.mapTo(window, QPoint()).y() == second.mapTo(window, QPoint()).y()
+    label = window.findChild(QLabel, "first_label")
+    assert label.isVisible()
+    assert label.text().startswith("ball")
+    assert window.stage.width() >= 1.5 * docks["pair"].width()
+    window.opening.end_comparison()
+    qtbot.waitUntil(
+        lambda: docks["field"].mapTo(window, QPoint()).x() > window.width() // 2, timeout=PATIENCE
+    )
+    assert not label.isVisible()
+
+
+def test_the_colours_leave_no_empty_room_where_the_rest_scrolls(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    window.resize(900, 600)
+    qtbot.wait(50)
+    colors = window.field_panel.colors
+    left = colors.height() - colors.low.geometry().bottom()
+    assert left <= 16
+    assert window.menus["Field"].menuAction().text() == "Fiel&d"
 
 
 def test_opening_brings_the_mesh_panel_to_the_front(

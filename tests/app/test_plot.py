@@ -45,6 +45,25 @@ def test_labels_in_log_scale_do_not_touch(qapp, width, second) -> None:
     assert axis.tickStrings([0.0, math.log10(2.0)], 1.0, 1.0) == ["1", second]
 
 
+def test_an_axis_is_labelled_in_a_unit_that_suits_its_range_upright(qtbot) -> None:
+    plot = Plot("plot", "A plot")
+    qtbot.addWidget(plot)
+    plot.set_labels("Time t (nm²)", "λ (nm⁻²)")
+    plot.plotItem.vb.setRange(xRange=(0.0, 2e8), yRange=(0.0, 2e-6), padding=0.0)
+    plot.show()
+    qtbot.waitExposed(plot)
+    left, bottom = (plot.getAxis(side) for side in ("left", "bottom"))
+    assert "λ (µm⁻²)" in left.labelString()
+    assert "Time t (µm²)" in bottom.labelString()
+    assert left.tickStrings([0.0, 1e-6], left.autoSIPrefixScale, 1e-6) == ["0", "1"]
+    assert left.label.rotation() == 0.0
+    inside = plot.rect().adjusted(0, -1, 0, 1)
+    place = left.label.boundingRect()
+    qtbot.waitUntil(
+        lambda: inside.contains(left.label.mapRectToScene(place).toAlignedRect()), timeout=5000
+    )
+
+
 def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:
     plot = Plot("plot", "A plot")
     qtbot.addWidget(plot)

@@ -19,10 +19,10 @@ def note(name: str, role: str = "muted") -> QLabel:
     return label
 
 
-def keep_room(widget: QWidget) -> None:
+def keep_room(widget: QWidget, keep: bool = True) -> None:
     """Leave what is around a widget where it is while that is hidden."""
     policy = widget.sizePolicy()
-    policy.setRetainSizeWhenHidden(True)
+    policy.setRetainSizeWhenHidden(keep)
     widget.setSizePolicy(policy)
 
 

@@ -133,15 +133,17 @@ class ColorSection(QWidget):
         self.percent_high = self._percent_spin("High percentile", default.high)
         both = (self.percent_low,), make.muted("to"), (self.percent_high,)
         self.percentiles.setLayout(row(*both))
-        keep_room(self.percentiles)
         parts: tuple[Part, ...] = (
-            make.heading("Colour"),
+            row(make.heading("Colour"), (self.fault,)),
             grid(*rows),
             row((self.low,), make.muted("to"), (self.high,), self.unit_label),
             self.percentiles,
-            self.fault,
         )
         self.setLayout(column(*parts, margins=(theme.MARGIN, 0, theme.MARGIN, theme.MARGIN)))
+
+    def keep_room(self, keep: bool) -> None:
+        """Whether there is always room for all controls, so that nothing moves."""
+        keep_room(self.percentiles, keep)
 
     def _percent_spin(self, text: str, value: float) -> DecimalField:
         spin = DecimalField(decimals=1, minimum=0.0, maximum=100.0, suffix=" %", value=value)

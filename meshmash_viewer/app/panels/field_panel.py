@@ -28,6 +28,8 @@ from meshmash_viewer.model.limits import Limits
 
 #: Families side by side, and the height of their lines in pixels.
 _COLUMNS, _LINE = 2, 28
+#: Height of the panel from which nothing moves when controls come and go.
+_ROOMY = 700
 
 
 class FamilyList(QListWidget):
@@ -91,6 +93,11 @@ class FieldPanel(QWidget):
         follow((document.spectrum_changed, document.mesh_changed, events.fields), self._refresh_use)
         self._refresh_tab()
         self._refresh_use()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave no empty room under the colours where the controls above have to scroll."""
+        super().resizeEvent(event)
+        self.colors.keep_room(self.height() >= _ROOMY)
 
     def set_field(self, field: Field | None, limits: Limits | None) -> None:
         """Show the limits of the displayed field, and its description."""

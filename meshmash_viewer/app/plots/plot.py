@@ -113,6 +113,21 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         #: Number of powers of ten from 0 to 1; 0 for a linear axis.
         self.decades = 0
 
+    def resizeEvent(self, event: Any = None) -> None:
+        """Put the label of the left axis over it, upright."""
+        super().resizeEvent(event)
+        if self.orientation == "left" and self.label is not None:
+            self.label.setRotation(0.0)
+            self.label.setPos(0.0, -self.label.boundingRect().height())
+
+    def _updateWidth(self) -> None:
+        """Take the width of the tick labels alone."""
+        super()._updateWidth()
+        if self.label.isVisible():
+            wide = self.maximumWidth() - 0.8 * self.label.boundingRect().height()  # pyqtgraph's
+            self.setMinimumWidth(wide)
+            self.setMaximumWidth(wide)
+
     def updateAutoSIPrefix(self) -> None:
         """Choose the unit that suits the range; pyqtgraph's own prefixes fit no nm⁻²."""
         low, high = self.range
@@ -132,7 +147,6 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         if self.decades and not self.logMode:
             powers = [self.decades * (value - 1.0) for value in values]
             return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else None for p in powers]
-        texts: list[str] = super().tickStrings(values, scale, spacing)
         if self.logMode:
             low, high = self.range
             upright = self.orientation == "left"
@@ -140,10 +154,11 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             # from 1 to 2 are 0.3 of the pixels of a decade
             close = 0.3 * pixels < _CLOSEST[upright] * (high - low)
             factors = (1, 10) if high - low > 1.0 and close else (1, 2, 5, 10)
-            return [
-                text.replace("·", "×") if round(10.0 ** (value % 1.0)) in factors else None
-                for text, value in zip(texts, values, strict=True)
-            ]
+            powers = [value + math.log10(scale) for value in values]
+            parts = [(math.floor(power + 1e-9), power) for power in powers]
+            multiples = [(whole, round(10.0 ** (power - whole))) for whole, power in parts]
+            return [power_text(*each) if each[1] in factors else None for each in multiples]
+        texts: list[str] = super().tickStrings(values, scale, spacing)
         return [
             minus(_EXPONENT.sub(lambda found: f"×10{superscript(int(found[1]))}", t)) for t in texts
         ]
@@ -255,6 +270,8 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             axis.setLabel(name, axis.unit, **style)
             axis.updateAutoSIPrefix()
             axis.setGrid(False)
+        above = self.getAxis("left").label.boundingRect().height() if self._labels["left"] else 1.0
+        self.plotItem.layout.setContentsMargins(1.0, above, 1.0, 1.0)
 
     def show_all(self) -> None:
         """Show everything that is drawn."""
