@@ -133,7 +133,7 @@ def test_open_compute_scroll_tune_inspect_export(
     wait(lambda: source.idle)
     assert source.field.family.time > 2 * time_before
     assert not source.field.signed
-    assert "nm²" in source.field.quantity
+    assert "µm²" in source.field.quantity
 
     # bands: drag the end of their range on the spectrum
     choose_family(window, 2)
