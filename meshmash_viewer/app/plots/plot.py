@@ -94,7 +94,7 @@ def _named(label: str) -> tuple[str, str]:
     return (name, unit) if name and label.endswith(")") else (label, "")
 
 
-#: Pixels between the middles of labels on a logarithmic axis, at least: beside and over each other.
+#: Pixels between the middles of labels on a logarithmic axis, at least: across and up.
 _CLOSEST = 44.0, 18.0
 #: A label as wide as those of the left axis get.
 _WIDEST = "−2.5×10⁻⁵"

@@ -265,9 +265,9 @@ class MeshView(QWidget):
         if mirrored:
             view = view.mirrored(centre)
             width, height, scale = other.plotter.pixels()
-            beside_bar = margins(other.renderer.caption is not None, width, height, scale)
+            free = margins(other.renderer.caption is not None, width, height, scale)
             # the mesh stays to the left of the colour bar, which is not mirrored
-            view = view.moved(beside_bar.left - beside_bar.right, 0.0, width, height)
+            view = view.moved(free.left - free.right, 0.0, width, height)
         offset = view.focus - centre
         focus = mine.bounds.mean(axis=0) + ratio * offset
         self._set_view(View(focus, view.axes, float(ratio * view.half_size)))
