@@ -53,8 +53,7 @@ class LastSession(QObject):
         super().__init__(parent)
         self._document, self._folder, self._look = document, folder, look
         self._second: Document | None = None
-        #: Names of the maps in the mesh file itself, and the other ones that have been written.
-        self._of_file: frozenset[str] = frozenset()
+        #: The maps that have been written.
         self._written: tuple[VertexMap, ...] = ()
         #: Name of the file in which they are; "" without any.
         self._maps_file = ""
@@ -62,7 +61,7 @@ class LastSession(QObject):
         self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
         self._timer = QTimer(self, singleShot=True, interval=_DELAY)
         self._timer.timeout.connect(self.save)
-        listen(document.mesh_changed, self._note_mesh)
+        listen(document.mesh_changed, self.changed)
         changes = document.history.changed, document.display.events, document.solve.changed
         listen(changes, self.changed)
         self._rest = QTimer(self, singleShot=True, interval=_DELAY)
@@ -120,8 +119,11 @@ class LastSession(QObject):
         if document.path is None or document.mesh is None:
             return
         mesh, path = document.mesh, self.path(document.path)
+        camera, pair = self._look()
+        if not camera:  # the render is still being loaded, and what was saved not yet restored
+            return
         maps = self._new_maps(mesh)
-        session = replace(session_of(document, *self._look()), kept_maps=self._maps_file)
+        session = replace(session_of(document, camera, pair), kept_maps=self._maps_file)
         self._pool.start(lambda: self._write(path, session, mesh.content_hash, maps))
 
     def close(self) -> None:
@@ -163,13 +165,6 @@ class LastSession(QObject):
 
     # -- details ------------------------------------------------------------------------------
 
-    def _note_mesh(self) -> None:
-        ready = self._document.ready
-        if ready is not None and not ready.derived:
-            self._of_file = frozenset(each.name for each in ready.mesh.maps)
-            self._written, self._maps_file = (), ""
-        self.changed()
-
     def _keep_second(self) -> None:
         document = self._second
         if document is not None and document.path is not None:
@@ -182,16 +177,19 @@ class LastSession(QObject):
 
     def _new_maps(self, mesh: Mesh) -> tuple[VertexMap, ...] | None:
         """Return the maps that are in no file; None if they have been written."""
-        kept = tuple(each for each in mesh.maps if not each.path and each.name not in self._of_file)
+        path = self._document.path
+        assert path is not None  # without one nothing is saved
+        key = _key(self.path(path))
+        if not self._maps_file.startswith(key):  # of another file
+            self._written, self._maps_file = (), ""
+        in_file = self._document.maps.in_file
+        kept = tuple(each for each in mesh.maps if not each.path and each.name not in in_file)
         if len(kept) == len(self._written) and all(
             one.values is other.values for one, other in zip(kept, self._written, strict=True)
         ):
             return None
         self._written = kept
-        path = self._document.path
-        assert path is not None  # without one nothing is saved
-        name = f"{_key(self.path(path))}.{time.time_ns():x}{_MAPS_ENDING}"
-        self._maps_file = name if kept else ""
+        self._maps_file = f"{key}.{time.time_ns():x}{_MAPS_ENDING}" if kept else ""
         return kept
 
     def _write(

@@ -230,6 +230,7 @@ class Document(OpenMesh):
         else:
             self._undoing = False
             self._file_mesh = ready.before[0] if ready.before else None
+            self.maps.in_file = frozenset(each.name for each in ready.mesh.maps)
             with self.history.paused():
                 self._show(ready, ready.known)
             before = enumerate(ready.before)

@@ -30,6 +30,8 @@ class Maps:
     ) -> None:
         self._opened, self._display = opened, display
         self._history, self._notices = history, notices
+        #: Names of the maps in the mesh file itself.
+        self.in_file: frozenset[str] = frozenset()
         #: The map that is being computed, for which mesh, and the family that was displayed before.
         self._growing: VertexMap | None = None
         self._mesh: Mesh | None = None

@@ -72,6 +72,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     assert isinstance(mesh, Mesh)
     height = VertexMap("height", mesh.vertices[:, 2].astype(np.float32), unit="nm")
     document.maps.add(mesh, [height])
+    document.set_unit("µm")
     document.display.kind = HeatKernelSignature.name
     camera = window.scene.camera()
     camera["half_size"] *= 2.0
@@ -84,7 +85,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
         qtbot.waitUntil(lambda: len(document.pins.placed) == 1, timeout=PATIENCE)
         window.wait()
         assert document.mesh is not None
-        assert document.unit == "nm"
+        assert document.unit == "µm"
         assert document.repairs == ("keep_largest_component",)
         (pin,) = document.pins.placed
         assert (pin.number, document.mesh.file_index(pin.vertex)) == (2, 142)
