@@ -135,6 +135,7 @@ def test_what_is_damaged_is_said_and_kept(
     mesh = window.document.mesh
     assert mesh is not None
     window.document.maps.add(mesh, [VertexMap("height", mesh.vertices[:, 2])])
+    window.document.set_unit("nm")  # the map stays one of no file
     window.close()
     (session,) = (folder / "sessions").glob("*.meshmash.json")
     (maps,) = (folder / "sessions").glob("*.maps.npz")
