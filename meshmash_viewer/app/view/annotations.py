@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -146,15 +147,16 @@ def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
     )
 
 
-def title_size(caption: Caption) -> tuple[int, int]:
-    """Width and height in points of title, formula and quantity, with margins."""
+def title_size(caption: Caption, height: float = math.inf) -> tuple[int, int]:
+    """Width and height in points of title, formula and quantity, in a picture of this height."""
     lines = (
         (caption.title, TITLE, True),
         (caption.quantity, QUANTITY, False),
         (caption.formula, _LABEL, False),
     )
     wide = max(text_size(text, size, bold)[0] for text, size, bold in lines)
-    return wide + 3 * EDGE, 40 + (_FORMULA if caption.formula else 0) + 2 * EDGE
+    tall = bool(caption.formula) and height > _FORMULA_FROM
+    return wide + 3 * EDGE, 40 + (_FORMULA if tall else 0) + 2 * EDGE
 
 
 class Annotations:

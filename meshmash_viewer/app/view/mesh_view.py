@@ -203,7 +203,7 @@ class MeshView(QWidget):
         caption = self.renderer.shown_caption
         if caption is None:
             return QSize(0, 0)
-        wide, tall = title_size(caption)
+        wide, tall = title_size(caption, self.height())
         # rounded up, so that what is placed next to it does not move with every digit
         return QSize(-(-wide // 40) * 40, tall)
 
