@@ -9,6 +9,7 @@ from meshmash_viewer.health import largest_component as largest_component
 from meshmash_viewer.health import mesh_health as mesh_health
 from meshmash_viewer.health import repair_mesh as repair_mesh
 from meshmash_viewer.io.maps import read_maps as read_maps
+from meshmash_viewer.io.maps import read_mask as read_mask
 from meshmash_viewer.io.napari import to_napari as to_napari
 from meshmash_viewer.io.read import read_mesh as read_mesh
 from meshmash_viewer.io.write import unused_path as unused_path

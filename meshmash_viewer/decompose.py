@@ -28,7 +28,7 @@ from meshmash_viewer.features.filters import (
     get_hks_filter,
 )
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
-from meshmash_viewer.mesh import Mesh, MeshLike
+from meshmash_viewer.mesh import Mesh, MeshLike, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.checked_solve import check_bands, solve_and_warn
 from meshmash_viewer.units import whole_number
@@ -155,6 +155,7 @@ def decompose_mesh(
     mollify_factor: float = 1e-5,
     prefactor: str | None = None,
     *,
+    mask: npt.ArrayLike | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> tuple[npt.NDArray[np.float64], Array]:
@@ -168,13 +169,15 @@ def decompose_mesh(
         See `meshmash_viewer.laplacian.cotangent_laplacian`.
     n_components, op_inv, sigma, tol, prefactor, progress, cancel
         See `decompose_laplacian`.
+    mask : array_like of bool, shape (n,), optional
+        Solve on these vertices only, see `Mesh.masked`.
 
     Returns
     -------
     eigenvalues : ndarray of float64, shape (k,)
         Per squared unit of the mesh.
     eigenvectors : ndarray of float64, shape (n, k)
-        NaN at unreferenced vertices.
+        NaN at unreferenced vertices, and outside of the mask.
 
     Examples
     --------
@@ -182,6 +185,7 @@ def decompose_mesh(
     >>> eigenvalues.round(1), eigenvectors.shape
     (array([0., 2., 2., 2.]), (642, 4))
     """
+    mesh = masked(mesh, mask)
     stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
     return _decomposed(
         stiffness,

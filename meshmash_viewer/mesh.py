@@ -24,7 +24,14 @@ from meshmash_viewer.arrays import (
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.triangulation import polydata_triangles
-from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel, named_vertex
+from meshmash_viewer.units import (
+    LENGTH_UNITS,
+    NO_VOXEL,
+    Voxel,
+    counted,
+    is_voxel,
+    named_vertex,
+)
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
 #: ``(vertices, faces)``, an object with these two attributes or with LaPy's ``v`` and ``t``, or a
@@ -395,6 +402,41 @@ class Mesh:
         values = np.asarray(values)
         return values if self.numbering is None else self.numbering.whole(values)
 
+    def masked(self, mask: npt.ArrayLike) -> Mesh:
+        """The same vertices, with those faces only whose corners are all in a mask.
+
+        The others are in no face then: results are NaN there, and the boundary of the mask is free.
+
+        Parameters
+        ----------
+        mask : array_like of bool, shape (n,)
+            The vertices to keep.
+
+        Raises
+        ------
+        InputError
+            If it is not one bool a vertex, or has no whole face.
+
+        Examples
+        --------
+        >>> northern = mv.Mesh(ball.vertices, ball.faces).masked(ball.vertices[:, 2] >= 0.0)
+        >>> northern.n_vertices, round(northern.area, 2)
+        (642, 6.25)
+        """
+        kept = np.asarray(mask)
+        if kept.dtype != np.bool_ or kept.shape != (self.n_vertices,):
+            raise InputError(
+                f"A mask is {self.n_vertices:,} bools, one a vertex, not {kept.dtype} of shape"
+                f" {kept.shape}."
+            )
+        faces = self.faces[kept[self.faces].all(axis=1)]
+        if not len(faces):
+            raise InputError(
+                f"The mask has {counted(int(kept.sum()), 'vertex')} and no whole face: give the"
+                " vertices of a connected part."
+            )
+        return self if len(faces) == self.n_faces else replace(self, faces=faces)
+
     def _but(self, **attributes: Any) -> Mesh:
         """Another one with some attributes that nothing is derived from."""
         mesh = object.__new__(Mesh)
@@ -483,6 +525,11 @@ def as_mesh(mesh: MeshLike) -> Mesh:
         f"A mesh is a pair (vertices, faces) or an object with these two attributes, "
         f"not {given}.{hint}"
     )
+
+
+def masked(mesh: MeshLike, mask: npt.ArrayLike | None) -> MeshLike:
+    """Return `Mesh.masked` of a mesh in any of the accepted forms; without a mask as it is."""
+    return mesh if mask is None else as_mesh(mesh).masked(mask)
 
 
 def mesh_to_poly(mesh: MeshLike) -> Any:

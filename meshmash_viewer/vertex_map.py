@@ -17,6 +17,8 @@ from meshmash_viewer.units import counted
 MOST_LABELS = 512
 #: Characters of a name.
 _LONGEST = 60
+#: Labels that a message names.
+_NAMED = 12
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,46 @@ class VertexMap:
         places = order[np.minimum(np.searchsorted(keys[order], self.values), len(keys) - 1)]
         known = keys[places] == self.values
         return np.where(known, places, np.nan).astype(np.float32)
+
+    def mask(self, named: str = "") -> npt.NDArray[np.bool_]:
+        """Return which vertices have one of some labels, or without labels a value but zero.
+
+        Parameters
+        ----------
+        named : str
+            Names or numbers of labels, separated by commas; after "-" all other vertices. May be ""
+            for a map of one label, and of values.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+
+        Raises
+        ------
+        InputError
+            If there is no such label, or one has to be named.
+
+        Examples
+        --------
+        >>> lobes = (mv.Label(1, "frontal", "#4477aa"), mv.Label(2, "parietal", "#ee6677"))
+        >>> mv.VertexMap("lobe", np.array([1, 2, 0]), labels=lobes).mask("-frontal")
+        array([False,  True,  True])
+        """
+        if not self.labels and not named:
+            return np.asarray(np.nan_to_num(self.values) != 0.0)
+        if not named and len(self.labels) == 1:
+            named = str(self.labels[0].key)
+        names = ", ".join(each.name or str(each.key) for each in self.labels[:_NAMED]) or "no label"
+        more = ", …" if len(self.labels) > _NAMED else ""
+        inside = np.zeros(self.n_vertices, dtype=np.bool_)
+        for one in filter(None, map(str.strip, named.removeprefix("-").split(","))):
+            keys = [each.key for each in self.labels if one in (each.name, str(each.key))]
+            if not keys:
+                raise InputError(f"Map {self.name!r} has no label {one!r}: it has {names}{more}.")
+            inside |= np.isin(self.values, keys)
+        if not inside.any():
+            raise InputError(f"Map {self.name!r} has several labels, name one: {names}{more}.")
+        return np.asarray(~inside if named.startswith("-") else inside)
 
     def at(self, kept: npt.NDArray[Any]) -> VertexMap:
         """The same for some of the vertices, by a mask or indices."""

@@ -342,6 +342,12 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         const="keep_largest_component",
         help="leave out all but the largest connected component",
     )
+    parser.add_argument(
+        "--mask",
+        metavar="FILE[:LABEL]",
+        help="solve on these vertices only, NaN elsewhere: those of a label, of all others after -"
+        " (lh.aparc.annot:-unknown), or with a value but zero",
+    )
 
 
 def _add_structure(parser: argparse.ArgumentParser) -> None:

@@ -20,7 +20,7 @@ from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
-from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.io.maps import read_maps, read_mask
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.spectrum import obtain_eigenpairs
 from meshmash_viewer.mesh import Mesh
@@ -154,8 +154,9 @@ def read(path: Path, options: Namespace) -> Mesh:
 
 
 def prepared(mesh: Mesh, options: Namespace) -> Mesh:
-    """Apply the requested repairs to a mesh."""
-    return repair_mesh(mesh, *options.repair)
+    """Apply the requested repairs and the mask to a mesh."""
+    mesh = repair_mesh(mesh, *options.repair)
+    return mesh if options.mask is None else mesh.masked(read_mask(options.mask, mesh))
 
 
 def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:

@@ -180,7 +180,9 @@ def compare(options: Namespace) -> int:
     if options.output is not None:
         proof = f"{first.proof(meshes[0].unit)}; {second.proof(meshes[1].unit)}"
         whole, operator = options.whole_mesh, chosen_operator(options)
-        made = export_options("match", operator, target, proof, options.repair, whole_mesh=whole)
+        made = export_options(
+            "match", operator, target, proof, options.repair, whole_mesh=whole, mask=options.mask
+        )
         made["matched_in"] = family.export
         if found.functional is not None:
             made["refined"] = {"landmarks": 0}
@@ -252,7 +254,9 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
         "largest_distance": most,
     }
     operator, proof = chosen_operator(options), report["proof"]
-    made = export_options("reconstruction", operator, options.target, proof, options.repair)
+    made = export_options(
+        "reconstruction", operator, options.target, proof, options.repair, mask=options.mask
+    )
     made["rms_distance"] = typical
     write_mesh(path, replace(mesh, vertices=vertices), provenance(mesh, made))
     report["seconds"] = round(time.perf_counter() - began, 3)

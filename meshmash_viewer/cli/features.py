@@ -174,6 +174,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
         report.get("proof", ""),
         options.repair,
         whole_mesh=options.whole_mesh,
+        mask=options.mask,
     )
     write_results(path, results, mesh, raw if options.whole_mesh else None, pairs, made)
     report["seconds"] = round(time.perf_counter() - began, 3)

@@ -44,7 +44,7 @@ from meshmash_viewer.features.truncation import (
     warn_of_truncation,
 )
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.checked_solve import (
     DEFAULT_MAX_EIGENVALUE,
@@ -87,6 +87,7 @@ def spectral_geometry_filter(
     mollify_factor: float = 1e-5,
     verbose: int = False,
     *,
+    mask: npt.ArrayLike | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> Any:
@@ -112,6 +113,8 @@ def spectral_geometry_filter(
         See `meshmash_viewer.laplacian.cotangent_laplacian`.
     verbose : int
         1 draws a progress bar on stderr.
+    mask : array_like of bool, shape (n,), optional
+        Compute on these vertices only, NaN elsewhere; see `Mesh.masked`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -151,8 +154,9 @@ def spectral_geometry_filter(
     """
     check_bands(max_eigenvalue, band_size)
     computation = _Computation(
-        mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
-    )
+        masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
+        progress, cancel,
+    )  # fmt: skip
     if filter is None:
         result = computation.solve(None, max_eigenvalue, None, stacklevel=4)
         start = int(drop_first)
@@ -177,6 +181,7 @@ def compute_hks(
     count: int | Literal["auto"] | None = None,
     wavelength: float | None = None,
     tail: Literal["weyl"] | None = None,
+    mask: npt.ArrayLike | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> Array:
@@ -231,8 +236,9 @@ def compute_hks(
     check_tail(tail, "hks")
     check_bands(max_eigenvalue, band_size)
     computation = _Computation(
-        mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
-    )
+        masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
+        progress, cancel,
+    )  # fmt: skip
 
     def bank(_: npt.NDArray[np.float64]) -> Filter:
         return get_hks_filter(t_max, t_min, n_scales)
@@ -263,6 +269,7 @@ def compute_geometry_vectors(
     *,
     count: int | Literal["auto"] | None = None,
     wavelength: float | None = None,
+    mask: npt.ArrayLike | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> Array:
@@ -308,8 +315,9 @@ def compute_geometry_vectors(
     if bound is not None:
         bspline_bank(0.0, bound, n_bands)  # raises now rather than after the decomposition
     computation = _Computation(
-        mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
-    )
+        masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
+        progress, cancel,
+    )  # fmt: skip
 
     def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank:
         last = float(eigenvalues[-1]) if len(eigenvalues) else 0.0

@@ -5,6 +5,9 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.formats.freesurfer import (
     freesurfer_annotation,
@@ -106,6 +109,49 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     for remark in remarks:
         warnings.warn(remark, MeshWarning, stacklevel=2)
     return maps
+
+
+def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
+    """Read a mask of vertices from a file of maps.
+
+    Parameters
+    ----------
+    given : str or Path
+        The file, of any format of `read_maps`. After a colon labels may follow, see
+        `VertexMap.mask`: "lh.aparc.annot:cuneus,lingual", "lh.aparc.annot:-unknown". Where the file
+        has several maps, the first one with these labels counts.
+    mesh : MeshLike
+        The mesh that it is for.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+
+    Raises
+    ------
+    InputError
+        As `read_maps` and `VertexMap.mask`.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     np.save(folder + "/cap.npy", ball.vertices[:, 2] > 0.5)
+    ...     int(mv.read_mask(folder + "/cap.npy", ball).sum())
+    165
+    """
+    path, named = Path(given), ""
+    if not path.exists() and ":" in str(given):
+        text, named = str(given).rsplit(":", 1)
+        path = Path(text)
+    maps = read_maps(path, mesh)
+    faults = []
+    for each in maps:
+        try:
+            return as_mesh(mesh).with_maps(each).maps[-1].mask(named)
+        except InputError as fault:
+            faults.append(str(fault))
+    raise InputError(f"{path}: {faults[0]}")
 
 
 def maps_and_remarks(

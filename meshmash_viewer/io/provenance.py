@@ -57,12 +57,13 @@ def export_options(
     repairs: Sequence[str] = (),
     *,
     whole_mesh: bool = False,
+    mask: str | None = None,
 ) -> dict[str, Any]:
     """Return the choices that led to an exported result, for `provenance`.
 
     `kind` is that of the result, such as "hks"; `proof` states what the eigenpairs have been shown
     to be, "" where none took part; `whole_mesh` is whether the result is written at all vertices of
-    the mesh before its repairs.
+    the mesh before its repairs; `mask` names the part that was solved (`read_mask`).
     """
     options: dict[str, Any] = {"kind": kind}
     if proof:
@@ -73,6 +74,8 @@ def export_options(
         }
     if repairs:
         options |= {"repairs": list(repairs), "whole_mesh": whole_mesh}
+    if mask:
+        options["mask"] = mask
     return options
 
 
