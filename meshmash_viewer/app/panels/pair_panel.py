@@ -77,7 +77,7 @@ class PairPanel(QWidget):
         )
         self.hint = note("pair_hint")
         self.remark = note("pair_remark", role="warning")
-        self.keep_button = make.button(
+        self.largest_button = make.button(
             "Keep the largest component of each", "pair_keep_largest_button",
             "Keep the largest component of each mesh, and compare these", self._keep_largest,
             role="link",
@@ -169,7 +169,7 @@ class PairPanel(QWidget):
                 row(self.open_button, self.close_button, None),
                 self.hint,
                 self.remark,
-                row(self.keep_button, None),
+                row(self.largest_button, None),
                 row(self.unit_label, None, self._unit),
                 self.content,
                 None,
@@ -298,9 +298,9 @@ class PairPanel(QWidget):
             counts = first.health.n_components, second.health.n_components
             remarks = comparison_remarks(first.mesh, second.mesh, n_components=counts)
         show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
-        self.keep_button.setVisible(counts[0] != counts[1])
+        self.largest_button.setVisible(counts[0] != counts[1])
         idle = pair is not None and pair.first.work.job is None and pair.second.work.job is None
-        self.keep_button.setEnabled(idle)
+        self.largest_button.setEnabled(idle)
 
     def _hint(self) -> str:
         if self._document.ready is None:
