@@ -67,6 +67,14 @@ def test_every_command_and_family_is_found_by_its_name(window: MainWindow) -> No
     close(dialog)
 
 
+def test_the_rows_fill_the_list(window: MainWindow) -> None:
+    dialog = palette(window)
+    listed = dialog.findChild(QTreeWidget, "palette_list")
+    last = listed.visualItemRect(listed.topLevelItem(listed.topLevelItemCount() - 1))
+    assert 0 <= listed.viewport().height() - last.bottom() < last.height()
+    close(dialog)
+
+
 def test_nothing_found_says_so(window: MainWindow) -> None:
     dialog = palette(window)
     assert rows(dialog, "xyzzy") == []

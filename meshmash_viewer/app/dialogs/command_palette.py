@@ -137,6 +137,7 @@ class CommandPalette(QDialog):
         self.search.textChanged.connect(self._find)
         self.search.installEventFilter(self)
         self.list.itemClicked.connect(lambda: self.accept())
+        self.list.ensurePolished()
         self._find("")
         self.setFixedWidth(min(_WIDTH, window.width() - 40))
         corner = QPoint((window.width() - self.width()) // 2, window.height() // 10)
@@ -187,6 +188,7 @@ class CommandPalette(QDialog):
         self._choose(0)
         self.list.setVisible(bool(self._shown))
         self.nothing.setVisible(not self._shown)
+        self.list.doItemsLayout()  # with the padding of the style, which came after the items
         self.list.setFixedHeight(len(self._shown) * max(self.list.sizeHintForRow(0), 1) + 4)
         self.adjustSize()
 
