@@ -101,7 +101,7 @@ def change(window):
     else:
         document.repair("keep_largest_component")
 
-known = []
+known, idle = [], [0]
 
 def look():
     for window in QApplication.topLevelWidgets():
@@ -109,8 +109,9 @@ def look():
         if document is None or not window.loaded or document.ready is None:
             continue
         if not known:
-            if document.work.job is None and window.scene.camera() is not None:
-                window.wait(60.0)
+            rests = document.work.job is None and window.scene.camera() and window.controller.idle
+            idle[0] = idle[0] + 1 if rests else 0
+            if idle[0] > 5:
                 known.append(window)
                 document.work.finished.connect(partial(write, window))
                 write(window)
@@ -156,7 +157,7 @@ class KilledWindows:
         with self._window(file) as process:
             ends = time.monotonic() + _PATIENCE
             while not file.exists() or b"\n" not in file.read_bytes():
-                assert process.poll() is None, "the window has ended"
+                assert process.poll() is None, f"the window has ended: {process.returncode}"
                 assert time.monotonic() < ends, "the window has not opened the file"
                 time.sleep(0.05)
             restored = json.loads(file.read_bytes().splitlines()[0])["state"]
