@@ -187,7 +187,7 @@ class FigureDialog(SheetDialog):
             ("Text", row((self.font_spin,))),
             ("Show", grid((title, bar), (scale, axes), (pins, None))),
             ("Format", self.format_combo),
-            beside=column((self.preview,), self.size_label),
+            left=column((self.preview,), self.size_label),
         )
         self.resize(860, 440)
 

@@ -61,16 +61,16 @@ class SaveDialog(QDialog):
         return self.file_row.path
 
     def _arrange_rows(
-        self, *rows: tuple[str, QWidget | QLayout], beside: QLayout | None = None
+        self, *rows: tuple[str, QWidget | QLayout], left: QLayout | None = None
     ) -> None:
         """Lay out labelled rows, the last of them file and remark, next to something else."""
         file = ("File", self.file_row), ("", self.remark_label)
         parts = ((QLabel(text) if text else None, part) for text, part in (*rows, *file))
         form = grid(*parts, spacing=(theme.MARGIN, theme.GAP))
-        if beside is None:
+        if left is None:
             self._arrange(form)
         else:
-            self._arrange((row((beside,), column(form, None), spacing=20),))
+            self._arrange((row((left,), column(form, None), spacing=20),))
 
     def _arrange(self, *parts: Part, spacing: int = theme.MARGIN) -> None:
         """Lay out the parts above the two buttons."""
