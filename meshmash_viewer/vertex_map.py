@@ -19,6 +19,8 @@ MOST_LABELS = 512
 _LONGEST = 60
 #: Labels that a message names.
 _NAMED = 12
+#: Share of the largest magnitude that is passed on both sides of zero by signed values.
+_WITHIN = 0.01
 
 
 @dataclass(frozen=True)
@@ -109,9 +111,12 @@ class VertexMap:
 
     @property
     def signed(self) -> bool:
-        """Whether zero is within the values rather than at their end."""
+        """Whether zero is within the values rather than at their end.
+
+        A few values below zero, such as those of an interpolated thickness, are at their end.
+        """
         low, high = self.range
-        return not self.labels and low < 0.0 < high
+        return not self.labels and min(-low, high) > _WITHIN * max(-low, high)
 
     @cached_property
     def shown(self) -> npt.NDArray[np.float32]:

@@ -185,7 +185,7 @@ COMMANDS: tuple[Command, ...] = (
     *(
         Command(f"show_{name}", family.label, "Field", family.tip,
                 (str(at),) if at < 10 else (),
-                separated=at == 1, needs="spectrum", does=("show_kind", name))
+                separated=at == 1, needs="mesh", does=("show_kind", name))
         for at, (name, family) in enumerate(FAMILIES.items(), 1)
     ),
     # -- Inspect

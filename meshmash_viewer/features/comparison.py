@@ -27,6 +27,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted
 
 #: Squared correlation above which eigenfunctions correspond: only one pair can exceed it.
@@ -213,7 +214,9 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
 
     Their faces join the same vertices, in any orientation (as in a mirror image). This is so for a
     rotated, scaled or deformed mesh, or for two subjects on one template. An equal number of
-    vertices is not sufficient.
+    vertices is not sufficient. A left and a right hemisphere (by `Mesh.structure` or name) are
+    mirror images: if their faces have the same orientation, as those of FreeSurfer's fsaverage,
+    equal indices are not the same place, and None is returned.
 
     Returns
     -------
@@ -231,8 +234,20 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
         first.n_vertices == second.n_vertices
         and first.faces.shape == second.faces.shape
         and np.array_equal(np.sort(first.faces, axis=1), np.sort(second.faces, axis=1))
+        and not _hemispheres_of_one_orientation(first, second)
     )
     return np.arange(first.n_vertices) if same else None
+
+
+def _hemispheres_of_one_orientation(first: Mesh, second: Mesh) -> bool:
+    """Whether these are a left and a right hemisphere with most of their faces turned alike."""
+    sides = {brain_side(mesh.structure, mesh.name) for mesh in (first, second)}
+    if sides != {"left", "right"}:
+        return False
+    odd = []
+    for a, b, c in (first.faces.T, second.faces.T):
+        odd.append((a > b) ^ (b > c) ^ (a > c))
+    return bool(np.mean(odd[0] == odd[1]) > 0.5)
 
 
 def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> None:

@@ -103,11 +103,13 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
     window.activateWindow()
     wait_for(window.isActiveWindow)
     document = window.document
-    document.display.kind = "map"
     window.open_mesh(folder / "ball.npz")
-    wait_for(lambda: document.mesh is not None)
+    wait_for(lambda: document.mesh is not None and document.work.job is None)
+    QTest.keyClick(window, Qt.Key.Key_9)  # maps need no pairs
+    wait_for(lambda: window.controller.field is not None)
     rest(window)
     assert document.spectrum is None
+    assert document.display.kind == "map"
     assert document.display[OwnMaps] == OwnMaps(), "controls that are built choose nothing"
     np.testing.assert_array_equal(window.controller.field.values, DEPTH.astype(np.float32))
     document.solve.target = Target("count", 40)
@@ -151,6 +153,17 @@ def test_files_are_dropped_on_the_mesh(window: MainWindow, folder: Path) -> None
     QTest.mouseClick(part(window, QPushButton, "map_remove_button"), LEFT)
     rest(window)
     assert names(window) == ["depth", "more", *CURVATURES]
+
+
+def test_the_mean_is_in_the_unit_of_the_range(window: MainWindow) -> None:
+    values = np.zeros(MESH.n_vertices)
+    values[0] = 5000.0
+    window.document.maps.add(window.document.mesh, [mv.VertexMap("peak", values, unit="nm")])
+    rest(window)
+    assert part(window, QLabel, "map_range_label").text() == "0 to 5\N{NO-BREAK SPACE}µm"
+    mean = float(np.average(values, weights=mv.compute_vertex_areas(MESH)))
+    written = f"{format_number(mean / 1000.0)}\N{NO-BREAK SPACE}µm"
+    assert part(window, QLabel, "map_mean_label").text() == written
 
 
 def test_what_is_no_map_costs_a_sentence(window: MainWindow, folder: Path) -> None:

@@ -300,4 +300,6 @@ def test_a_map_is_of_its_mesh() -> None:
         VertexMap("a", np.ones((N, 2)))
     assert VertexMap("a", np.arange(3)).values.dtype == np.float64
     assert not VertexMap("a", np.arange(3)).signed
+    assert not VertexMap("thickness", np.array([-0.003, 0.0, 4.7])).signed  # interpolated
+    assert VertexMap("curv", np.array([-0.4, 0.0, 0.3])).signed
     assert not VertexMap("parts", np.arange(-1, 2), (Label(-1, "a", "#000000"),)).signed

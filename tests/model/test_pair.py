@@ -360,6 +360,20 @@ def test_as_many_vertices_alone_are_no_correspondence(
     assert corresponding_vertices(mesh, fewer) is None
 
 
+def test_hemispheres_correspond_by_index_only_where_one_is_the_mirror_image() -> None:
+    ball = shapes.icosphere(1)
+    left = Mesh(ball.vertices, ball.faces, name="lh.pial")
+    for structure, faces, same in (
+        ("CortexRight", ball.faces, False),  # equal indices are on opposite sides
+        ("CortexRight", np.roll(ball.faces, 1, axis=1), False),
+        ("CortexRight", ball.faces[:, ::-1], True),
+        ("CortexLeft", ball.faces, True),
+        ("", ball.faces, True),
+    ):
+        other = Mesh(ball.vertices, faces, structure=structure)
+        assert (corresponding_vertices(left, other) is not None) == same, structure
+
+
 def test_pins_of_one_template_are_at_the_same_vertex() -> None:
     pair = solved(stretched(1.02, 1.0, 1.6), stretched(1.0, 1.02, 1.6))
     pair.first.pins.toggle(17)

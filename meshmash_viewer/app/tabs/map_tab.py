@@ -285,9 +285,11 @@ def _told(shown: VertexMap, mean: float) -> dict[str, str]:
     count = {"map_count_label": f"{shown.n_values:,}{of}"}
     if shown.labels:
         return count | {"map_range_label": counted(len(shown.labels), "label")}
+    like = max(np.abs(shown.range))  # the unit of the range
+    written = format_quantity(mean, shown.unit, 1, 4, like=like) if np.isfinite(mean) else ""
     return count | {
         "map_range_label": format_range(*shown.range, shown.unit, word="to", digits=4),
-        "map_mean_label": format_quantity(mean, shown.unit, 1, 4) if np.isfinite(mean) else "",
+        "map_mean_label": written,
     }
 
 
