@@ -94,6 +94,7 @@ class MainWindow(ScriptedWindow):
         self._refusal = ""
 
         self.loaded = False
+        self._opened: Path | None = None
         self._closed = False
         #: Whether the field that was drawn last is signed; None without a field.
         self._signed: bool | None = None
@@ -258,7 +259,9 @@ class MainWindow(ScriptedWindow):
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and not ready.derived:
-            self.arrangement.docks["mesh"].raise_()
+            if ready.path != self._opened:  # another unit leaves the panels as they are
+                self.arrangement.docks["mesh"].raise_()
+            self._opened = ready.path
             if ready.path is not None:
                 self.settings.add_recent(ready.path)
         self.hover_label.show_vertex(-1)

@@ -146,6 +146,11 @@ def test_opening_brings_the_mesh_panel_to_the_front(
     drop(window, files["ball"], share=0.1)
     opened(qtbot, window, files["ball"])
     qtbot.waitUntil(lambda: not docks["mesh"].visibleRegion().isEmpty(), timeout=PATIENCE)
+    docks["shape"].raise_()
+    qtbot.waitUntil(lambda: docks["mesh"].visibleRegion().isEmpty(), timeout=PATIENCE)
+    window.document.set_unit("nm")
+    QTest.qWait(50)
+    assert docks["mesh"].visibleRegion().isEmpty()
 
 
 @pytest.mark.parametrize("how", ["behind", "closed"])

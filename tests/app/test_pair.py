@@ -140,6 +140,8 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
 @pytest.fixture
 def window(one_window: MainWindow) -> Iterator[MainWindow]:
     """With nothing beside the first mesh."""
+    one_window.activateWindow()  # a menu or a dialog of a test before may have been the active one
+    wait_for(one_window.isActiveWindow)
     yield one_window
     one_window.opening.end_comparison()
     one_window.document.pins.clear()

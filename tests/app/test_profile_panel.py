@@ -62,8 +62,8 @@ def test_hks_over_time_is_the_direct_sum(panel: ProfilePanel, document, qtbot) -
         truth = np.exp(-np.outer(times, spectrum.eigenvalues)) @ spectrum.rows[:, vertex] ** 2
         assert 10**x == pytest.approx(times)
         assert 10**y == pytest.approx(truth, rel=1e-10)
-    assert panel.plot.getAxis("bottom").labelText == "Time t (nm²)"
-    assert panel.plot.getAxis("left").labelText == "HKS (nm⁻²)"
+    assert panel.plot.labels[0] == "Time t (nm²)"
+    assert panel.plot.labels[1] == "HKS (nm⁻²)"
 
 
 def test_bands_and_coefficients(panel: ProfilePanel, document, qtbot) -> None:
