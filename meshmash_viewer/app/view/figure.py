@@ -274,7 +274,7 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
     if options.pins:
         page.pins(panel.pins, view, image)
     if options.axes:
-        page.directions(view.axes, (part.left + 1.4 * font, 1.6 * font))
+        page.directions(view.axes, (part.left, 0.4 * font))
     if options.scale_bar:
         millimetre = 2.0 * panel.view.half_size / image.width
         length = round_length(0.25 * part.width * millimetre)

@@ -186,9 +186,15 @@ class Page:
                 bbox={"boxstyle": "round,pad=0.15", "fc": self.ground, "ec": "none", "alpha": 0.6},
             )  # fmt: skip
 
-    def directions(self, axes: npt.NDArray[np.float64], at: tuple[float, float]) -> None:
-        """Draw the directions of x, y and z from a point, those away from the eye first."""
+    def directions(self, axes: npt.NDArray[np.float64], corner: tuple[float, float]) -> None:
+        """Draw the directions of x, y and z above and right of a point.
+
+        Those away from the eye are drawn first.
+        """
         length = 1.6 * self.font
+        # room for the axes that point left and down, and for half a letter at their ends
+        least = 1.35 * length * np.minimum(axes[:2].min(axis=1), 0.0)
+        at = np.asarray(corner) - least + 0.45 * self.font
         for axis in np.argsort(axes[2]):
             across, along = length * axes[:2, axis]
             self.line([at, (at[0] + across, at[1] + along)], _AXIS_COLORS[axis], 0.18)

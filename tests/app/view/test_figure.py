@@ -55,6 +55,22 @@ def test_a_png_has_its_width_on_paper(qapp, tmp_path: Path, width: float, dpi: i
     assert all((edge == 255).all() for edge in edges), "nothing is cut off"
 
 
+@pytest.mark.parametrize("turned", [(1, 0, 2), (0, 2, 1), (2, 1, 0)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_axes_that_point_left_or_down_are_on_the_page(
+    qapp, turned: tuple[int, ...], sign: float
+) -> None:
+    made = drawing()
+    tilted = np.array([[0.96, -0.28, 0.0], [0.28, 0.96, 0.0], [0.0, 0.0, 1.0]])
+    made.fit_view(800, 600, 1.0, sign * np.eye(3)[list(turned)] @ tilted)
+    figure = compose_figure([made], FigureOptions())
+    letters = [text for text in figure.texts if text.get_text() in ("x", "y", "z")]
+    assert len(letters) >= 2
+    pixels = picture_of(figure, 150.0)[:, :, :3]  # draws them
+    edges = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
+    assert all((edge == 255).all() for edge in edges), "nothing is cut off"
+
+
 def test_text_of_svg_and_pdf_is_text(qapp, tmp_path: Path) -> None:
     figure = compose_figure([drawing()], FigureOptions())
     save_figure(figure, tmp_path / "a.svg")
