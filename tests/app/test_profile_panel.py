@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapes
 from closed_form import rectangle_document, rectangle_spectrum, shown
 from PySide6.QtCore import QPoint, QRegularExpression, Qt
 from PySide6.QtGui import QContextMenuEvent
@@ -18,8 +19,11 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.fields.wks import WaveKernelSignature
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
+from meshmash_viewer.model.results import MeshReady
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")
@@ -278,3 +282,17 @@ def test_a_right_click_on_a_line_of_the_legend_asks_for_its_menu(
     QApplication.sendEvent(line, QContextMenuEvent(reason, at, line.mapToGlobal(at)))
     assert asked == [5]
     assert panel.findChild(QLabel, "pin_label_5").text() == "soma"
+
+
+def test_an_index_of_many_digits_is_legible(qtbot) -> None:
+    flat = shapes.rectangle(60, 30, 60.0, 30.0)
+    mesh = Mesh(flat.vertices, flat.faces, unit="nm")
+    document = Document()
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    panel = shown(qtbot, ProfilePanel(document), 700, 260)
+    document.pins.set("pins", [Pin(1111, 1), Pin(1196, 2), Pin(7, 3, "a name of many words")])
+    labels = [panel.findChild(QLabel, f"pin_label_{vertex}") for vertex in (1111, 1196, 7)]
+    assert [each.text() for each in labels[:2]] == ["Vertex 1,111", "Vertex 1,196"]
+    assert labels[2].text().endswith("…")
+    qtbot.waitUntil(lambda: all(each.width() >= each.sizeHint().width() for each in labels))
+    panel.close()

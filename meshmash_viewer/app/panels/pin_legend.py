@@ -16,7 +16,7 @@ from meshmash_viewer.model.pins import Pin
 
 #: Number of pins, the oldest, that have a line and a profile.
 MOST_SHOWN = 40
-#: Width of a name in pixels.
+#: Width of a given name in pixels; the name of a vertex ends in its index and is not shortened.
 _WIDEST = 72
 
 
@@ -102,8 +102,10 @@ class PinLegend(QScrollArea):
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
         number = make.label(f"pin_number_{pin.vertex}", text=f"<b>{pin.number}</b>")
         name = make.label(f"pin_label_{pin.vertex}", textFormat=Qt.TextFormat.PlainText)
-        end = Qt.TextElideMode.ElideRight
-        name.setText(name.fontMetrics().elidedText(called, end, _WIDEST))
+        if pin.name:
+            end = Qt.TextElideMode.ElideRight
+            called = name.fontMetrics().elidedText(called, end, _WIDEST)
+        name.setText(called)
         take = f"Unpin {pin.name or self._document.named_vertex(pin.vertex)}"
         cross = make.icon_button(
             f"unpin_button_{pin.vertex}",
