@@ -606,6 +606,11 @@ def test_a_filter_is_written_as_a_formula(
     for column, t in enumerate(np.geomspace(0.1, 1.0, 3)):
         wanted = np.square(phi) @ (np.exp(-t * eigenvalues) * (eigenvalues > 1e-9))
         np.testing.assert_allclose(np.load(out)["features"][:, column], wanted, rtol=1e-6)
+    # a name that was meant as λ is a parameter: its value is stated
+    named = ("--kind", "filter", "--formula", "exp(-t*l)", "--count", 20, "-o", out)
+    status, _, err = run(capsys, "features", ball, *named, "--set", "t=1")
+    assert (status, "l = 2.15, from the spectrum" in err) == (0, True), err
+    assert "from the spectrum" not in run(capsys, "features", ball, *chosen, "--set", "t=1")[2]
     for wrong, said in (
         (("--set", "q=1"), "has no parameter q; it has t"),
         (("--set", "t=2:1"), "from a positive number to a larger one"),

@@ -73,6 +73,9 @@ def test_the_unit_of_a_parameter_follows_from_the_formula(text: str, powers: dic
     [
         ("", "There is no formula"),
         ("exp(-t*x", "cannot be read at character 4"),
+        ("2x", r"at character 1: write one such as exp\(-2\*t\*x\)"),
+        ("x^", "cannot be read at character 2"),
+        (" t + x*", "cannot be read at character 7"),
         ("__import__('os').system('true')", "wrong at character 1"),
         ("x.real", "wrong at character 1"),
         ("2 * x[0]", "wrong at character 5"),

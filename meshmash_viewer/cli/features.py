@@ -242,6 +242,8 @@ def _computed_features(
             " so the features are the same all over a component: go further up the spectrum"
             " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
         )
+    if pairs is not None and (assumed := family.assumed(pairs, mesh.unit)):
+        remarks.append(f"{assumed}, from the spectrum: give other values with --set; x is λ.")
     missing = found.truncation
     report["truncation"] = None if missing is None else missing.as_dict()
     if found.missing:

@@ -305,7 +305,7 @@ def _powers(formula: Formula) -> tuple[int, ...]:
 def _parsed(text: str) -> ast.expr:
     """Parse a formula."""
     if not text.strip():
-        raise InputError("There is no formula: write one such as exp(-t*x), with x for λ.")
+        raise InputError("There is no formula: write one such as exp(-2*t*x), with x for λ.")
     if len(text) > MOST_CHARACTERS:
         raise InputError(f"The formula is longer than {MOST_CHARACTERS} characters: shorten it.")
     try:
@@ -313,16 +313,18 @@ def _parsed(text: str) -> ast.expr:
             warnings.simplefilter("ignore")
             return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except SyntaxError as fault:
-        column = max((fault.offset or 1) - 1, 0)
-        position = _position(text, len((fault.text or "")[:column].encode()))
+        if fault.offset:
+            position = _position(text, len((fault.text or "")[: fault.offset - 1].encode()))
+        else:  # it ends too early
+            position = len(text.rstrip()) - 1
         raise FormulaError(
             f"The formula {printable(text)} cannot be read at character {position + 1}: write one"
-            " such as exp(-t*x).",
+            " such as exp(-2*t*x).",
             position,
         ) from None
     except (ValueError, RecursionError, MemoryError):
         raise InputError(
-            f"The formula {printable(text)} cannot be read: write one such as exp(-t*x)."
+            f"The formula {printable(text)} cannot be read: write one such as exp(-2*t*x)."
         ) from None
 
 

@@ -389,6 +389,10 @@ class Family(Parameters):
         """
         raise NotImplementedError
 
+    def assumed(self, spectrum: Eigenpairs, unit: str) -> str:
+        """Return the values that were not given and that a name may hide, such as "t = 2 nm²"."""
+        return ""
+
     def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
         """Return the names of the exported columns, and a sentence on their range.
 

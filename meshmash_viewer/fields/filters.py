@@ -354,6 +354,14 @@ class Filters(BankFamily):
             values[self.first] = self._columns(spectrum, self.count)
         return _bank(self.text, values)
 
+    def assumed(self, spectrum: Eigenpairs, unit: str) -> str:
+        swept = {self.first} if self.count > 1 or not self.automatic else set()
+        return ", ".join(
+            f"{name} = {format_quantity(self.value(name, spectrum), unit, power)}"
+            for name, power in self.formula.powers.items()
+            if name not in swept | dict(self.values).keys()
+        )
+
     def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         if not self.first or self.count == 1:
             return f"{self.describe(spectrum, unit).quantity}."
