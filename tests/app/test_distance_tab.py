@@ -10,11 +10,12 @@ import pytest
 from closed_form import part, rectangle_document, shown
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QCheckBox
+from PySide6.QtWidgets import QCheckBox, QLabel
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.panels.field_panel import FieldPanel
+from meshmash_viewer.app.tabs.distance_tab import DistanceTab
 from meshmash_viewer.features.distances import (
     biharmonic_distance,
     commute_time_distance,
@@ -97,6 +98,22 @@ def test_each_is_the_librarys(
     panel.set_field(field, Limits(0.0, 1.0))
     far = format_quantity(float(field.values[20]), field.unit, digits=4)
     assert part(panel, "distance_pins_label").text() == f"1: {far}"
+
+
+def test_a_long_name_of_a_pin_leaves_the_panel_as_wide(
+    panel: FieldPanel, document: Document, qtbot: QtBot
+) -> None:
+    document.pins.toggle(70)
+    document.pins.change("rename", 70, name="presynaptic site 17 on the apical dendrite")
+    title = part(panel, "distance_label")
+    called = "Distance from presynaptic site 17 on the apical dendrite"
+    qtbot.waitUntil(lambda: title.text() == called and title.height() > 1.5 * _line(title))
+    tab = panel.findChild(DistanceTab)
+    assert tab.minimumSizeHint().width() < panel.width()
+
+
+def _line(title: QLabel) -> int:
+    return title.fontMetrics().height()
 
 
 def test_the_time_of_diffusion_is_dragged_without_the_pairs(

@@ -102,7 +102,19 @@ def test_the_index_is_that_of_the_file(qtbot: QtBot) -> None:
         assert says in dialog.fault.text()
 
 
-@pytest.mark.parametrize("form", ["{}, {}, {}", "[{}, {}, {}]", "({},{},{})", "{}; {}; {}"])
+@pytest.mark.parametrize(
+    "form",
+    [
+        "{}, {}, {}",
+        "[{}, {}, {}]",
+        "({},{},{})",
+        "{}; {}; {}",
+        "{},{},{}",
+        "{} {} {}",
+        "x {} y {} z {}",
+        "{}, {}, {} nm",
+    ],
+)
 def test_a_position_pins_the_nearest_vertex_and_goes_there(
     qtbot: QtBot, window: MainWindow, form: str
 ) -> None:
@@ -126,6 +138,10 @@ def test_positions_in_voxels_and_far_away() -> None:
     for at in (7, 300):
         assert nearest_vertex(voxels, *mesh.vertices[at])[0] == at
         assert nearest_vertex(voxels, *voxels.vertices[at])[0] == at
+    # a unit leaves no choice: three of the mesh's are not three voxels
+    at = voxels.vertices[7] / voxels.voxel
+    assert nearest_vertex(voxels, *at)[0] == 7
+    assert "is 0" not in nearest_vertex(voxels, *at, voxels=False)[1]
     with pytest.raises(InputError, match="far from the mesh, which lies between"):
         nearest_vertex(voxels, 1e9, 0.0, 0.0)
 
@@ -136,3 +152,4 @@ def test_a_number_with_separators_is_an_index(qtbot: QtBot, window: MainWindow) 
     QTest.keyClicks(edit, "1,234,567")
     QTest.keyClick(edit, Qt.Key.Key_Return)
     assert fault.text().startswith("The index is a whole number from 0")
+    assert fault.text().endswith("A position is written x, y, z.")

@@ -150,6 +150,10 @@ def test_legend_names_the_pins_in_their_colours_and_takes_them_away(
 
     qtbot.waitUntil(lambda: told("pin_number") == {"7": "<b>1</b>", "300": "<b>2</b>"})
     assert told("pin_label") == {"7": "Vertex 7", "300": "Vertex 300"}
+    document.pins.change("rename", 300, name="a spine on the apical dendrite")
+    assert told("pin_label")["300"].endswith("…")
+    label = panel.findChildren(QLabel, "pin_label_300")[-1]
+    assert label.toolTip() == "a spine on the apical dendrite"
 
 
 def test_a_vertex_on_no_face_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:

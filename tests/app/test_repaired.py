@@ -139,7 +139,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
     click_repair(qtbot, window, LARGEST)
     assert part(window, "mesh_vertices_label").text() == "162 of 206 in the file"
     assert said(window).startswith("1 pin went with a vertex that the repair left out or merged.")
-    assert part(window, "distance_label").text() == "Distance from vertex 60"
+    assert part(window, "distance_label").text() == "Distance from vertex\N{NO-BREAK SPACE}60"
     assert part(window, "distance_vertex_combo").currentText() == "2 · Vertex 60"
 
     # under the pointer, and pinned by a click
@@ -196,7 +196,8 @@ def test_what_is_shown_and_written_counts_as_the_file(
 
     # the link says what it takes back: the pin as well, and a key one at a time
     link = part(window, "undo_repair_button")
-    qtbot.waitUntil(lambda: link.text() == "Undo repair and 1 later change", timeout=PATIENCE)
+    qtbot.waitUntil(lambda: link.text() == "Undo repair and 1 more", timeout=PATIENCE)
+    assert link.toolTip() == "Undo the last repair and 1 later change"
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     qtbot.waitUntil(lambda: link.text() == "Undo repair", timeout=PATIENCE)
     QTest.keyClick(
@@ -204,7 +205,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
         Qt.Key.Key_Z,
         Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier,
     )
-    qtbot.waitUntil(lambda: link.text() == "Undo repair and 1 later change", timeout=PATIENCE)
+    qtbot.waitUntil(lambda: link.text() == "Undo repair and 1 more", timeout=PATIENCE)
     QTest.mouseClick(link, LEFT)
     qtbot.waitUntil(lambda: document.repairs == (), timeout=PATIENCE)
     rest(qtbot, window)

@@ -13,15 +13,18 @@ from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.quantities import parse_whole
+from meshmash_viewer.quantities import parse_number, parse_whole
 from meshmash_viewer.units import NO_VOXEL, format_position, format_quantity
 
 _NUMBER = r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
-#: Three numbers, in brackets or with a blank after each comma: "1,234,567" is one number.
-_POSITIONS = (
-    re.compile(rf"[\[(]\s*{_NUMBER}\s*[,;\s]\s*{_NUMBER}\s*[,;\s]\s*{_NUMBER}\s*[\])]"),
-    re.compile(rf"{_NUMBER}(?:,\s+|\s*;\s*|\t+){_NUMBER}(?:,\s+|\s*;\s*|\t+){_NUMBER}"),
+_BETWEEN = r"(?:\s*[,;]\s*|\s+)"
+#: Three numbers, as Neuroglancer and tables have them: in brackets, with the names of axes, a unit.
+_POSITION = re.compile(
+    rf"[\[(]?\s*(?:x\s*)?{_NUMBER}{_BETWEEN}(?:y\s*)?{_NUMBER}{_BETWEEN}(?:z\s*)?{_NUMBER}"
+    r"\s*[\])]?\s*([^\W\d_]*)"
 )
+#: One number, "1,234,567" or "1 234 567".
+_GROUPED = re.compile(r"\d{1,3}(?:[, ]\d{3}){2}(?:\.\d*)?")
 
 
 class PinDialog(QDialog):
@@ -43,7 +46,7 @@ class PinDialog(QDialog):
         )
         self.edit = theme.named(QLineEdit(), "pin_index_edit", "Index of the vertex, or position")
         label.setBuddy(self.edit)
-        self.fault = reserved_note("pin_fault_label", 2)
+        self.fault = reserved_note("pin_fault_label", 3)
         self.pin_button = theme.named(QPushButton("Pin"), "pin_button", role="primary")
         self.pin_button.setDefault(True)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
@@ -55,23 +58,28 @@ class PinDialog(QDialog):
         self.edit.textEdited.connect(self.fault.clear)
 
     def _accept(self) -> None:
+        text, last = self.edit.text().strip(), self._mesh.n_file_vertices - 1
+        found = None if _GROUPED.fullmatch(text) else _POSITION.fullmatch(text)
         try:
-            text, last = self.edit.text().strip(), self._mesh.n_file_vertices - 1
-            found = next(filter(None, (each.fullmatch(text) for each in _POSITIONS)), None)
             if found is not None:
-                self.vertex, self.remark = nearest_vertex(self._mesh, *map(float, found.groups()))
+                *numbers, unit = found.groups()
+                at = (parse_number(f"{each} {unit}", self._mesh.unit) for each in numbers)
+                self.vertex, self.remark = nearest_vertex(self._mesh, *at, voxels=not unit)
             else:
                 index = parse_whole(text, 0, last, "The index")
                 self.vertex = self._mesh.vertex_of(index)
         except InputError as fault:
-            self.fault.setText(str(fault))
+            several = found is None and re.search(r"\d[,;\s]+[-+\d]", text)
+            self.fault.setText(f"{fault}{' A position is written x, y, z.' if several else ''}")
             self.edit.setFocus()
             self.edit.selectAll()
         else:
             self.accept()
 
 
-def nearest_vertex(mesh: Mesh, x: float, y: float, z: float) -> tuple[int, str]:
+def nearest_vertex(
+    mesh: Mesh, x: float, y: float, z: float, *, voxels: bool = True
+) -> tuple[int, str]:
     """Find the vertex nearest to a position in the mesh's unit or in its voxels, and a remark.
 
     That is its distance from the position. `InputError` is raised if the position is farther from
@@ -80,7 +88,7 @@ def nearest_vertex(mesh: Mesh, x: float, y: float, z: float) -> tuple[int, str]:
     position, used = np.array([x, y, z]), np.flatnonzero(mesh.referenced)
     places = mesh.vertices[used]
     found = []
-    for at in (position, position * mesh.voxel):
+    for at in (position, position * mesh.voxel) if voxels else (position,):
         squared = ((places - at) ** 2).sum(axis=1)
         found.append((float(squared.min()), int(used[squared.argmin()])))
     squared_distance, vertex = min(found)

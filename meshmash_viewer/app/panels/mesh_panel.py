@@ -136,8 +136,11 @@ class MeshPanel(QWidget):
 
     def _refresh_undo(self) -> None:
         steps = self._document.undo_repair_steps
-        more = f" and {counted(steps - 1, 'later change')}" if steps > 1 else ""
-        self.undo_button.setText(f"Undo repair{more}")
+        later = counted(steps - 1, "later change")
+        self.undo_button.setText(
+            f"Undo repair and {steps - 1} more" if steps > 1 else "Undo repair"
+        )
+        self.undo_button.setToolTip(f"Undo the last repair and {later}" if steps > 1 else "")
         self.undo_button.setVisible(steps > 0)
 
     def _refresh_facts(self) -> None:

@@ -102,6 +102,7 @@ class PinLegend(QScrollArea):
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
         number = make.label(f"pin_number_{pin.vertex}", text=f"<b>{pin.number}</b>")
         name = make.label(f"pin_label_{pin.vertex}", textFormat=Qt.TextFormat.PlainText)
+        name.setToolTip(called)
         if pin.name:
             end = Qt.TextElideMode.ElideRight
             called = name.fontMetrics().elidedText(called, end, _WIDEST)

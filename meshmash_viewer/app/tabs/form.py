@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QHBoxLayout,
     QPushButton,
+    QSizePolicy,
     QSpinBox,
     QWidget,
 )
@@ -36,7 +37,7 @@ from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.model.stepping import advance
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import resolved_time
-from meshmash_viewer.units import power_unit
+from meshmash_viewer.units import NO_BREAK, power_unit
 
 
 class Player(QObject):
@@ -118,6 +119,9 @@ class FamilyTab(QWidget):
     def _fill(self, name: str, accessible: str, *parts: Part) -> None:
         """Lay the controls out, under a title of these names."""
         self.title = make.label(name, accessible, role="title")
+        # a long one, such as one with the name of a pin, goes on below: the panel stays as wide
+        self.title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.title.setWordWrap(True)
         head: Part = self.title
         if self.family.page:
             head = row((self.title,), self._make_page_button())
@@ -402,10 +406,12 @@ class PinChooser(FamilyTab):
         self.refresh()
 
     def _show_pin(self, vertex: int | None) -> str:
-        """Show from which pin is measured, and say which vertex that is."""
+        """Show from which pin is measured, and say its name or which vertex that is."""
         pins = self._document.pins.placed
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))
         show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
-        return "a vertex" if vertex is None or row < 0 else self._document.named_vertex(vertex)
+        if vertex is None or row < 0:
+            return "a vertex"
+        return pins[row].name or self._document.named_vertex(vertex).replace(" ", NO_BREAK)

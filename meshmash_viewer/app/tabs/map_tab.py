@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QSizePolicy, QWidget
+from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
@@ -116,9 +116,6 @@ class MapTab(FamilyTab):
             self.hint,
             self.labels,
         )
-        # a map may have a long name: the panel stays as wide as it is
-        self.title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.title.setWordWrap(True)
 
     # -- from the person --------------------------------------------------------------------
 
