@@ -144,6 +144,7 @@ class Opening(QObject):
             "pin": len(self._document.pins.placed),
             "map": self.last_session.restore_maps(session.kept_maps) + len(session.maps),
             "second mesh": int(bool(session.second_path)),
+            "rebuilt shape": int(self._document.display.shape.shown),
         }
         if any(made.values()):
             made["repair"] = len(self._document.repairs)

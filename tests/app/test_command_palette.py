@@ -75,6 +75,18 @@ def test_the_rows_fill_the_list(window: MainWindow) -> None:
     close(dialog)
 
 
+def test_the_text_stays_in_its_place_while_it_is_typed(window: MainWindow) -> None:
+    dialog, places = palette(window), set()
+    for typed in ("e", "similar", "export pins", "no such thing"):
+        rows(dialog, typed)
+        QApplication.processEvents()
+        search = dialog.findChild(QLineEdit, "palette_search")
+        assert search is not None
+        places.add(search.y())
+    assert len(places) == 1
+    close(dialog)
+
+
 def test_nothing_found_says_so(window: MainWindow) -> None:
     dialog = palette(window)
     assert rows(dialog, "xyzzy") == []

@@ -17,6 +17,7 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import Shape
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -74,6 +75,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     document.maps.add(mesh, [height])
     document.set_unit("µm")
     document.display.kind = HeatKernelSignature.name
+    document.display.shape = Shape(shown=True, pairs=6)
     camera = window.scene.camera()
     camera["half_size"] *= 2.0
     window.scene.set_camera(camera)
@@ -101,6 +103,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     window.close()
     again = opened(open_window(), path, qtbot)
     check(again)
+    assert "1 rebuilt shape" in again.stage.message_bar.notice.text
     button = part(again, "message_action")
     assert button.text() == "Start afresh"
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)

@@ -298,5 +298,6 @@ def test_an_index_of_many_digits_is_legible(qtbot) -> None:
     labels = [panel.findChild(QLabel, f"pin_label_{vertex}") for vertex in (1111, 1196, 7)]
     assert [each.text() for each in labels[:2]] == ["Vertex 1,111", "Vertex 1,196"]
     assert labels[2].text().endswith("…")
+    assert labels[2].toolTip() == "a name of many words"
     qtbot.waitUntil(lambda: all(each.width() >= each.sizeHint().width() for each in labels))
     panel.close()

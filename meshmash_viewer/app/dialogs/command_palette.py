@@ -131,7 +131,7 @@ class CommandPalette(QDialog):
         self.list.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         self.nothing = theme.named(QLabel("Nothing found"), "palette_nothing", role="muted")
-        self.setLayout(column(self.search, self.list, self.nothing, margins=(8, 8, 8, 8)))
+        self.setLayout(column(self.search, self.list, self.nothing, None, margins=(8, 8, 8, 8)))
         self._entries = [*_commands(actions), *_gestures(actions), *_settings(window)]
         self._shown: list[Entry] = []
         self.search.textChanged.connect(self._find)

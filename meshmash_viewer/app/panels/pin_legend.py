@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QWidget
@@ -104,6 +106,7 @@ class PinLegend(QScrollArea):
         name = make.label(f"pin_label_{pin.vertex}", textFormat=Qt.TextFormat.PlainText)
         name.setToolTip(called)
         if pin.name:
+            name.setToolTip(html.escape(called))
             end = Qt.TextElideMode.ElideRight
             called = name.fontMetrics().elidedText(called, end, _WIDEST)
         name.setText(called)
