@@ -57,7 +57,9 @@ class VertexMenu:
     @property
     def _title(self) -> str:
         vertex = self.mesh.named_vertex(self.vertex)
-        return vertex.capitalize() if self.pin is None else f"{self.pin.title}, {vertex}"
+        if self.pin is None:
+            return vertex.capitalize()
+        return f"{self.pin.name or self.pin.title.capitalize()}, {vertex}"
 
     def _copies(self) -> dict[str, tuple[str, str]]:
         """What can be copied, by the names of the entries: their texts, and the contents."""

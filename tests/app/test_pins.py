@@ -96,7 +96,11 @@ def test_a_right_click_pins_copies_and_unpins(window: MainWindow, qtbot: QtBot) 
     choose(menu_at(window, at, qtbot), "menu_centre", qtbot)
     assert scene.camera()["focus"] != before["focus"]
     at = scene.display_point(vertex)
-    choose(menu_at(window, at, qtbot), "menu_unpin", qtbot)
+    entries = menu_at(window, at, qtbot)
+    shown = QApplication.activePopupWidget()
+    assert isinstance(shown, QMenu)
+    assert shown.actions()[0].text().startswith("Pin 1, vertex ")
+    choose(entries, "menu_unpin", qtbot)
     assert pinned(window) == []
 
 
