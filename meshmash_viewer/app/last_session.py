@@ -158,8 +158,7 @@ class LastSession(QObject):
             text = f"The maps kept of {document.path.name} cannot be read: {fault}"
             document.notices.say(text, Severity.WARNING)
             return 0
-        with document.history.paused():
-            document.maps.add(mesh, maps, shown=False)
+        document.maps.add(mesh, maps, shown=False)
         self._written, self._maps_file = tuple(maps), name
         return len(maps)
 

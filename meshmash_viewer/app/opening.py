@@ -142,7 +142,8 @@ class Opening(QObject):
         """Say what of the last time is there again, and offer to open the file without it."""
         made = {
             "pin": len(self._document.pins.placed),
-            "map": self.last_session.restore_maps(session.kept_maps) + len(session.maps),
+            "map": self.last_session.restore_maps(session.kept_maps),
+            "map file": len(session.maps),
             "second mesh": int(bool(session.second_path)),
             "rebuilt shape": int(self._document.display.shape.shown),
         }

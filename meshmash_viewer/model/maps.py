@@ -46,14 +46,20 @@ class Maps:
             self.requested.emit(tuple(path.absolute() for path in paths), shown)
 
     def add(self, mesh: Mesh, maps: Sequence[VertexMap], *, shown: bool = True) -> None:
-        """Add maps that were made for a mesh, if that is still open, and show the last."""
+        """Add maps that were made for a mesh, if that is still open, and show the last.
+
+        Without `shown` they were there the last time, and adding them is no step to undo.
+        """
         now = self._still(mesh)
         if now is None or not maps:
             return
         more = now.with_maps(*maps)
-        self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
-        self._take(more)
-        if shown:
+        if not shown:
+            with self._history.paused():
+                self._take(more)
+        else:
+            self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
+            self._take(more)
             self._show(more.maps[-1].name)
             names = ", ".join(each.name for each in more.maps[len(now.maps) :])
             self._notices.say(f"Added {counted(len(maps), 'map')}: {names}.")

@@ -130,6 +130,27 @@ def test_a_changed_file_is_opened_without_what_was_made_on_the_old_one(
     assert "has changed" in notice.text
 
 
+def test_maps_of_files_are_there_again_and_no_step_to_undo(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path, table = two_balls(folder / "balls.npz"), folder / "values.csv"
+    window = opened(open_window(), path, qtbot)
+    mesh = window.document.mesh
+    assert isinstance(mesh, Mesh)
+    rows = (f"{at},{2 * at}" for at in range(mesh.n_vertices))
+    table.write_text("\n".join(("radius,depth", *rows)))
+    window.document.maps.open([table])
+    qtbot.waitUntil(lambda: "new maps" in window.document.history.undo_label, timeout=PATIENCE)
+    window.close()
+    again = opened(open_window(), path, qtbot)
+    document = again.document
+    qtbot.waitUntil(lambda: len(document.mesh.maps) == 2, timeout=PATIENCE)
+    notice = again.stage.message_bar.notice
+    assert notice is not None
+    assert notice.text == "Opened as you left it: 1 map file."
+    assert not document.history.undo_label
+
+
 def test_what_is_damaged_is_said_and_kept(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
