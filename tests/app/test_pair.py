@@ -386,11 +386,28 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
     wait_for(window.isActiveWindow)
     window.open_mesh(paths[0])
     wait_for(lambda: window.scene is not None and window.scene.mesh is not None)
+    QTest.keyClick(window, Qt.Key.Key_9)
+    wait_for(lambda: window.controller.field is not None)
+    QTest.keyClick(window, Qt.Key.Key_X)
+    catch_up()
+    whole = window.scene.camera()
     window.opening.open_second(paths[1])
     second = window.opening.second_view
     wait_for(lambda: second.scene.mesh is not None)
     rest(window)
     assert second.pair.cameras == "mirror"
+    # from the side that was chosen, and whole in half of the width
+    assert window.scene.camera()["axes"] == whole["axes"]
+    assert window.scene.camera()["half_size"] > 1.2 * whole["half_size"]
+    # a unit draws the second anew: neither moves
+    cameras = [scene.camera()["focus"] for scene in window.opening.scenes]
+    second.document.set_unit("µm")
+    rest(window)
+    assert [scene.camera()["focus"] for scene in window.opening.scenes] == cameras
+    second.document.set_unit("mm")
+    QTest.keyClick(window, Qt.Key.Key_1)  # no field, so no room for a colour bar
+    wait_for(lambda: all(scene.renderer.caption is None for scene in window.opening.scenes))
+    rest(window)
     assert window.actions_["view_lateral"].text() == "Lateral"
 
     def looks() -> list[list[list[float]]]:

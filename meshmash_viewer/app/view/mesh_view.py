@@ -153,7 +153,7 @@ class MeshView(QWidget):
             caption = caption_of(field, Limits(*limits), colormap, lined=lined)
             self.renderer.set_field(field.values, caption)
         if had_caption != (field is not None) and not self.turned_by_hand:
-            self.reset_camera()
+            self._fit()
         self._moves()
 
     def set_shape(
@@ -185,10 +185,9 @@ class MeshView(QWidget):
         self.renderer.set_hidden(hidden)
         self.renderer.picker = None
         self._prepare_picking()
-        if self.turned_by_hand:
-            self.plotter.render()
-        else:
-            self.reset_camera()
+        if not self.turned_by_hand:
+            self._fit()
+        self.plotter.render()
 
     def set_awaited(self, title: str) -> None:
         """Show that the field of this title is being computed; "" when it is displayed."""
@@ -246,9 +245,18 @@ class MeshView(QWidget):
     def look_from(self, name: str) -> None:
         """Show the whole mesh from one of the sides of `standard_views.DIRECTIONS`."""
         if self.mesh is not None:
-            self.renderer.fit_view(*self.plotter.pixels(), view_axes(name, self.mesh))
-            assert self.renderer.view is not None
-            self._set_view(self.renderer.view)
+            self._fit(view_axes(name, self.mesh))
+            self._moves()
+
+    def _fit(self, axes: npt.NDArray[np.float64] | None = None) -> None:
+        """Show the whole mesh along these axes, or from where it is seen."""
+        view = self.renderer.view
+        if axes is None and view is not None:
+            axes = view.axes
+        if self.mesh is not None:
+            self.renderer.fit_view(*self.plotter.pixels(), axes)
+        self.turned_by_hand = False
+        self.camera_changed.emit()
 
     def look_like(self, other: MeshView, *, mirrored: bool = False) -> None:
         """Take the camera of another view, scaled so that both meshes appear equally large.
@@ -265,8 +273,10 @@ class MeshView(QWidget):
         if mirrored:
             view = view.mirrored(centre)
             width, height, scale = other.plotter.pixels()
-            free = margins(other.renderer.caption is not None, width, height, scale)
-            # the mesh stays to the left of the colour bar, which is not mirrored
+            # the mesh stays to the left of the colour bar, which is not mirrored; a view without
+            # a field for now is moved as the other one is, so that there and back is no motion
+            barred = any(view.renderer.caption is not None for view in (self, other))
+            free = margins(barred, width, height, scale)
             view = view.moved(free.left - free.right, 0.0, width, height)
         offset = view.focus - centre
         focus = mine.bounds.mean(axis=0) + ratio * offset
@@ -501,8 +511,7 @@ class MeshView(QWidget):
 
     def _resized(self) -> None:
         if self.renderer.view is not None and not self.turned_by_hand:
-            self.renderer.fit_view(*self.plotter.pixels(), self.renderer.view.axes)
-            self.camera_changed.emit()
+            self._fit()
         self._set_hovered(-1)
 
     # -- the end ----------------------------------------------------------------------------
