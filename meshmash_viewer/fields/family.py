@@ -279,6 +279,12 @@ class Family(Parameters):
         """Keep what applies to another mesh with some number of connected components."""
         return self
 
+    def for_other_unit(self) -> Self:
+        """Keep what applies to a mesh in another unit: no lengths, times and eigenvalues."""
+        default = type(self)()
+        sized = (name for name, each in self.declared().items() if each.power)
+        return replace(self, **{name: getattr(default, name) for name in sized})
+
     def carried(self, to: Correspondence) -> Self:
         """Convert to another shape: lengths are scaled, vertices are the corresponding ones."""
         other: dict[str, Any] = {}

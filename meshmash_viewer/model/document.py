@@ -288,6 +288,7 @@ class Document(OpenMesh):
     ) -> None:
         """Show a mesh; `before` is the previous mesh of the same file, whose vertices are kept."""
         self.notices.begin_turn()
+        same_unit = self.mesh is None or self.mesh.unit == ready.mesh.unit
         self.take(ready, spectrum)
         self._preview = None
         pins = self.pins.placed
@@ -296,7 +297,7 @@ class Document(OpenMesh):
         display = self.display
         display.put(
             *(
-                each.for_other_mesh(n_components)
+                (each if same_unit else each.for_other_unit()).for_other_mesh(n_components)
                 if before is None
                 else _repaired(each, n_components, partial(same_vertex, before, ready.mesh))
                 for each in display.fields.values()

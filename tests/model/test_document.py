@@ -77,6 +77,16 @@ def test_a_time_that_a_stored_spectrum_does_not_have_is_not_kept(sphere: Mesh) -
         assert document.display[HeatKernelSignature].time == kept
 
 
+def test_times_stay_for_a_mesh_in_the_same_unit_only(sphere: Mesh) -> None:
+    document = Document()
+    document.accept_mesh(ready_of(sphere.in_unit("nm"), "a.ply"))
+    document.display.change(HeatKernelSignature, time=5e5, t_min=1e5)
+    document.accept_mesh(ready_of(sphere.in_unit("nm"), "b.ply"))
+    assert document.display[HeatKernelSignature].time == 5e5
+    document.accept_mesh(ready_of(sphere.in_unit("µm"), "c.ply"))
+    assert document.display[HeatKernelSignature] == HeatKernelSignature()
+
+
 def test_a_count_carries_over(document: Document, sphere: Mesh) -> None:
     document.solve.target = Target("count", 7)
     document.accept_mesh(ready_of(sphere, "b.ply"))

@@ -174,7 +174,7 @@ def test_pins_signs_colours_limits_and_maps_are_undone_and_redone(document: Docu
         "flip of a sign": document.flip,
         "colour limits": lock,
         "colour map": recolor,
-        "new map": lambda: document.maps.add(mesh, [heights], shown=False),
+        "new map": lambda: document.maps.add(mesh, [heights]),
         "removal of a pin": lambda: document.pins.toggle(7),
         "removal of a map": lambda: document.maps.remove("height"),
     }
