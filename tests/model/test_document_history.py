@@ -168,13 +168,16 @@ def test_pins_signs_colours_limits_and_maps_are_undone_and_redone(document: Docu
     def recolor() -> None:
         display.sequential_colormap = "magma"
 
-    heights = VertexMap("height", mesh.vertices[:, 2])
+    def add_map() -> None:
+        document.maps.add(mesh, [VertexMap("height", mesh.vertices[:, 2])])
+        display.kind = "eigenfunction"
+
     changes: dict[str, Callable[[], object]] = {
         "pin": lambda: document.pins.toggle(7),
         "flip of a sign": document.flip,
         "colour limits": lock,
         "colour map": recolor,
-        "new map": lambda: document.maps.add(mesh, [heights]),
+        "new map": add_map,
         "removal of a pin": lambda: document.pins.toggle(7),
         "removal of a map": lambda: document.maps.remove("height"),
     }
