@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QFileDialog, QMainWindow
 
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.last_session import LastSession
-from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.sessions import Restoration, session_of
 from meshmash_viewer.app.settings import Settings
@@ -245,6 +245,7 @@ class Opening(QObject):
             view = self.second_view = SecondView(self._document, self.scene, self.controller)
             view.close_requested.connect(self.end_comparison)
             self.last_session.watch(view.document)
+            listen(view.pair.changed, self.last_session.changed)
             self._stage.add_second(view)
             self._name_first()
             self.pair_changed.emit(view.pair)
@@ -300,6 +301,7 @@ class Opening(QObject):
             self.scene.set_camera(restoration.camera.to_json())
         if restoration.second is not None:
             view = self._make_view(restoration.second.links)
+            view.pair.match = restoration.second.match
             path = Path(restoration.second.mesh_path)
             self._second_restoration = Restoration(view.document, path, restoration.second)
             self._second_restoration.begin()

@@ -54,6 +54,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         second_maps=_map_files(second.mesh) if second is not None else [],
         second_repairs=list(second.repairs) if second is not None else [],
         links=sorted(pair.links) if pair is not None else [],
+        match=pair.match if pair is not None else {},
     )
 
 
@@ -209,6 +210,7 @@ class Restoration:
             repairs=session.second_repairs,
             operator=session.operator,
             links=session.links,
+            match=session.match,
         )
 
     def _warn(self, text: str) -> None:

@@ -248,7 +248,7 @@ def _computed_features(
     report["truncation"] = None if missing is None else missing.as_dict()
     if found.missing:
         remarks.append(f"{found.missing}{more_pairs(getattr(family, 't_min', None))}.")
-    remarks += found.remarks(mesh)
+    remarks += found.remarks(mesh, masked=options.mask is not None)
     found = found.with_maps(mesh)
     if options.component_column:
         found = found.with_components(mesh)

@@ -211,18 +211,20 @@ class Features:
         values = np.concatenate([self.values, values], axis=1, dtype=self.values.dtype)
         return replace(self, values=values, columns=(*self.columns, *names))
 
-    def remarks(self, mesh: Mesh) -> list[str]:
-        """Return sentences on defects of a mesh that affect its features.
+    def remarks(self, mesh: Mesh, *, masked: bool = False) -> list[str]:
+        """Return sentences on defects of a mesh, or its part in a mask, that affect its features.
 
         These are unreferenced vertices, and small components: on those, normalised functions are
         nearly constant and thousands of times larger than elsewhere.
         """
         said = []
         if count := len(mesh.unreferenced):
-            said.append(
-                f"rows of NaN stand for {counted(count, 'vertex')} that no face uses: the repair "
-                "drop_unreferenced_vertices leaves them out."
+            why = (
+                "in no face of the mask."
+                if masked
+                else "that no face uses: the repair drop_unreferenced_vertices leaves them out."
             )
+            said.append(f"rows of NaN stand for {counted(count, 'vertex')} {why}")
         labels = mesh.component_labels
         sizes = np.bincount(labels[labels >= 0])
         on_largest = labels == int(sizes.argmax())

@@ -129,6 +129,10 @@ class Session(Parameters):
     second_repairs: list[str] = parameter(list, _REPAIRS)
     #: The active links between both meshes.
     links: list[str] = parameter(list, Listing(Text(100), 100, different=True))
+    #: How vertices are matched: the feature, whether refined, whether colours are carried.
+    match: dict[str, Any] = parameter(
+        dict, Record({"feature": Text(100), "refined": Flag(), "carried": Flag()})
+    )
 
 
 def write_session(path: str | Path, session: Session) -> None:

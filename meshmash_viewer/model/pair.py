@@ -214,6 +214,23 @@ class Pair:
         self._follow_spectra()
 
     @property
+    def match(self) -> dict[str, Any]:
+        """How vertices are matched, and whether colours are carried, for a session."""
+        return {
+            "feature": self._matched_in,
+            "refined": self._refined,
+            "carried": self.carries,
+        }
+
+    @match.setter
+    def match(self, stored: dict[str, Any]) -> None:
+        if stored.get("feature") in MATCHED_IN:
+            self._matched_in = stored["feature"]
+        self._refined = stored.get("refined", False)
+        self.carries = stored.get("carried", False)
+        self._follow_spectra()
+
+    @property
     def landmarks(self) -> tuple[tuple[int, int], ...]:
         """Vertices of the first and the second that were pinned on both, by the user."""
         mine = {pin.number: pin.vertex for pin in self.first.pins.placed}

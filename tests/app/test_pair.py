@@ -682,6 +682,8 @@ def test_a_session_and_a_script_have_both(
         assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
         assert np.mean(found.forth.indices == wanted.forth.indices) > 0.99
     opened.pair.link("position", False)
+    opened.pair.refined = True
+    opened.pair.carry(True)
     path = tmp_path / "both.meshmash.json"
     window.opening.store_session(path)
     window.opening.end_comparison()
@@ -691,6 +693,8 @@ def test_a_session_and_a_script_have_both(
     again = window.opening.second_view
     assert again.document.path == folder / "other.npz"
     assert again.pair.links == {"camera", "kind", "colors"}
+    assert again.pair.matched_in == name
+    assert (again.pair.refined, again.pair.carries) == (True, True)
     assert again.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
 
 
