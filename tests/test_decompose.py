@@ -557,7 +557,7 @@ def test_verbose_draws_on_stderr_and_ends_with_the_proof(neuron, capsys):
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "pairs · complete" in printed.err
-    assert "nm⁻²)" in printed.err
+    assert "µm⁻²)" in printed.err
     assert reports
     compute_hks(neuron, 1e-5)
     assert capsys.readouterr().err == ""

@@ -153,7 +153,7 @@ class GeometryVectors(BankColumns):
 
     def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         low, high = self.range(spectrum)
-        return f"Bands of λ from {format_range(low, high, unit, -2, word='to')}."
+        return f"Bands of λ from {format_range(low, high, unit, -2, word='to', digits=4)}."
 
     def bank_script(self) -> str:
         return f"mv.bspline_bank({self.low!r}, {self.high!r}, {self.count})"

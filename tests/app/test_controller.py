@@ -62,13 +62,25 @@ def test_first_field_comes_by_itself(
 
 
 def test_latest_request_wins_and_none_waits_in_line(
-    qtbot: QtBot, document: Document, source: Controller, rectangle: Mesh
+    qtbot: QtBot,
+    document: Document,
+    source: Controller,
+    rectangle: Mesh,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     show(document, rectangle)
     fields: list[Field] = []
     source.drawn.connect(lambda field, _: fields.append(field))
+    asked, limits = threading.Event(), Field.limits
+
+    def slow(field: Field, *given: object) -> tuple[float, float]:
+        asked.wait(10.0)
+        return limits(field, *given)
+
+    monkeypatch.setattr(Field, "limits", slow)
     for index in range(200):
         document.display.change(Eigenfunctions, index=index % 60)
+    asked.set()
     qtbot.waitUntil(lambda: source.idle)
     assert source.field.family.index == 199 % 60
     assert len(fields) < 20

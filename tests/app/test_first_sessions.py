@@ -201,7 +201,11 @@ def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     assert window.devicePixelRatioF() == float(os.environ.get("QT_SCALE_FACTOR", "1"))
     said: list[str] = []
     document.notices.shown.connect(
-        lambda notice: said.append(notice.text) if notice.severity is Severity.ERROR else None
+        lambda notice: (
+            said.append(notice.text)
+            if notice is not None and notice.severity is Severity.ERROR
+            else None
+        )
     )
     for steps in SESSIONS.values():
         for step in steps:

@@ -151,7 +151,7 @@ def test_the_mesh_is_drawn_from_its_lowest_eigenfunctions_and_back(window: MainW
     mass = mv.compute_vertex_areas(window.document.mesh, robust=True)
     away = np.linalg.norm(wanted - window.document.mesh.vertices, axis=1)
     told = part(window, QLabel, "shape_distance_label").text()
-    assert told.endswith(" nm")
+    assert told.endswith("\N{NO-BREAK SPACE}nm")
     assert float(told.split()[0]) == pytest.approx(
         np.sqrt(np.average(away**2, weights=mass)), rel=5e-3
     )
@@ -185,7 +185,7 @@ def test_keys_on_the_sliders_lengthen_the_sum_and_morph(window: MainWindow) -> N
     for _ in range(4):
         QTest.keyClick(morph, Qt.Key.Key_PageUp)
     rest(window)
-    assert part(window, QLabel, "shape_morph_label").text() == "60 %"
+    assert part(window, QLabel, "shape_morph_label").text() == "60\N{NO-BREAK SPACE}%"
     assert described(window) == f"shape from {PAIRS} pairs (60 %)"
     between = 0.4 * window.document.mesh.vertices + 0.6 * everything
     np.testing.assert_allclose(drawn(window), between, atol=1e-3)

@@ -54,7 +54,7 @@ def test_draws_every_eigenvalue_and_weyls_law(panel: SpectrumPanel, document) ->
     assert view.zeros.getData()[0].tolist() == [0.0]
     x, y = view.weyl.getData()
     assert y[-1] == pytest.approx(weyl_eigenvalue(document.mesh.area, x[-1]))
-    assert panel.plot.getAxis("left").labelText == "λ (nm⁻²)"
+    assert panel.plot.labels[1] == "λ (nm⁻²)"
 
 
 def test_equal_eigenvalues_have_a_band(qtbot) -> None:

@@ -294,7 +294,7 @@ def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Decompositi
         assert_same(shown(window), wanted)
         by_hand = pairs.eigenvectors.T @ (pairs.mass * DEPTH) * np.exp(-time_ * pairs.eigenvalues)
         assert_same(wanted, pairs.eigenvectors @ by_hand)
-    assert "exp(-s*x), s = 3e+06" in window.controller.field.quantity
+    assert "exp(-s*x), s = 3×10⁶" in window.controller.field.quantity
     choose_filter(window, "x/c * (x < c)", c=cutoff)
     choose(part(window, "field_list"), "Own maps")
     assert part(window, "map_filter_combo").currentText() == "x/c * (x < c)"

@@ -14,6 +14,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.units import format_quantity
 
 
 @pytest.fixture
@@ -37,9 +38,11 @@ def test_the_slider_goes_through_log_energies(qtbot: QtBot, document: Document) 
     energy = chosen.place(document.spectrum)
     title = tab.findChild(QLabel, "wks_label")
     qtbot.waitUntil(lambda: title.text() == f"ln λ = {energy:.4g}")
-    assert tab.findChild(QLabel, "wks_eigenvalue_label").text() == f"{np.exp(energy):.4g} nm⁻²"
+    assert tab.findChild(QLabel, "wks_eigenvalue_label").text() == format_quantity(
+        np.exp(energy), "nm", -2
+    )
     lengths = [2 * np.pi / np.sqrt(np.exp(energy))]
-    assert tab.findChild(QLabel, "wks_wavelength_label").text() == f"{lengths[0]:.4g} nm"
+    assert tab.findChild(QLabel, "wks_wavelength_label").text() == format_quantity(lengths[0], "nm")
 
 
 def test_too_few_pairs_are_said(qtbot: QtBot, document: Document) -> None:

@@ -114,6 +114,8 @@ def look():
             if idle[0] > 5:
                 known.append(window)
                 document.work.finished.connect(partial(write, window))
+                # a repair may fit the view anew, later than its job ends
+                window.scene.camera_changed.connect(partial(write, window))
                 write(window)
         elif document.work.job is None:
             change(window)
