@@ -201,8 +201,11 @@ def test_what_is_on_the_mesh_goes_with_it(window: MainWindow) -> None:
     here = window.scene.display_point(vertex)
     assert (here - before).manhattanLength() > 0
     drawing = window.scene.renderer
+    eye = drawing.view.axes[2]
+    facing = mv.Mesh(drawn(window), window.document.mesh.faces).vertex_normals @ eye
+    assert np.count_nonzero(facing[::40] > 0.2) > 3
     for other in range(0, window.document.mesh.n_vertices, 40):
-        if not drawing.picker.hidden(other, drawing.view.axes[2]):
+        if facing[other] > 0.2 and not drawing.picker.hidden(other, eye):
             at = window.scene.display_point(other)
             assert window.scene.vertex_at(at.x(), at.y()) == other
     QTest.keyClick(window, Qt.Key.Key_Right)
