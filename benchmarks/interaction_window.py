@@ -311,10 +311,11 @@ class Session:
         yield self.at_rest
 
     def picture(self) -> Script:
-        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
+        from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 
-        path = self.folder / "picture.png"
-        dialog = PictureDialog((1920, 1080), path, self.window)
+        pictures = self.window.commands.pictures
+        dialog = FigureDialog(self.folder / "picture", pictures._seen, self.window, None)
+        path = dialog.path
         yield 0.1  # whoever presses Save takes longer
         self.window.commands.pictures._write_picture(dialog)
         yield path.exists
