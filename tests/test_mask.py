@@ -127,6 +127,15 @@ def test_a_label_that_is_none_is_one_sentence(named: str, sentence: str) -> None
         mv.VertexMap("lobe", np.array([1.0, 2.0, 0.0, 1.0]), labels=LOBES).mask(named)
 
 
+def test_one_of_several_maps_is_named(tmp_path: Path) -> None:
+    mesh, file = shapes.blob(2), tmp_path / "maps.npz"
+    x, _, z = mesh.vertices.T
+    np.savez(file, left=x < 0.0, top=z > 0.0)
+    np.testing.assert_array_equal(mv.read_mask(f"{file}:top", mesh), z > 0.0)
+    with pytest.raises(mv.InputError, match="has 2 maps, name one after a colon: left, top"):
+        mv.read_mask(file, mesh)
+
+
 def test_features_on_a_mask_from_the_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

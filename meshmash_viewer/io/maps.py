@@ -118,8 +118,8 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     ----------
     given : str or Path
         The file, of any format of `read_maps`. After a colon labels may follow, see
-        `VertexMap.mask`: "lh.aparc.annot:cuneus,lingual", "lh.aparc.annot:-unknown". Where the file
-        has several maps, the first one with these labels counts.
+        `VertexMap.mask`: "lh.aparc.annot:cuneus,lingual", "lh.aparc.annot:-unknown"; or the name
+        of one of several maps: "maps.npz:thickness".
     mesh : MeshLike
         The mesh that it is for.
 
@@ -144,8 +144,13 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     if not path.exists() and ":" in str(given):
         text, named = str(given).rsplit(":", 1)
         path = Path(text)
-    maps = read_maps(path, mesh)
-    faults = []
+    maps, faults = read_maps(path, mesh), list[str]()
+    chosen = tuple(each for each in maps if each.name == named)
+    if chosen:
+        maps, named = chosen, ""
+    elif len(maps) > 1 and not named:
+        names = ", ".join(each.name for each in maps)
+        raise InputError(f"{path} has {len(maps)} maps, name one after a colon: {names}.")
     for each in maps:
         try:
             return as_mesh(mesh).with_maps(each).maps[-1].mask(named)
