@@ -36,6 +36,16 @@ def test_a_turned_permuted_and_noisy_copy_is_matched(noise: float, level: int) -
     assert np.mean(found.matches.indices == there) >= np.mean(start.matches.indices == there)
 
 
+def test_the_matches_back_are_those_of_the_inverse_map() -> None:
+    mesh = shapes.blob(3)
+    copy, there = shapes.moved_copy(mv.Mesh(mesh.vertices * [1.0, 1.15, 0.9], mesh.faces))
+    first, second = pairs_of(mesh, 40), pairs_of(copy, 40)
+    found = mv.compare_shapes(first, second, refine=True)
+    back = found.back.indices[there]  # of the copy of each vertex
+    away = np.linalg.norm(mesh.vertices[back] - mesh.vertices, axis=1) / np.sqrt(mesh.area)
+    assert away.mean() < 0.03
+
+
 def test_the_map_of_a_shape_to_itself_is_the_identity() -> None:
     pairs = pairs_of(shapes.blob(3), 30)
     found = mv.functional_map(pairs, pairs, n_functions=20)
