@@ -13,7 +13,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import counted
 
-#: Most labels in use of a map, as the colour table of the surface has that many entries.
+#: Most labels of a map, as the colour table of the surface has that many entries.
 MOST_LABELS = 512
 #: Characters of a name.
 _LONGEST = 60
@@ -52,7 +52,7 @@ class VertexMap:
         float64, with `labels` as int64, and read-only.
     labels : tuple of Label
         Names of the numbers, if these are labels of parts of the surface. A vertex whose number
-        has no label has no value. Unused labels, and repeated ones of a number, are removed.
+        has no label has no value. Some may have no vertex; repeated ones of a number are removed.
     unit : str
         Unit of the values; "" for none, or not stated.
     path : str
@@ -62,7 +62,7 @@ class VertexMap:
     ------
     InputError
         If the values are text, complex, infinite, none at all, or not one a vertex; or if there are
-        more than `MOST_LABELS` labels in use.
+        more than `MOST_LABELS` labels.
 
     Examples
     --------
@@ -82,12 +82,13 @@ class VertexMap:
         object.__setattr__(self, "name", name)
         values = _checked(np.asarray(self.values), name, bool(self.labels))
         if self.labels:
-            labels = _in_use(self.labels, values)
-            if not labels:
-                raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
+            first: dict[int, Label] = {}
+            for label in self.labels:
+                first.setdefault(label.key, label)
+            labels = tuple(first.values())
             if len(labels) > MOST_LABELS:
                 raise InputError(
-                    f"Map {name!r} has {len(labels):,} labels in use, and {MOST_LABELS} can be"
+                    f"Map {name!r} has {len(labels):,} labels, and {MOST_LABELS} can be"
                     " distinguished by colour: join some of them."
                 )
             object.__setattr__(self, "labels", labels)
@@ -160,12 +161,13 @@ class VertexMap:
         names = ", ".join(each.name or str(each.key) for each in self.labels[:_NAMED]) or "no label"
         more = ", …" if len(self.labels) > _NAMED else ""
         inside = np.zeros(self.n_vertices, dtype=np.bool_)
-        for one in filter(None, map(str.strip, named.removeprefix("-").split(","))):
+        asked = [one for each in named.removeprefix("-").split(",") if (one := each.strip())]
+        for one in asked:
             keys = [each.key for each in self.labels if one in (each.name, str(each.key))]
             if not keys:
                 raise InputError(f"Map {self.name!r} has no label {one!r}: it has {names}{more}.")
             inside |= np.isin(self.values, keys)
-        if not inside.any():
+        if not asked:
             raise InputError(f"Map {self.name!r} has several labels, name one: {names}{more}.")
         return np.asarray(~inside if named.startswith("-") else inside)
 
@@ -196,14 +198,10 @@ def named_apart(maps: Sequence[VertexMap], taken: Sequence[str] = ()) -> tuple[V
     return tuple(result)
 
 
-def _in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[Label, ...]:
-    """The labels that some vertex has, each number once."""
+def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[Label, ...]:
+    """Return the labels that some vertex has, as tables of files have many others."""
     used = set(np.unique(values).tolist())
-    first: dict[int, Label] = {}
-    for label in labels:
-        if label.key in used:
-            first.setdefault(label.key, label)
-    return tuple(first.values())
+    return tuple(label for label in labels if label.key in used)
 
 
 def _checked(values: npt.NDArray[Any], name: str, labelled: bool) -> npt.NDArray[Any]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.mesh import MeshLike, as_mesh
-from meshmash_viewer.vertex_map import Label, VertexMap
+from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
 #: Maps that are taken of one file.
 MOST_MAPS = 64
@@ -41,7 +41,7 @@ class RawMap:
         return -1 if self.rows is None else int(self.rows.max())
 
     def checked(self, n_vertices: int, path: Path | None = None) -> VertexMap:
-        """Convert to a map of a mesh with n vertices.
+        """Convert to a map of a mesh with n vertices, without unused labels.
 
         `InputError` is raised as by `VertexMap`, and if it names a vertex that does not exist.
         """
@@ -56,7 +56,10 @@ class RawMap:
         if self.rows is not None:
             values = np.full(n_vertices, 0.0 if labels else np.nan)
             values[self.rows] = self.values
-        labels = tuple(replace(label, name=label.name or name) for label in labels)
+        used = labels_in_use(labels, values)
+        if labels and not used:
+            raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
+        labels = tuple(replace(label, name=label.name or name) for label in used)
         return VertexMap(name, values, labels, path=origin)
 
 

@@ -14,6 +14,7 @@ from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTabl
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.io.raw import RawMap
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
 
@@ -81,7 +82,7 @@ def test_labels_in_use_are_known(name: str, kind: str, tmp_path: Path) -> None:
     labels = table(keys)
     path = tmp_path / f"lh.parts.{kind.split()[-1]}"
     if kind == "library":
-        found = VertexMap("parts", values, labels)
+        found = RawMap("parts", values, labels).checked(N)
     elif kind == "label.gii":
         gifti(path, [("NIFTI_INTENT_LABEL", values.astype(np.int32))], labels)
         (found,) = read_maps(path, MESH)
@@ -106,10 +107,20 @@ def test_labels_in_use_are_known(name: str, kind: str, tmp_path: Path) -> None:
 
 def test_more_labels_in_use_than_colors_are_refused() -> None:
     values = np.arange(N) % (MOST_LABELS + 1)
-    with pytest.raises(InputError, match=r"513 labels in use, and 512 can be distinguished"):
-        VertexMap("parts", values, table(np.arange(2000)))
+    with pytest.raises(InputError, match=r"513 labels, and 512 can be distinguished"):
+        RawMap("parts", values, table(np.arange(2000))).checked(N)
     with pytest.raises(InputError, match="no vertex with a label"):
-        VertexMap("parts", values + 5000, table(np.arange(2000)))
+        RawMap("parts", values + 5000, table(np.arange(2000))).checked(N)
+
+
+def test_labels_may_wait_for_their_vertices() -> None:
+    labels = table(np.arange(1, 4))
+    found = VertexMap("parts", np.zeros(N), labels)
+    assert found.labels == labels
+    assert np.isnan(found.shown).all()
+    assert (found.n_values, found.signed, found.range) == (0, False, (0.0, 0.0))
+    assert not found.mask("part 2").any()
+    assert found.at(np.arange(N) < 5).labels == labels
 
 
 def test_the_first_label_of_a_number_counts() -> None:

@@ -138,6 +138,22 @@ def test_labels_have_the_colours_of_their_own(rectangle: Mesh) -> None:
     assert field.colors(document.display) == ((-0.5, 1.5, False), ("#ff0000", "#00ff00"))
 
 
+def test_labels_without_a_vertex_have_colours_too(rectangle: Mesh) -> None:
+    labels = (Label(1, "a", "#ff0000"), Label(2, "b", "#00ff00"))
+    mesh = rectangle.with_maps(VertexMap("parts", np.zeros(rectangle.n_vertices), labels))
+    document = Document()
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    document.display.show(OwnMaps(chosen="parts"))
+    field = compute_field(request_of(document), LiveFeatures())
+    field.prepare_colors(None)
+    limits, colors = field.colors(document.display)
+    assert (limits, colors) == ((-0.5, 1.5, False), ("#ff0000", "#00ff00"))
+    assert (field.beyond(limits), field.value_text(0)) == ((False, False), "no value")
+    kept = field.as_map()
+    assert [each.name for each in kept.labels] == ["a", "b"]
+    assert np.isnan(kept.shown).all()
+
+
 @pytest.mark.parametrize(
     ("view", "text"), [("residual", "1"), ("filter", "x >= c"), ("pairs", "1")]
 )
