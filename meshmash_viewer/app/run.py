@@ -30,8 +30,11 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
     from meshmash_viewer.mesh import MeshLike
 
-#: What the window waits for.
-_LIBRARIES = (
+#: Libraries that the window waits for and that define no class of Qt objects.
+_LIBRARIES = ("pyvista.plotting", "meshmash_viewer.app.view.mesh_renderer")
+#: Modules that do. PySide looks up the class of an object without the interpreter lock, in a table
+#: that each new class changes: defined in another thread, now and then one ended the process.
+_WIDGETS = (
     "meshmash_viewer.app.view.mesh_view",
     "meshmash_viewer.app.panels.spectrum_panel",
     "meshmash_viewer.app.panels.profile_panel",
@@ -258,6 +261,8 @@ def load_libraries(window: MainWindow) -> None:
         try:
             if fault is not None:
                 raise fault
+            for name in _WIDGETS:
+                importlib.import_module(name)
             window.load()
         except Exception as error:  # noqa: BLE001  shown in the message bar
             _say_missing(window, error)

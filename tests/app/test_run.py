@@ -27,6 +27,48 @@ from meshmash_viewer.samples import sample_path
 PATIENCE = 60_000
 
 
+#: Opens a window, and prints the classes of Qt objects that another thread has defined.
+_CLASSES = """
+import builtins, sys, threading
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtWidgets import QApplication
+
+define, elsewhere = builtins.__build_class__, []
+
+def noted(*given, **named):
+    made = define(*given, **named)
+    in_interface = threading.current_thread() is threading.main_thread()
+    if isinstance(made, type) and issubclass(made, QObject) and not in_interface:
+        elsewhere.append(made)
+    return made
+
+def look():
+    if window.loaded:
+        window.close()
+        QApplication.exit()
+
+builtins.__build_class__ = noted
+from meshmash_viewer.app import run
+from meshmash_viewer.app.main_window import MainWindow
+
+app = run.application()
+window = MainWindow(fresh=True, deferred=True)
+window.show()
+run.load_libraries(window)
+timer = QTimer(interval=20)
+timer.timeout.connect(look)
+timer.start()
+app.exec()
+print(window.loaded, elsewhere)
+"""
+
+
+def test_classes_of_qt_objects_are_defined_in_the_thread_of_the_interface() -> None:
+    command = [sys.executable, "-c", _CLASSES]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
+    assert done.stdout.split("\n")[0] == "True []"
+
+
 def test_the_application_opens_a_mesh_and_ends_when_its_window_is_closed(
     qtbot: QtBot, tmp_path: Path
 ) -> None:

@@ -159,7 +159,7 @@ class KilledWindows:
         with self._window(file) as process:
             ends = time.monotonic() + _PATIENCE
             while not file.exists() or b"\n" not in file.read_bytes():
-                assert process.poll() is None, f"the window has ended: {process.returncode}"
+                assert process.poll() is None, (process.returncode, self._said())
                 assert time.monotonic() < ends, "the window has not opened the file"
                 time.sleep(0.05)
             restored = json.loads(file.read_bytes().splitlines()[0])["state"]
@@ -190,11 +190,16 @@ class KilledWindows:
             lost = max(lost, self.killed_at - current[-1])
         return lost
 
+    def _said(self) -> str:
+        """What the window has written, such as where it crashed."""
+        return (self.folder / "said.txt").read_text(errors="replace")
+
     @contextmanager
     def _window(self, log: Path) -> Iterator[subprocess.Popen[bytes]]:
         folders = ("HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "MESHMASH_CACHE")
         own = {name: str(self.folder / "cache") for name in folders}
-        command = [sys.executable, str(self.folder / "window.py"), str(self.mesh), str(log)]
+        program = [sys.executable, "-X", "faulthandler", str(self.folder / "window.py")]
+        command = [*program, str(self.mesh), str(log)]
         command.append(str(self.rng.integers(1 << 30)))
         with (
             (self.folder / "said.txt").open("wb") as said,
