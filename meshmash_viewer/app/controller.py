@@ -70,7 +70,10 @@ class Controller(QObject):
         listen(document.mesh_changed, self.show_mesh)
         listen(document.pins.changed, self._show_pins)
         events = document.display.events
-        requested = events.kind, events.fields, document.spectrum_changed, document.mesh_changed
+        requested = (
+            events.kind, events.fields, document.spectrum_changed, document.mesh_changed,
+            document.pins.changed,
+        )  # fmt: skip
         listen(requested, self.refresh)
         colors = events.policies, events.diverging_colormap, events.sequential_colormap
         listen(events.hide_small, self._hide)

@@ -22,6 +22,7 @@ from meshmash_viewer.model.limits import (
     logarithmic_limits,
     spans_decades,
 )
+from meshmash_viewer.model.pins import pin_at
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import engineering, format_quantity, plain_text, round_length
@@ -55,11 +56,18 @@ class FieldRequest:
     #: Which vertices are hidden, and do not count for limits; compared by whether there are any.
     hidden: npt.NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)
     hides: bool = False
+    #: Name of the pin of the vertex that the field starts from; "" for none.
+    pin: str = ""
 
     @property
     def description(self) -> Description:
         """Texts of the field, which may be more precise once it is computed."""
-        return self.family.describe(self.spectrum, self.unit)
+        texts = self.family.describe(self.spectrum, self.unit)
+        vertex = _vertex(self.family)
+        if not self.pin or vertex is None:
+            return texts
+        quantity = texts.quantity.replace(self.spectrum.named_vertex(vertex), self.pin, 1)
+        return replace(texts, quantity=quantity)
 
     @property
     def caption(self) -> str:
@@ -364,6 +372,7 @@ def request_of(document: Document) -> FieldRequest | None:
     chosen = shown_family(display)
     if chosen.needs_pairs and not len(spectrum):
         return None
+    pin = pin_at(document.pins.placed, _vertex(chosen))
     return FieldRequest(
         spectrum,
         ready.mesh.unit,
@@ -372,7 +381,15 @@ def request_of(document: Document) -> FieldRequest | None:
         places=ready.mesh.vertices,
         hidden=document.hidden,
         hides=document.hidden is not None,
+        pin="" if pin is None else pin.name,
     )
+
+
+def _vertex(family: Family) -> int | None:
+    """Return the vertex that the field of a family starts from, if there is one."""
+    names = (name for name, each in family.declared().items() if each.vertex and not each.many)
+    vertex: int | None = getattr(family, next(names, ""), None)
+    return vertex
 
 
 def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:

@@ -37,7 +37,7 @@ def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
     the one nearest to the position.
     """
     size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    positions = _positions(mesh, table)
+    positions, reading = _positions(mesh, table)
     near, far = _nearest(mesh, positions)
     pins: dict[int, tuple[int, str, str]] = {}
     faults: list[str] = []
@@ -58,7 +58,7 @@ def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
             continue
         repeated += vertex in pins
         pins.setdefault(vertex, (vertex, table.names[row], color))
-    remarks = []
+    remarks = [reading] if reading else []
     if disagreeing:
         remarks.append(f"{counted(disagreeing, 'position')} not at the index: the position counts.")
     if farthest > _AGREES * size:
@@ -88,15 +88,19 @@ def _vertex_of(mesh: Mesh, index: int, position: FloatArray, agrees: float) -> i
     return -1
 
 
-def _positions(mesh: Mesh, table: PinTable) -> FloatArray:
-    """Return the positions in the unit of the mesh, shape (n, 3); they may be given in voxels."""
+def _positions(mesh: Mesh, table: PinTable) -> tuple[FloatArray, str]:
+    """Return positions in the unit of the mesh, shape (n, 3), and a remark if they had none.
+
+    Without a unit they may be in voxels: what is nearer to the mesh counts.
+    """
     positions = table.positions
     if table.unit and mesh.unit:
-        return positions * 10.0 ** (METRES[table.unit] - METRES[mesh.unit])
+        return positions * 10.0 ** (METRES[table.unit] - METRES[mesh.unit]), ""
     if mesh.voxel == NO_VOXEL or not np.isfinite(positions).any():
-        return positions
-    both = positions, positions * mesh.voxel
-    return min(both, key=lambda each: float(np.nanmedian(_nearest(mesh, each)[1])))
+        return positions, ""
+    both = {mesh.unit: positions, "voxels": positions * mesh.voxel}
+    read = min(both, key=lambda each: float(np.nanmedian(_nearest(mesh, both[each])[1])))
+    return both[read], f"Positions are read in {read}."
 
 
 def _nearest(mesh: Mesh, positions: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -115,23 +119,27 @@ def _nearest(mesh: Mesh, positions: FloatArray) -> tuple[IntArray, FloatArray]:
 def merged_pins(
     pins: Sequence[Pin], placed: Sequence[tuple[int, str, str]]
 ) -> tuple[tuple[Pin, ...], str]:
-    """Return pins with more of them, and a remark on doubled names.
+    """Return pins with more of them, and a remark on names that are doubled or replaced.
 
     One at a pinned vertex changes the name and the colour of that pin, if it has any.
     """
     merged = {pin.vertex: pin for pin in pins}
     taken, names = {pin.number for pin in pins}, {pin.name for pin in pins}
     numbers = (number for number in count(1) if number not in taken)
-    doubled = []
+    doubled, renamed = [], []
     for vertex, given, color in placed:
         pin = merged.get(vertex) or Pin(vertex, next(numbers))
         name = distinct_name(given, names - {pin.name} if given == pin.name else names)
         names.add(name)
         if name != distinct_name(given, ()):
             doubled.append(f"{distinct_name(given, ())} is {name}")
+        if name and pin.name and name != pin.name:
+            renamed.append(f"{pin.name} is {name}")
         merged[vertex] = replace(pin, name=name or pin.name, own_color=color or pin.own_color)
-    remark = ""
-    if doubled:
-        more = f" and {len(doubled) - 1:,} more" if len(doubled) > 1 else ""
-        remark = f"Names that are taken have a number: {doubled[0]}{more}."
-    return tuple(merged.values()), remark
+    heads = {"Names that are taken have a number": doubled, "Pins are renamed": renamed}
+    remarks = [
+        f"{head}: {rows[0]}{f' and {len(rows) - 1:,} more' if len(rows) > 1 else ''}."
+        for head, rows in heads.items()
+        if rows
+    ]
+    return tuple(merged.values()), " ".join(remarks)

@@ -140,8 +140,13 @@ def test_positions_in_voxels_and_far_away() -> None:
         assert nearest_vertex(voxels, *voxels.vertices[at])[0] == at
     # a unit leaves no choice: three of the mesh's are not three voxels
     at = voxels.vertices[7] / voxels.voxel
-    assert nearest_vertex(voxels, *at)[0] == 7
-    assert "is 0" not in nearest_vertex(voxels, *at, voxels=False)[1]
+    vertex, remark = nearest_vertex(voxels, *at)
+    assert vertex == 7
+    assert remark.endswith("from that position, read in voxels.")
+    assert nearest_vertex(voxels, *voxels.vertices[7])[1].endswith(", read in nm.")
+    remark = nearest_vertex(voxels, *at, voxels=False)[1]
+    assert "is 0" not in remark
+    assert remark.endswith("from that position.")
     with pytest.raises(InputError, match="far from the mesh, which lies between"):
         nearest_vertex(voxels, 1e9, 0.0, 0.0)
 

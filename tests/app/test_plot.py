@@ -64,6 +64,16 @@ def test_an_axis_is_labelled_in_a_unit_that_suits_its_range_upright(qtbot) -> No
     )
 
 
+def test_an_axis_of_thousands_of_indices_becomes_logarithmic(qtbot) -> None:
+    plot = Plot("plot", "A plot")
+    qtbot.addWidget(plot)
+    plot.setXRange(0.0, 6000.0)
+    plot.set_log(True, False)
+    plot.set_labels("λ (nm⁻²)", "Response")
+    plot.setXRange(-9.0, -6.0)
+    assert plot.getAxis("bottom").labelUnits == "µm⁻²"
+
+
 def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:
     plot = Plot("plot", "A plot")
     qtbot.addWidget(plot)

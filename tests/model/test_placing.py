@@ -69,7 +69,10 @@ def test_positions_are_read_in_units_and_voxels(ball: Mesh, tmp_path: Path) -> N
     voxels = Mesh(ball.vertices, ball.faces).in_voxels((4.0, 4.0, 40.0), "nm")
     for mesh in (ball, voxels):
         text = f"x,y,z\n{row(mesh, 7)}\n{row(mesh, 300)}\n"
-        assert [pin[0] for pin in placed(voxels, tmp_path, text).pins] == [7, 300]
+        found = placed(voxels, tmp_path, text)
+        assert [pin[0] for pin in found.pins] == [7, 300]
+        read = "voxels" if mesh is ball else "nm"
+        assert found.remarks == (f"Positions are read in {read}.",)
 
 
 def test_indices_are_those_of_the_file(tmp_path: Path) -> None:
@@ -140,6 +143,7 @@ def test_pins_are_added_to_those_there_are() -> None:
     )  # fmt: skip
     assert remark == "Names that are taken have a number: soma is soma 2 and 1 more."
     assert merged_pins(merged, [(3, "soma", "")]) == (merged, "")
+    assert merged_pins(merged, [(3, "cell body", "")])[1] == "Pins are renamed: soma is cell body."
 
 
 def test_scripts_give_indices_or_positions() -> None:

@@ -82,16 +82,20 @@ def nearest_vertex(
 ) -> tuple[int, str]:
     """Find the vertex nearest to a position in the mesh's unit or in its voxels, and a remark.
 
-    That is its distance from the position. `InputError` is raised if the position is farther from
-    the mesh than the mesh is large.
+    That is its distance from the position, and in which of both the position was read, if it may
+    be either. `InputError` is raised if the position is farther from the mesh than the mesh is
+    large.
     """
     position, used = np.array([x, y, z]), np.flatnonzero(mesh.referenced)
     places = mesh.vertices[used]
+    readings = {"": position}
+    if voxels and mesh.voxel != NO_VOXEL:
+        readings = {f", read in {mesh.unit}": position, ", read in voxels": position * mesh.voxel}
     found = []
-    for at in (position, position * mesh.voxel) if voxels else (position,):
+    for reading, at in readings.items():
         squared = ((places - at) ** 2).sum(axis=1)
-        found.append((float(squared.min()), int(used[squared.argmin()])))
-    squared_distance, vertex = min(found)
+        found.append((float(squared.min()), int(used[squared.argmin()]), reading))
+    squared_distance, vertex, reading = min(found)
     distance = math.sqrt(squared_distance)
     if not distance <= float(np.linalg.norm(np.ptp(places, axis=0))):
         low, high = (format_position(each, 7) for each in (places.min(axis=0), places.max(axis=0)))
@@ -101,4 +105,4 @@ def nearest_vertex(
             + ": check its unit."
         )
     name = mesh.named_vertex(vertex).capitalize()
-    return vertex, f"{name} is {format_quantity(distance, mesh.unit)} from that position."
+    return vertex, f"{name} is {format_quantity(distance, mesh.unit)} from that position{reading}."

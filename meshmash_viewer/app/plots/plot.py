@@ -98,6 +98,8 @@ def _named(label: str) -> tuple[str, str]:
 _CLOSEST = 44.0, 18.0
 #: A label as wide as those of the left axis get.
 _WIDEST = "−2.5×10⁻⁵"
+#: Largest power of ten of a number, about.
+_POWERS = 300.0
 
 
 class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
@@ -131,7 +133,9 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
     def updateAutoSIPrefix(self) -> None:
         """Choose the unit that suits the range; pyqtgraph's own prefixes fit no nm⁻²."""
         low, high = self.range
-        size = 10.0 ** ((low + high) / 2.0) if self.logMode else max(abs(low), abs(high))
+        # the range may be that of an axis of indices before, whose powers are no numbers
+        power = min(max((low + high) / 2.0, -_POWERS), _POWERS)
+        size = 10.0**power if self.logMode else max(abs(low), abs(high))
         exponent, written = engineering(size, self.unit)
         self.autoSIPrefixScale: float = 10.0**exponent
         self.labelUnits: str = written
