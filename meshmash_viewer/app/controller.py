@@ -69,6 +69,7 @@ class Controller(QObject):
         self._tables = LatestThread(self._prepare, self._improve, _REST, self)
         listen(document.mesh_changed, self.show_mesh)
         listen(document.pins.changed, self._show_pins)
+        listen(document.selection.changed, self._show_selection)
         events = document.display.events
         requested = (
             events.kind, events.fields, document.spectrum_changed, document.mesh_changed,
@@ -229,6 +230,7 @@ class Controller(QObject):
             camera = self._view.camera()
             self._view.set_mesh(ready.mesh, ready.normals, self._document.hidden)
             self._show_pins()
+            self._show_selection()
             self._shown = None
             if before is not None and before.vertices is ready.mesh.vertices and camera:
                 self._view.set_camera(camera)
@@ -241,3 +243,7 @@ class Controller(QObject):
 
     def _show_pins(self) -> None:
         self._view.set_pins(self._document.pins.placed)
+
+    def _show_selection(self) -> None:
+        if self._view.mesh is self._document.mesh:
+            self._view.set_selected(self._document.selection.mask)

@@ -13,7 +13,7 @@ from psygnal import Signal
 
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.session import Session, read_session
+from meshmash_viewer.io.session import Session, packed_mask, read_session, unpacked_mask
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
@@ -22,7 +22,9 @@ from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.pins import Pin, free_number
+from meshmash_viewer.model.selection import mask_in_file, mask_of_file
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.surface.masks import Mask
 
 
 def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = None) -> Session:
@@ -32,6 +34,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     """
     mesh, ready, pins = document.mesh, document.ready, document.pins.placed
     assert mesh is not None and ready is not None  # noqa: PT018  one has the other
+    selected = document.selection.mask
     second = None if pair is None or pair.second.path is None else pair.second
     return Session(
         mesh_path=str(document.path or ""),
@@ -48,6 +51,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         pin_numbers=[pin.number for pin in pins],
         pin_names=[pin.name for pin in pins],
         pin_colors=[pin.own_color for pin in pins],
+        selection=packed_mask(None if selected is None else mask_in_file(mesh, selected)),
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
@@ -166,6 +170,7 @@ class Restoration:
                 f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
             )
         document.pins.set("pins", pins)
+        document.selection.put(self._mask(session.selection, "selection"))
         for place, index in display_from_json(document.display, self._display, self._place):
             self._warn(
                 f"{self._path.name} has display.{place} = {index}, which {document.path}"
@@ -186,6 +191,17 @@ class Restoration:
                 number = free_number(tuple(pins.values()), number or 0)
                 pins[vertex] = Pin(vertex, number, name or "", color or "")
         return tuple(pins.values())
+
+    def _mask(self, text: str, entry: str) -> Mask | None:
+        """The vertices of the mesh that the session means by packed ones, if there are any."""
+        mesh = self._document.mesh
+        assert mesh is not None
+        try:
+            in_file = unpacked_mask(text, mesh.n_file_vertices)
+        except InputError as fault:
+            self._warn(f"{self._path.name} has as {entry} {fault}: it is left out.")
+            return None
+        return None if in_file is None else mask_of_file(mesh, in_file)
 
     def _place(self, index: int) -> int | None:
         """The vertex of the mesh that the session means by an index; None if there is none."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.parameter import (
@@ -57,6 +62,18 @@ class _Color(Text):
         text = super().__call__(value)
         if text and not re.fullmatch("#[0-9A-Fa-f]{6}", text):
             raise Refused('a colour such as "#E69F00"', value)
+        return text
+
+
+class _Mask(Text):
+    """Vertices as `packed_mask` writes them, or none."""
+
+    def __call__(self, value: object) -> str:
+        text = super().__call__(value)
+        try:
+            zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 1)
+        except (ValueError, zlib.error) as fault:
+            raise Refused("packed vertices, as the program writes them", value) from fault
         return text
 
 
@@ -115,6 +132,8 @@ class Session(Parameters):
     #: Names and colours that were given to them, "" for none.
     pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
     pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
+    #: The selected vertices, by their index in the file, as `packed_mask` writes them.
+    selection: str = parameter("", _Mask(_LARGEST))
     #: Name of a file next to this one with maps that are in no other; "" for none.
     kept_maps: str = parameter("", Text(200))
     #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
@@ -204,6 +223,30 @@ def read_session(path: str | Path) -> Session:
     for name in ("maps", "second_maps"):
         session[name] = [os.path.normpath(folder / each) for each in session.get(name, ())]
     return Session(**session)
+
+
+def packed_mask(mask: npt.NDArray[np.bool_] | None) -> str:
+    """Write a mask as text, "" for None: bits, compressed, in base 64."""
+    if mask is None:
+        return ""
+    return base64.b64encode(zlib.compress(np.packbits(mask).tobytes(), 1)).decode()
+
+
+def unpacked_mask(text: str, n: int) -> npt.NDArray[np.bool_] | None:
+    """Read what `packed_mask` wrote of a mask of shape (n,); None for "".
+
+    `InputError` is raised if it is of another length.
+    """
+    if not text:
+        return None
+    size = -(-n // 8)
+    try:
+        bits = zlib.decompressobj().decompress(base64.b64decode(text), size + 1)
+    except zlib.error:
+        bits = b""
+    if len(bits) != size:
+        raise InputError(f"vertices of a mesh that has not {n:,} of them")
+    return np.unpackbits(np.frombuffer(bits, np.uint8), count=n).astype(np.bool_)
 
 
 def _relative(name: str, folder: Path) -> str:

@@ -24,6 +24,7 @@ from meshmash_viewer.model.notices import Notice, Notices
 from meshmash_viewer.model.open_mesh import OpenMesh, Shown
 from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
 from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.selection import Selection, followed_mask
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
 from meshmash_viewer.model.work import Work
 from meshmash_viewer.quantities import parse_unit
@@ -60,11 +61,12 @@ class Document(OpenMesh):
         self.display = Display()
         self.notices = Notices()
         self.work = Work()
-        #: Changes by the user: of mesh, pins, signs, colours and limits.
+        #: Changes by the user: of mesh, pins, selection, signs, colours and limits.
         self.history = History()
         self.history.keep("mesh", lambda: self.maps.settled(), self._restore_mesh, self._is_ready)
         self._keep_display()
         self.pins = Pins(self, self.history)
+        self.selection = Selection(self, self.history)
         self.maps = Maps(self, self.display, self.history, self.notices)
         self.solve = Solve(self, self.work)
         self.work.finished.connect(self._on_finished)
@@ -248,9 +250,13 @@ class Document(OpenMesh):
         n_pins, unit = len(self.pins.placed), self.unit_text
         if self._undoing:
             self._undoing = False
-            pins = followed_pins(self.pins.placed, before, ready.mesh)
-            shown = Shown(ready, ready.known)
-            parts = {"mesh": shown, "pins": pins, "signs": frozenset(), "rotation": ()}
+            parts = {
+                "mesh": Shown(ready, ready.known),
+                "pins": followed_pins(self.pins.placed, before, ready.mesh),
+                "selection": followed_mask(self.selection.mask, before, ready.mesh),
+                "signs": frozenset(),
+                "rotation": (),
+            }
             self.history.complete(parts)
             self.history.undo()
             return
@@ -293,6 +299,7 @@ class Document(OpenMesh):
         self._preview = None
         pins = self.pins.placed
         self.pins.placed = () if before is None else followed_pins(pins, before, ready.mesh)
+        self.selection.follow(before, ready.mesh)
         n_components = ready.health.n_components
         display = self.display
         display.put(
@@ -314,6 +321,7 @@ class Document(OpenMesh):
     def _emit_all(self) -> None:
         self.mesh_changed.emit()
         self.pins.changed.emit()
+        self.selection.changed.emit()
         self.spectrum_changed.emit()
 
     def accept_spectrum(self, spectrum: Eigenpairs) -> None:

@@ -17,6 +17,8 @@ ColorMap: TypeAlias = str | tuple[str, ...]
 
 #: Colour of vertices without a value: a grey that no colour map has.
 NAN_COLOR = "#8c8c8c"
+#: Colour that is mixed into selected vertices.
+SELECTION_COLOR = "#ff2bd6"
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,8 @@ class MeshRenderer:
         self._bounds = np.zeros((2, 3))
         #: Which vertices are hidden, with their faces; None for none.
         self.hidden: npt.NDArray[np.bool_] | None = None
+        #: Which vertices are drawn as selected; None for none.
+        self.selected: npt.NDArray[np.bool_] | None = None
         #: Displayed points relative to `centre` and normals, if they are not those of the mesh.
         self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
         self.view: View | None = None
@@ -114,7 +116,7 @@ class MeshRenderer:
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
-        self.hidden = None
+        self.hidden = self.selected = None
         self.caption, self._pins, self.shape_text = None, (), ""
         if mesh is None:
             self.mesh = self.normals = self.view = None
@@ -138,6 +140,12 @@ class MeshRenderer:
             visible = np.flatnonzero(self.mesh.referenced & ~hidden)
             chosen = visible[:: max(1, len(visible) // _SAMPLED)]
             self.sample = geometry.points[chosen] + self.centre
+
+    def set_selected(self, selected: npt.NDArray[np.bool_] | None) -> None:
+        """Draw vertices as selected; None for none."""
+        if self.surface is not None:
+            self.selected = selected
+            self.surface.select(selected)
 
     def move(
         self,
@@ -302,6 +310,7 @@ class MeshRenderer:
         assert self._coarse_mesh is not None
         chosen = self._coarse_mesh.representatives
         self.coarse.write(self.surface.values[chosen])
+        self.coarse.select(None if self.selected is None else self.selected[chosen])
         points, normals = self.drawn
         self.coarse.move(points[chosen], normals[chosen])
 
@@ -400,6 +409,7 @@ class MeshRenderer:
             other.move(*self.moved)
             other.shape_text = self.shape_text
         other.set_hidden(self.hidden)
+        other.set_selected(self.selected)
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
         if self.caption is not None:
             other.surface.write(self.surface.values)

@@ -216,6 +216,12 @@ class MeshView(QWidget):
         self.renderer.set_pins([(pin.vertex, pin.color, pin.label) for pin in pins])
         self.plotter.render()
 
+    def set_selected(self, selected: npt.NDArray[np.bool_] | None) -> None:
+        """Draw vertices as selected, a mask of shape (n,); None for none."""
+        if self.mesh is not None:
+            self.renderer.set_selected(selected)
+            self._moves()
+
     def set_theme(self, dark: bool) -> None:
         """Use the light or the dark theme."""
         self.renderer.set_theme(dark)

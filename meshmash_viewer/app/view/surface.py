@@ -13,7 +13,14 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyDa
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.annotations import Caption
-from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, RenderTheme, color_table, rgb
+from meshmash_viewer.app.view.colors import (
+    LIGHT,
+    NAN_COLOR,
+    SELECTION_COLOR,
+    RenderTheme,
+    color_table,
+    rgb,
+)
 from meshmash_viewer.vertex_map import MOST_LABELS
 
 #: Faces are lit from the eye's side in either orientation, since raw meshes mix both.
@@ -49,6 +56,21 @@ _LINES = """
     fragOutput0.rgb = mix(fragOutput0.rgb, lineColor, line);
   }
 """
+#: Stripes on the screen over selected vertices, with a dark line at their border: these differ from
+#: the colours of every map.
+_SELECTED = """
+  if (selectionShown > 0) {
+    vec2 change = vec2(dFdx(selectedVC), dFdy(selectedVC));
+    float edge = (selectedVC - 0.5) / max(length(change) * pixelsToPoint, 1e-6);
+    float along = mod((gl_FragCoord.x + gl_FragCoord.y) / pixelsToPoint, 8.0);
+    float stripe = smoothstep(0.0, 1.0, along) - smoothstep(4.0, 5.0, along);
+    float inside = smoothstep(-0.5, 0.5, edge);
+    fragOutput0.rgb = mix(fragOutput0.rgb, selectionColor, inside * (0.25 + 0.45 * stripe));
+    float border = length(change) > 0.0 ? 1.0 - smoothstep(0.5, 1.5, abs(edge)) : 0.0;
+    fragOutput0.rgb = mix(fragOutput0.rgb, vec3(0.06), border);
+  }
+"""
+_ON_LIGHT = _RIM + _LINES + _SELECTED
 #: Size of the table by which the graphics card colours the field: the largest number of labels;
 #: the 256 colours of a map are repeated. VTK's own colouring computes texture coordinates on the
 #: processor, which takes 25 ms for a million vertices.
@@ -62,15 +84,19 @@ _HIDE = """//VTK::PositionVC::Impl
 """
 _FIELD_IN = """//VTK::Normal::Dec
 in float fieldMC;
+in float selectedMC;
 out float fieldVC;
+out float selectedVC;
 flat out float labelVC;
 """
 _FIELD_THROUGH = """//VTK::Normal::Impl
   fieldVC = fieldMC;
+  selectedVC = selectedMC;
   labelVC = fieldMC;
 """
 _FIELD_OUT = """//VTK::Color::Dec
 in float fieldVC;
+in float selectedVC;
 flat in float labelVC;
 """
 #: Values are interpolated before they are coloured, so that large faces show the right colours.
@@ -115,12 +141,17 @@ class Surface:
         self.data.SetPoints(vtkPoints())
         self.data.SetPolys(cells)
         self.data.GetPointData().AddArray(self._array)
+        self._selected = np.zeros(len(points), dtype=np.float32)
+        self._selected_array = numpy_to_vtk(self._selected)
+        self._selected_array.SetName("selected")
+        self.data.GetPointData().AddArray(self._selected_array)
         self.move(points, normals)
         self._mapper = vtkPolyDataMapper()
         self._mapper.SetInputData(self.data)
         self._mapper.ScalarVisibilityOff()
         points_have_it = vtkDataObject.FIELD_ASSOCIATION_POINTS
-        self._mapper.MapDataArrayToVertexAttribute("fieldMC", "field", points_have_it, -1)
+        for variable, array in (("fieldMC", "field"), ("selectedMC", "selected")):
+            self._mapper.MapDataArrayToVertexAttribute(variable, array, points_have_it, -1)
         self.actor = vtkActor()
         self.actor.SetMapper(self._mapper)
         look = self.actor.GetProperty()
@@ -130,13 +161,17 @@ class Surface:
         look.SetSpecularPower(25.0)
         shaders = self.actor.GetShaderProperty()
         shaders.AddFragmentShaderReplacement("//VTK::Normal::Impl", True, _FACING, False)
-        shaders.AddFragmentShaderReplacement("//VTK::Light::Impl", True, _RIM + _LINES, False)
+        shaders.AddFragmentShaderReplacement(
+            "//VTK::Light::Impl", True, _RIM + _LINES + _SELECTED, False
+        )
         shaders.AddVertexShaderReplacement("//VTK::Normal::Dec", True, _FIELD_IN, False)
         shaders.AddVertexShaderReplacement("//VTK::Normal::Impl", True, _FIELD_THROUGH, False)
         shaders.AddVertexShaderReplacement("//VTK::PositionVC::Impl", True, _HIDE, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Dec", True, _FIELD_OUT, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Impl", True, _FIELD_COLOR, False)
         self._uniforms = shaders.GetFragmentCustomUniforms()
+        self._uniforms.SetUniformi("selectionShown", 0)
+        self._uniforms.SetUniform3f("selectionColor", rgb(SELECTION_COLOR))
         self._uniforms.SetUniformi("fieldMissing", int(NAN_COLOR[1:], 16))
         self.set_scale(1.0)
         self.set_theme(LIGHT)
@@ -174,6 +209,14 @@ class Surface:
         """Leave out the faces of some vertices, which are those of whole components."""
         self._hidden = hidden
         self._show()
+
+    def select(self, selected: npt.NDArray[np.bool_] | None) -> None:
+        """Draw some vertices as selected; None for none."""
+        self._uniforms.SetUniformi("selectionShown", int(selected is not None))
+        if selected is not None:
+            self._selected[:] = selected  # in place: VTK has its address
+            self._selected_array.Modified()
+            self.data.Modified()
 
     def _show(self) -> None:
         shown = self._given

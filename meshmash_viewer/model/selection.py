@@ -1,0 +1,157 @@
+"""The selected vertices of the open mesh."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+from psygnal import Signal
+
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.history import History
+from meshmash_viewer.model.open_mesh import OpenMesh
+from meshmash_viewer.surface.masks import Mask, filled, grown, shrunk
+
+#: How vertices change the selection: they are selected alone, in addition, or no longer.
+How: TypeAlias = Literal["replace", "add", "remove"]
+
+
+class Selection:
+    """The selection; every change is recorded, those between `draw` and `finish` as one."""
+
+    changed = Signal()
+
+    def __init__(self, opened: OpenMesh, history: History) -> None:
+        self._opened, self._history = opened, history
+        #: Which vertices are selected, shape (n,), read-only; None where none is.
+        self.mask: Mask | None = None
+        self._drawing = False
+        history.keep("selection", lambda: self.mask, self._restore)
+
+    def put(self, mask: Mask | None) -> None:
+        """Replace the selection without a record."""
+        if mask is not None:
+            mask = checked_mask(mask, self._opened.mesh)
+        self.mask = mask
+        self.changed.emit()
+
+    def set(self, mask: Mask | None, label: str = "selection") -> None:
+        """Replace the selection as one change, whose label completes "Undo …"."""
+        self.finish()
+        if not same_mask(mask, self.mask):
+            self._history.record(label, "selection")
+            self.put(mask)
+
+    def draw(self, mask: Mask | None, label: str = "selection") -> None:
+        """Replace the selection as a part of one change, which `finish` ends."""
+        if not self._drawing:
+            if same_mask(mask, self.mask):
+                return
+            self._history.record(label, "selection")
+            self._drawing = True
+        self.put(mask)
+
+    def finish(self) -> None:
+        """End the change that `draw` began."""
+        if self._drawing:
+            self._drawing = False
+            self._history.changed.emit()
+
+    def take(self, mask: Mask, how: How = "replace", label: str = "selection") -> None:
+        """Select vertices alone or in addition, or select them no longer, as one change."""
+        self.set(combined(self.mask, mask, how), label)
+
+    def grow(self) -> None:
+        """Select the neighbours of the selected vertices as well."""
+        if self._opened.mesh is not None and self.mask is not None:
+            self.set(grown(self._opened.mesh, self.mask), "growing of the selection")
+
+    def shrink(self) -> None:
+        """Leave out the vertices at the border of the selection."""
+        if self._opened.mesh is not None and self.mask is not None:
+            self.set(shrunk(self._opened.mesh, self.mask), "shrinking of the selection")
+
+    def invert(self) -> None:
+        """Select the other vertices of the surface."""
+        if (mesh := self._opened.mesh) is not None:
+            rest = mesh.referenced if self.mask is None else mesh.referenced & ~self.mask
+            self.set(rest, "inversion of the selection")
+
+    def fill_holes(self) -> None:
+        """Select what the selection encloses, see `surface.masks.filled`."""
+        if self._opened.mesh is not None and self.mask is not None:
+            self.set(filled(self._opened.mesh, self.mask), "filling of holes")
+
+    def clear(self) -> None:
+        """Select nothing."""
+        self.set(None, "clearing of the selection")
+
+    def follow(self, before: Mesh | None, now: Mesh) -> None:
+        """Map the selection of another repair, or drop that of another file (None).
+
+        The caller emits `changed`.
+        """
+        mask = None if before is None else followed_mask(self.mask, before, now)
+        self.mask = None if mask is None else checked_mask(mask, now)
+
+    def _restore(self, mask: Mask | None) -> None:
+        self._drawing = False
+        self.put(mask)
+
+
+def combined(before: Mask | None, mask: Mask, how: How) -> Mask:
+    """Return a selection after vertices are selected alone, in addition, or no longer."""
+    if how == "replace":
+        return mask
+    if how == "add":
+        return mask if before is None else before | mask
+    return np.zeros_like(mask) if before is None else before & ~mask
+
+
+def same_mask(one: Mask | None, other: Mask | None) -> bool:
+    """Whether two selections have the same vertices; None is the one of none."""
+    if one is None or other is None:
+        return not any(mask is not None and mask.any() for mask in (one, other))
+    return np.array_equal(one, other)
+
+
+def checked_mask(mask: Mask, mesh: Mesh | None) -> Mask | None:
+    """Return a mask read-only, copied where needed; None where it is False everywhere.
+
+    `ValueError` is raised if it is not one bool for each vertex.
+    """
+    n = 0 if mesh is None else mesh.n_vertices
+    if mask.dtype != np.bool_ or mask.shape != (n,):
+        raise ValueError(
+            f"A selection is one bool for each of {n:,} vertices, not {mask.dtype} of shape"
+            f" {mask.shape}."
+        )
+    if not mask.any():
+        return None
+    if mask.flags.writeable:
+        mask = mask.copy()
+        mask.flags.writeable = False
+    return mask
+
+
+def mask_in_file(mesh: Mesh, mask: Mask) -> Mask:
+    """Return which vertices of the file a mask has, shape (n_file,); merged ones follow theirs."""
+    if mesh.numbering is None:
+        return mask
+    here = mesh.numbering.here
+    return (here >= 0) & mask[here]
+
+
+def mask_of_file(mesh: Mesh, in_file: Mask) -> Mask:
+    """Return which vertices of the mesh a mask of the vertices of its file has, shape (n,)."""
+    if mesh.numbering is None:
+        return in_file
+    here = mesh.numbering.here
+    result = np.zeros(mesh.n_vertices, dtype=np.bool_)
+    result[here[in_file & (here >= 0)]] = True
+    return result
+
+
+def followed_mask(mask: Mask | None, before: Mesh, now: Mesh) -> Mask | None:
+    """Map a mask of one mesh to another repair of the same file."""
+    return None if mask is None else mask_of_file(now, mask_in_file(before, mask))
