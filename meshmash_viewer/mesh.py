@@ -334,6 +334,11 @@ class Mesh:
         """The same mesh without the map of a name."""
         return self._but(maps=tuple(each for each in self.maps if each.name != name))
 
+    def with_changed_map(self, changed: VertexMap) -> Mesh:
+        """The same mesh with another map in the place of the one of its name."""
+        maps = (changed if each.name == changed.name else each for each in self.maps)
+        return self._but(maps=tuple(maps))
+
     def _fitted(self, given: VertexMap) -> VertexMap:
         """A map of these vertices, of one of these or of all that were read."""
         if given.n_vertices == self.n_vertices:

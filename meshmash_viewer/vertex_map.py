@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ _WITHIN = 0.01
 class Label:
     """A part of a surface: its number in the values, its name, its colour as "#rrggbb".
 
+    The window gives no vertex of a `locked` one to another label.
+
     Examples
     --------
     >>> lobes = (mv.Label(1, "frontal", "#4477aa"), mv.Label(2, "parietal", "#ee6677"))
@@ -37,6 +40,7 @@ class Label:
     key: int
     name: str
     color: str
+    locked: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +56,8 @@ class VertexMap:
         float64, with `labels` as int64, and read-only.
     labels : tuple of Label
         Names of the numbers, if these are labels of parts of the surface. A vertex whose number
-        has no label has no value. Some may have no vertex; repeated ones of a number are removed.
+        has no label, such as 0, has no value. There may be labels without a vertex; repeated ones
+        of a number are removed.
     unit : str
         Unit of the values; "" for none, or not stated.
     path : str
@@ -171,6 +176,12 @@ class VertexMap:
             raise InputError(f"Map {self.name!r} has several labels, name one: {names}{more}.")
         return np.asarray(~inside if named.startswith("-") else inside)
 
+    @property
+    def no_label(self) -> int:
+        """The number of vertices without a label: 0, or where that is a label, -1 and so on."""
+        keys = {label.key for label in self.labels}
+        return next(number for number in count(0, -1) if number not in keys)
+
     def at(self, kept: npt.NDArray[Any]) -> VertexMap:
         """The same for some of the vertices, by a mask or indices."""
         return VertexMap(self.name, self.values[kept], self.labels, self.unit, self.path)
@@ -217,7 +228,9 @@ def _checked(values: npt.NDArray[Any], name: str, labelled: bool) -> npt.NDArray
     if labelled:
         if values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
             raise InputError(f"Map {name!r} has labels that are no whole numbers: export it again.")
-        return values.astype(np.int64)
+        # an array of another map, with other names, is shared
+        shared = values.dtype == np.int64 and values.flags.owndata and not values.flags.writeable
+        return values if shared else values.astype(np.int64)
     kept = values.astype(values.dtype if values.dtype.name == "float32" else np.float64)
     infinite = np.flatnonzero(np.isinf(kept))
     if len(infinite):

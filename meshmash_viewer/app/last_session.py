@@ -6,8 +6,8 @@ import hashlib
 import json
 import time
 import zipfile
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
-from meshmash_viewer.vertex_map import VertexMap
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Milliseconds from a change until it is written.
 _DELAY = 700
@@ -124,7 +124,8 @@ class LastSession(QObject):
             return
         maps = self._new_maps(mesh)
         session = replace(session_of(document, camera, pair), kept_maps=self._maps_file)
-        self._pool.start(lambda: self._write(path, session, mesh.content_hash, maps))
+        about = {"mesh": mesh.content_hash, "edited": sorted(document.maps.edited)}
+        self._pool.start(lambda: self._write(path, session, about, maps))
 
     def close(self) -> None:
         """Write the session, and wait for the thread."""
@@ -149,7 +150,12 @@ class LastSession(QObject):
             with (self._folder / Path(name).name).open("rb") as file, np.load(file) as stored:
                 about = json.loads(str(stored["about"]))
                 maps = [
-                    VertexMap(one["name"], stored[f"values_{at}"], unit=one["unit"])
+                    VertexMap(
+                        one["name"],
+                        stored[f"values_{at}"],
+                        tuple(Label(*each) for each in one.get("labels", ())),
+                        one["unit"],
+                    )
                     for at, one in enumerate(about["maps"])
                 ]
             if about["mesh"] != mesh.content_hash:
@@ -158,7 +164,7 @@ class LastSession(QObject):
             text = f"The maps kept of {document.path.name} cannot be read: {fault}"
             document.notices.say(text, Severity.WARNING)
             return 0
-        document.maps.add(mesh, maps, shown=False)
+        document.maps.restore(mesh, maps, about.get("edited", ()))
         self._written, self._maps_file = tuple(maps), name
         return len(maps)
 
@@ -172,7 +178,7 @@ class LastSession(QObject):
             if known is not None:
                 now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
             path = self.path(document.path)
-            self._pool.start(lambda: self._write(path, now, "", None))
+            self._pool.start(lambda: self._write(path, now, {}, None))
 
     def _new_maps(self, mesh: Mesh) -> tuple[VertexMap, ...] | None:
         """Return the maps that are in no file; None if they have been written."""
@@ -181,10 +187,15 @@ class LastSession(QObject):
         key = _key(self.path(path))
         if not self._maps_file.startswith(key):  # of another file
             self._written, self._maps_file = (), ""
-        in_file = self._document.maps.in_file
-        kept = tuple(each for each in mesh.maps if not each.path and each.name not in in_file)
+        maps = self._document.maps
+        kept = tuple(
+            each
+            for each in mesh.maps
+            if each.name in maps.edited or not (each.path or each.name in maps.in_file)
+        )
         if len(kept) == len(self._written) and all(
-            one.values is other.values for one, other in zip(kept, self._written, strict=True)
+            (one.values is other.values, one.labels) == (True, other.labels)
+            for one, other in zip(kept, self._written, strict=True)
         ):
             return None
         self._written = kept
@@ -192,21 +203,32 @@ class LastSession(QObject):
         return kept
 
     def _write(
-        self, path: Path, session: Session, mesh_hash: str, maps: tuple[VertexMap, ...] | None
+        self,
+        path: Path,
+        session: Session,
+        about: Mapping[str, Any],
+        maps: tuple[VertexMap, ...] | None,
     ) -> None:
         """Write a session and new maps, in the thread."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             if maps:
-                named = [{"name": each.name, "unit": each.unit} for each in maps]
-                about = json.dumps({"mesh": mesh_hash, "maps": named})
+                named = [
+                    {
+                        "name": each.name,
+                        "unit": each.unit,
+                        "labels": [astuple(label) for label in each.labels],
+                    }
+                    for each in maps
+                ]
+                text = json.dumps({**about, "maps": named})
                 values: dict[str, Any] = {
                     f"values_{at}": each.values for at, each in enumerate(maps)
                 }
                 # a new file, so that those of the session before stay until this one is written
                 kept = self._folder / session.kept_maps
                 with written_whole(kept) as part, part.open("wb") as file:
-                    np.savez(file, about=np.array(about), **values)
+                    np.savez(file, about=np.array(text), **values)
             write_session(path, session)
             if maps is not None:
                 _delete_maps(path, session.kept_maps)

@@ -19,6 +19,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.history import History, Step
 from meshmash_viewer.model.jobs import InspectJob, JobState, ReadJob, RepairJob, ScaleJob
+from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices
 from meshmash_viewer.model.open_mesh import OpenMesh, Shown
@@ -68,6 +69,7 @@ class Document(OpenMesh):
         self.pins = Pins(self, self.history)
         self.selection = Selection(self, self.history)
         self.maps = Maps(self, self.display, self.history, self.notices)
+        self.labels = Labels(self, self.maps, self.selection, self.display, self.notices)
         self.solve = Solve(self, self.work)
         self.work.finished.connect(self._on_finished)
         self.work.requested.connect(self.notices.begin_turn)
@@ -233,6 +235,7 @@ class Document(OpenMesh):
             self._undoing = False
             self._file_mesh = ready.before[0] if ready.before else None
             self.maps.in_file = frozenset(each.name for each in ready.mesh.maps)
+            self.maps.edited = frozenset()
             with self.history.paused():
                 self._show(ready, ready.known)
             before = enumerate(ready.before)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +32,8 @@ class Maps:
         self._history, self._notices = history, notices
         #: Names of the maps in the mesh file itself.
         self.in_file: frozenset[str] = frozenset()
+        #: Names of the maps of files that were changed here, which are kept as they are now.
+        self.edited: frozenset[str] = frozenset()
         #: The map that is being computed, for which mesh, and the family that was displayed before.
         self._growing: VertexMap | None = None
         self._mesh: Mesh | None = None
@@ -48,9 +50,12 @@ class Maps:
     def add(self, mesh: Mesh, maps: Sequence[VertexMap], *, shown: bool = True) -> None:
         """Add maps that were made for a mesh, if that is still open, and show the last.
 
-        Without `shown` they were there the last time, and adding them is no step to undo.
+        Without `shown` they were there the last time, and adding them is no step to undo; those
+        that have been changed since are left out.
         """
         now = self._still(mesh)
+        if not shown:
+            maps = [each for each in maps if each.name not in self.edited]
         if now is None or not maps:
             return
         more = now.with_maps(*maps)
@@ -60,10 +65,34 @@ class Maps:
         else:
             self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
             self._take(more)
-            self._show(more.maps[-1].name)
+            self.show(more.maps[-1].name)
             names = ", ".join(each.name for each in more.maps[len(now.maps) :])
             self._notices.say(f"Added {counted(len(maps), 'map')}: {names}.")
         self._opened.spectrum_changed.emit()
+
+    def change(self, label: str, changed: VertexMap) -> None:
+        """Replace the map of the same name as one change, whose label completes "Undo …"."""
+        mesh = self._opened.mesh
+        if mesh is not None:
+            if mesh.map_named(changed.name).path or changed.name in self.in_file:
+                self.edited |= {changed.name}
+            self._history.record(label, "mesh")
+            self._take(mesh.with_changed_map(replace(changed, path="")))
+            self._opened.spectrum_changed.emit()
+
+    def restore(self, mesh: Mesh, maps: Sequence[VertexMap], edited: Collection[str]) -> None:
+        """Add the maps that were kept the last time; those `edited` replace the ones of files."""
+        now = self._still(mesh)
+        if now is not None:
+            for each in maps:
+                if each.name in edited and each.name in self.in_file:
+                    now = now.with_changed_map(each)
+                else:
+                    now = now.with_maps(each)
+            self.edited |= frozenset(edited)
+            with self._history.paused():
+                self._take(now)
+            self._opened.spectrum_changed.emit()
 
     def remove(self, name: str) -> None:
         """Remove a map from the mesh; its file stays."""
@@ -88,7 +117,7 @@ class Maps:
         more = shown.ready.mesh.with_maps(grown)
         self._growing = more.maps[-1]  # its name may be another one
         self._take(more)
-        self._show(self._growing.name)
+        self.show(self._growing.name)
         self._opened.spectrum_changed.emit()
 
     def end_growing(self, whole: bool) -> None:
@@ -104,6 +133,16 @@ class Maps:
         self._opened.spectrum_changed.emit()
         if not kept:
             self._display.kind = self._kind
+
+    @property
+    def displayed(self) -> str:
+        """Name of the displayed map; "" while another family is displayed."""
+        chosen = self._display[OwnMaps].chosen
+        return chosen if self._display.kind == OwnMaps.name else ""
+
+    def show(self, name: str) -> None:
+        """Display a map."""
+        self._display.show(replace(self._display[OwnMaps], chosen=name, view="map"))
 
     def settled(self) -> Shown | None:
         """The open mesh with its spectrum, without the map that is being computed."""
@@ -121,7 +160,3 @@ class Maps:
     def _take(self, mesh: Mesh) -> None:
         assert self._opened.ready is not None
         self._opened.take(replace(self._opened.ready, mesh=mesh), self._opened.spectrum)
-
-    def _show(self, name: str) -> None:
-        chosen = replace(self._display[OwnMaps], chosen=name, view="map")
-        self._display.show(chosen)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import shapes
 from closed_form import part
+from nibabel.freesurfer import write_annot
+from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTable
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
@@ -207,3 +209,63 @@ def test_a_camera_at_rest_is_saved(
     session = last.stored(path)
     assert session is not None
     assert session.camera == window.scene.camera()
+
+
+def test_label_sets_are_there_as_they_were_changed(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    """Those of the mesh file and of another file in the place of what the files have."""
+    ball, path, annotation = (
+        shapes.icosphere(2),
+        folder / "ball.surf.gii",
+        folder / "lh.halves.annot",
+    )
+    halves = (ball.vertices[:, 2] > 0.0).astype(np.int32)
+    image = GiftiImage()
+    image.labeltable = GiftiLabelTable()
+    for key, name in enumerate(("low", "high")):
+        entry = GiftiLabel(key, 0.2, 0.4, 0.6, 1.0)
+        entry.label = name
+        image.labeltable.labels.append(entry)
+    arrays = ball.vertices.astype("f4"), ball.faces.astype("i4"), halves
+    for intent, values in zip(("POINTSET", "TRIANGLE", "LABEL"), arrays, strict=True):
+        image.add_gifti_data_array(GiftiDataArray(values, intent=f"NIFTI_INTENT_{intent}"))
+    path.write_bytes(image.to_bytes())
+    write_annot(
+        annotation,
+        halves,
+        np.array([[9, 9, 9, 0], [200, 9, 9, 0]]),
+        ["low", "high"],
+        fill_ctab=True,
+    )
+    window = opened(open_window(), path, qtbot)
+    document = window.document
+    document.maps.open([annotation])
+    qtbot.waitUntil(lambda: len(document.labels.sets) == 2, timeout=PATIENCE)
+    document.selection.set(ball.vertices[:, 0] > 0.5)
+    for each in document.labels.sets:
+        document.labels.choose(each.name)
+        document.labels.new_label()
+        document.labels.assign(2)
+        document.labels.rename(0, "floor")
+    document.labels.new_set()
+    document.labels.new_label()
+    document.labels.lock(2, True)
+
+    def sets(window: MainWindow) -> dict[str, tuple[object, ...]]:
+        return {
+            each.name: (each.labels, each.values.tolist()) for each in window.document.labels.sets
+        }
+
+    made = sets(window)
+    assert [len(labels) for labels, _ in made.values()] == [3, 3, 2]
+    window.close()
+    again = opened(open_window(), path, qtbot)
+    qtbot.waitUntil(lambda: again.background_io.idle, timeout=PATIENCE)
+    assert sets(again) == made
+    assert not again.document.history.undo_label
+    again.document.labels.choose("labels")
+    again.document.labels.recolor(1, "#123456")  # names and colours alone are kept, too
+    made = sets(again)
+    again.close()
+    assert sets(opened(open_window(), path, qtbot)) == made

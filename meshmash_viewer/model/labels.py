@@ -1,0 +1,270 @@
+"""Label sets of a document: parts of the surface with names and colours, made of the selection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
+from functools import wraps
+from itertools import count
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from psygnal import Signal
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.maps import Maps
+from meshmash_viewer.model.notices import Notices, Severity
+from meshmash_viewer.model.open_mesh import OpenMesh
+from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
+from meshmash_viewer.model.selection import Selection
+from meshmash_viewer.units import counted
+from meshmash_viewer.vertex_map import Label, VertexMap
+
+_Act = TypeVar("_Act", bound=Callable[..., None])
+
+
+def _said(act: _Act) -> _Act:
+    """Make a notice of what a method refuses, which has changed nothing then."""
+
+    @wraps(act)
+    def acting(self: Labels, *given: Any) -> None:
+        try:
+            act(self, *given)
+        except InputError as fault:
+            self._notices.say(str(fault), Severity.WARNING)
+
+    return acting  # type: ignore[return-value]
+
+
+class Labels:
+    """The label sets of the open mesh, of which one is current.
+
+    A set is a map with labels, see `VertexMap`. Every change is a step of the history.
+    """
+
+    #: Another set is current. What the sets hold changes with `OpenMesh.spectrum_changed`.
+    changed = Signal()
+
+    def __init__(
+        self,
+        opened: OpenMesh,
+        maps: Maps,
+        selection: Selection,
+        display: Display,
+        notices: Notices,
+    ) -> None:
+        self._opened, self._maps, self._selection = opened, maps, selection
+        self._notices = notices
+        self._chosen = ""
+        display.events.connect(self._follow)
+
+    # -- sets ---------------------------------------------------------------------------------
+
+    @property
+    def sets(self) -> tuple[VertexMap, ...]:
+        """The label sets of the mesh."""
+        mesh = self._opened.mesh
+        return () if mesh is None else tuple(each for each in mesh.maps if each.labels)
+
+    @property
+    def current(self) -> VertexMap | None:
+        """The set that was chosen or displayed last, else the first; None without any."""
+        sets = {each.name: each for each in self.sets}
+        return sets.get(self._chosen, next(iter(sets.values()), None))
+
+    def choose(self, name: str) -> None:
+        """Make a set the current one, and display it."""
+        self._chosen = name
+        self._maps.show(name)
+        self.changed.emit()
+
+    def _follow(self) -> None:
+        """Make a set that is displayed from elsewhere the current one."""
+        name = self._maps.displayed
+        if name != self._chosen and any(each.name == name for each in self.sets):
+            self._chosen = name
+            self.changed.emit()
+
+    @_said
+    def new_set(self) -> None:
+        """Add a set with one label, which no vertex has yet, and display it."""
+        mesh = self._opened.mesh
+        if mesh is None:
+            raise InputError("There is no mesh to label: open one first.")
+        first = Label(1, "label 1", PIN_COLORS[0])
+        self._maps.add(mesh, [VertexMap("labels", np.zeros(mesh.n_vertices), (first,))])
+
+    @_said
+    def remove_set(self) -> None:
+        """Remove the current set from the mesh; its file stays."""
+        self._maps.remove(self._set.name)
+
+    # -- labels -------------------------------------------------------------------------------
+
+    @_said
+    def new_label(self) -> None:
+        """Add a label in the next colour; without a set, make one."""
+        known = self.current
+        if known is None:
+            self.new_set()
+            return
+        taken = [label.name for label in known.labels]
+        key = max(0, int(known.values.max()), *(label.key for label in known.labels)) + 1
+        numbered = (f"label {number}" for number in count(len(taken) + 1))
+        name = next(each for each in numbered if each not in taken)
+        self._change("new label", (*known.labels, Label(key, name, _free_color(known.labels))))
+
+    @_said
+    def rename(self, key: int, name: str) -> None:
+        """Name a label; a name that is taken gets a number."""
+        taken = [label.name for label in self._set.labels if label.key != key]
+        wanted = distinct_name(name, ())
+        if not wanted:
+            raise InputError("A label needs a name: type one.")
+        name = distinct_name(name, taken)
+        self._change_one("name of a label", key, name=name)
+        if name != wanted:
+            self._notices.say(f"There is a label called {wanted} already: this one is {name}.")
+
+    @_said
+    def recolor(self, key: int, color: str) -> None:
+        """Give a label another colour, "#rrggbb"."""
+        self._change_one("colour of a label", key, color=checked_color(color))
+
+    @_said
+    def lock(self, key: int, locked: bool) -> None:
+        """Keep the vertices of a label from other labels, or no longer."""
+        self._change_one("lock of a label" if locked else "unlocking", key, locked=locked)
+
+    @_said
+    def join(self, keys: Sequence[int]) -> None:
+        """Give the vertices of some labels to the first of them, and remove the others."""
+        if len(keys) < 2:
+            raise InputError("Joining takes two labels or more: choose them in the list.")
+        self._refuse_locked(keys)
+        self._merge("joining of labels", keys[1:], keys[0])
+
+    @_said
+    def delete(self, keys: Collection[int]) -> None:
+        """Remove labels; their vertices have none then. With its last label a set is removed."""
+        known = self._set
+        if not keys:
+            raise InputError("No label is chosen: choose those to delete in the list.")
+        self._refuse_locked(keys)
+        if {label.key for label in known.labels} <= set(keys):
+            self._maps.remove(known.name)
+        else:
+            self._merge("removal of a label", keys, known.no_label)
+
+    # -- the selection ------------------------------------------------------------------------
+
+    @_said
+    def assign(self, key: int | None) -> None:
+        """Give the selected vertices to a label, or with None take theirs away.
+
+        Those of locked labels keep them.
+        """
+        known, mask = self._set, self._selection.mask
+        if mask is None:
+            raise InputError("Nothing is selected: select vertices, then give them to a label.")
+        to = known.no_label if key is None else self._label(key).key
+        changing = mask & (known.values != to)
+        locked = [label.key for label in known.labels if label.locked]
+        kept = changing & np.isin(known.values, locked)
+        if not changing.any():
+            return
+        if n_kept := int(np.count_nonzero(kept)):
+            them = "its" if n_kept == 1 else "their"
+            said = f"{counted(n_kept, 'vertex')} of locked labels kept {them} label"
+            self._notices.say(f"{said}: unlock it in the Labels panel to change that.")
+        changing &= ~kept
+        if changing.any():
+            values = np.where(changing, to, known.values)
+            self._change("labels" if key is not None else "removal from labels", None, values)
+
+    def assign_nth(self, number: int) -> None:
+        """Give the selected vertices to the label at a place of the list, from 1."""
+        known = self.current
+        if known is None or number > len(known.labels):
+            has = (
+                "is no label set" if known is None else f"are {counted(len(known.labels), 'label')}"
+            )
+            text = f"There is no label {number}, as there {has}: make one with New label."
+            self._notices.say(text, Severity.WARNING)
+        else:
+            self.assign(known.labels[number - 1].key)
+
+    @_said
+    def select(self, keys: Collection[int]) -> None:
+        """Select the vertices of some labels."""
+        mask = np.isin(self._set.values, list(keys))
+        if not mask.any():
+            raise InputError("No vertex has that label yet: give it some first.")
+        self._selection.set(mask, "selection of a label")
+
+    # -- details ------------------------------------------------------------------------------
+
+    @property
+    def _set(self) -> VertexMap:
+        known = self.current
+        if known is None:
+            raise InputError("There is no label set: make one with New label.")
+        return known
+
+    def _label(self, key: int) -> Label:
+        known = self._set
+        for label in known.labels:
+            if label.key == key:
+                return label
+        raise InputError(f"{known.name} has no label of number {key}: choose another.")
+
+    def _refuse_locked(self, keys: Iterable[int]) -> None:
+        for label in map(self._label, keys):
+            if label.locked:
+                raise InputError(f"Label {label.name} is locked: unlock it first.")
+
+    def _merge(self, what: str, keys: Collection[int], to: int) -> None:
+        """Give the vertices of some labels a number, and remove these labels."""
+        known = self._set
+        labels = tuple(label for label in known.labels if label.key not in keys)
+        given = np.isin(known.values, list(keys))
+        self._change(what, labels, np.where(given, to, known.values) if given.any() else None)
+
+    def _change_one(self, what: str, key: int, **attributes: Any) -> None:
+        before = self._label(key)
+        after = replace(before, **attributes)
+        if after != before:
+            labels = self._set.labels
+            self._change(what, tuple(after if each is before else each for each in labels))
+
+    def _change(
+        self,
+        what: str,
+        labels: tuple[Label, ...] | None,
+        values: npt.NDArray[np.int64] | None = None,
+    ) -> None:
+        changes: dict[str, Any] = {} if labels is None else {"labels": labels}
+        if values is not None:
+            values.flags.writeable = False  # the map shares it
+            changes["values"] = values
+        self._maps.change(what, replace(self._set, **changes))
+
+
+def label_sizes(mesh: Mesh, known: VertexMap) -> tuple[IntArray, FloatArray]:
+    """Return the number of vertices and the area of each label of a map, in the order of these."""
+    places = known.shown
+    has = np.isfinite(places)
+    at, n_labels = places[has].astype(np.int64), len(known.labels)
+    areas = np.bincount(at, mesh.vertex_areas[has], n_labels).astype(np.float64)
+    return np.bincount(at, minlength=n_labels).astype(np.int64), areas
+
+
+def _free_color(labels: Sequence[Label]) -> str:
+    """Return the first colour of the pins that no label has; then they repeat."""
+    taken = {label.color.upper() for label in labels}
+    free = [color for color in PIN_COLORS if color not in taken]
+    return free[0] if free else PIN_COLORS[len(labels) % len(PIN_COLORS)]

@@ -1,0 +1,224 @@
+"""Label sets: made, changed, undone and redone, and refused in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.labels import label_sizes
+from meshmash_viewer.model.pins import PIN_COLORS
+from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
+
+MESH = shapes.icosphere(2, radius=3.0)
+N = MESH.n_vertices
+UP = MESH.vertices[:, 2] > 0.5
+RIGHT = MESH.vertices[:, 0] > 0.0
+
+
+@pytest.fixture
+def document() -> Document:
+    document = Document()
+    document.accept_mesh(MeshReady(MESH, mesh_health(MESH), MESH.vertex_normals))
+    return document
+
+
+@pytest.fixture
+def two(document: Document) -> Document:
+    """With a set of two labels: the upper part, and what is right of the rest."""
+    labels = document.labels
+    labels.new_set()
+    labels.new_label()
+    document.selection.set(RIGHT)
+    labels.assign(2)
+    document.selection.set(UP)
+    labels.assign(1)
+    return document
+
+
+def state(document: Document) -> list[tuple[object, ...]]:
+    return [(each.name, each.labels, each.values.tolist()) for each in document.labels.sets]
+
+
+def said(document: Document) -> list[str]:
+    texts: list[str] = []
+    document.notices.shown.connect(lambda notice: notice and texts.append(notice.text))
+    return texts
+
+
+def test_a_new_set_is_displayed_and_waits_for_vertices(document: Document) -> None:
+    document.labels.new_set()
+    (found,) = document.labels.sets
+    assert (found.name, document.labels.current) == ("labels", found)
+    assert found.labels == (Label(1, "label 1", PIN_COLORS[0]),)
+    assert not found.values.any()
+    assert (document.display.kind, document.display[OwnMaps].chosen) == ("map", "labels")
+    document.labels.new_set()
+    assert [each.name for each in document.labels.sets] == ["labels", "labels 2"]
+    assert document.labels.current.name == "labels 2"
+
+
+def test_the_selection_is_given_to_a_label(two: Document) -> None:
+    known = two.labels.current
+    np.testing.assert_array_equal(known.values, np.where(UP, 1, np.where(RIGHT, 2, 0)))
+    counts, areas = label_sizes(MESH, known)
+    assert counts.tolist() == [UP.sum(), (RIGHT & ~UP).sum()]
+    np.testing.assert_allclose(areas[0], MESH.vertex_areas[UP].sum())
+    two.labels.assign(None)
+    np.testing.assert_array_equal(two.labels.current.values, np.where(RIGHT & ~UP, 2, 0))
+    two.labels.select([2])
+    np.testing.assert_array_equal(two.selection.mask, RIGHT & ~UP)
+    two.labels.assign_nth(1)
+    assert set(two.labels.current.values[RIGHT & ~UP].tolist()) == {1}
+
+
+def test_a_locked_label_keeps_its_vertices(two: Document) -> None:
+    texts = said(two)
+    two.labels.lock(1, True)
+    two.selection.set(np.ones(N, dtype=bool))
+    two.labels.assign(2)
+    np.testing.assert_array_equal(two.labels.current.values, np.where(UP, 1, 2))
+    assert texts[-1].startswith(f"{UP.sum()} vertices of locked labels kept their label")
+    two.labels.assign(None)
+    np.testing.assert_array_equal(two.labels.current.values, np.where(UP, 1, 0))
+    for act in (lambda: two.labels.delete([1]), lambda: two.labels.join([2, 1])):
+        before = state(two)
+        act()
+        assert texts[-1] == "Label label 1 is locked: unlock it first."
+        assert state(two) == before
+    two.labels.assign(1)  # its own it may have
+    assert set(two.labels.current.values.tolist()) == {1}
+
+
+ACTS: dict[str, Callable[[Document], None]] = {
+    "new map": lambda document: document.labels.new_set(),
+    "new label": lambda document: document.labels.new_label(),
+    "name of a label": lambda document: document.labels.rename(2, "shaft"),
+    "colour of a label": lambda document: document.labels.recolor(2, "#123456"),
+    "lock of a label": lambda document: document.labels.lock(2, True),
+    "joining of labels": lambda document: document.labels.join([2, 1]),
+    "removal of a label": lambda document: document.labels.delete([2]),
+    "labels": lambda document: document.labels.assign(2),
+    "removal from labels": lambda document: document.labels.assign(None),
+    "removal of a map": lambda document: document.labels.delete([1, 2]),
+}
+
+
+@pytest.mark.parametrize("label", ACTS)
+def test_every_act_is_undone_and_redone(label: str, two: Document) -> None:
+    before, old = state(two), two.labels.current
+    ACTS[label](two)
+    after = state(two)
+    assert after != before
+    assert (two.history.undo_label, len(two.history.past)) == (label, 7)
+    two.history.undo()
+    assert state(two) == before
+    assert two.labels.current is old
+    two.history.redo()
+    assert state(two) == after
+
+
+def test_joined_labels_have_name_and_colour_of_the_first(two: Document) -> None:
+    first = two.labels.current.labels[1]
+    two.labels.join([2, 1])
+    (left,) = two.labels.current.labels
+    assert left == first
+    np.testing.assert_array_equal(two.labels.current.values, np.where(UP | RIGHT, 2, 0))
+
+
+def test_a_new_label_takes_no_number_that_vertices_have(document: Document) -> None:
+    values = np.where(UP, 7, 0)
+    document.maps.add(MESH, [VertexMap("parts", values, (Label(0, "rest", "#E69F00"),))])
+    document.labels.new_label()
+    assert document.labels.current.labels[-1] == Label(8, "label 2", PIN_COLORS[1])
+    document.selection.set(RIGHT)
+    document.labels.assign(8)
+    document.labels.assign(None)  # 0 is a label here
+    assert set(document.labels.current.values[RIGHT].tolist()) == {-1}
+
+
+def test_colours_and_names_do_not_repeat_while_there_are_others(document: Document) -> None:
+    for _ in range(14):
+        document.labels.new_label()
+    labels = document.labels.current.labels
+    assert [each.color for each in labels[:12]] == list(PIN_COLORS)
+    document.labels.rename(3, " label   1 ")
+    assert document.labels.current.labels[2].name == "label 1 2"
+    document.labels.delete([5])
+    document.labels.new_label()
+    assert len({each.name for each in document.labels.current.labels}) == 14
+
+
+def test_the_displayed_set_is_the_current_one(two: Document) -> None:
+    two.labels.new_set()
+    two.display.show(HeatKernelSignature())
+    assert two.labels.current.name == "labels 2"
+    two.labels.choose("labels")
+    assert two.display[OwnMaps].chosen == "labels"
+    heard = []
+    two.labels.changed.connect(lambda: heard.append(two.labels.current.name))
+    two.display.change(OwnMaps, chosen="labels 2")
+    assert heard == ["labels 2"]
+
+
+@pytest.mark.parametrize(
+    ("act", "sentence"),
+    [
+        (lambda labels: labels.assign(1), "Nothing is selected: select vertices, then"),
+        (lambda labels: labels.assign(9), "has no label of number 9: choose another"),
+        (lambda labels: labels.assign_nth(4), "no label 4, as there are 2 labels: make one"),
+        (lambda labels: labels.rename(1, "  "), "A label needs a name: type one."),
+        (lambda labels: labels.recolor(1, "blue"), "'blue' is not a colour"),
+        (lambda labels: labels.join([1]), "Joining takes two labels or more"),
+        (lambda labels: labels.delete([]), "No label is chosen"),
+        (lambda labels: labels.select([1]), "No vertex has that label yet"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(
+    act: Callable[[object], None], sentence: str, document: Document
+) -> None:
+    document.labels.new_set()
+    document.labels.new_label()
+    if "number 9" in sentence:
+        document.selection.set(UP)
+    before, steps, texts = state(document), document.history.past, said(document)
+    act(document.labels)
+    assert sentence in texts[-1]
+    assert (state(document), document.history.past) == (before, steps)
+
+
+def test_without_a_set_or_a_mesh_it_is_one_sentence(document: Document) -> None:
+    texts = said(document)
+    document.selection.set(UP)
+    document.labels.assign(1)
+    assert texts[-1] == "There is no label set: make one with New label."
+    document.labels.assign_nth(1)
+    assert texts[-1].startswith("There is no label 1, as there is no label set")
+    empty = Document()
+    texts = said(empty)
+    empty.labels.new_label()
+    assert texts == ["There is no mesh to label: open one first."]
+
+
+def test_labels_cannot_be_more_than_colours(document: Document) -> None:
+    labels = tuple(Label(key, f"{key}", "#808080") for key in range(1, MOST_LABELS + 1))
+    document.maps.add(MESH, [VertexMap("many", np.ones(N), labels)])
+    texts = said(document)
+    document.labels.new_label()
+    assert "513 labels, and 512 can be distinguished" in texts[-1]
+
+
+def test_values_are_shared_and_never_written(two: Document) -> None:
+    before = two.labels.current
+    two.labels.rename(1, "top")
+    after = two.labels.current
+    assert after.values is before.values
+    with pytest.raises(ValueError, match="read-only"):
+        after.values[0] = 3
