@@ -62,6 +62,27 @@ def test_seams_are_merged_and_faces_turned_by_a_click_each(
     assert panel.findChild(QAbstractButton, "merge_coincident_vertices").isVisible()
 
 
+def pink_pixels(window: MainWindow) -> int:
+    drawn = np.asarray(window.scene.plotter.screenshot(return_img=True)).astype(int)
+    red, green, blue = np.moveaxis(drawn[..., :3], -1, 0)
+    return int(((red - green > 40) & (blue - green > 20)).sum())
+
+
+def test_debris_within_the_mesh_is_marked_through_it(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    window, ball = open_window(), shapes.icosphere(2)
+    inside = 0.001 * ball.vertices[ball.faces[0]]
+    faces = np.concatenate([ball.faces, [ball.n_vertices + np.arange(3)]])
+    window.document.take_mesh(Mesh(np.concatenate([ball.vertices, inside]), faces))
+    qtbot.waitUntil(lambda: window.document.mesh is not None, timeout=60_000)
+    window.wait(60.0)
+    assert pink_pixels(window) == 0
+    row = window.mesh_panel.findChild(QWidget, "show_n_components")
+    QTest.mouseClick(row, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: pink_pixels(window) > 8, timeout=60_000)
+
+
 def test_a_row_shows_what_it_counts_and_what_its_repair_would_change(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
@@ -98,9 +119,7 @@ def test_a_row_shows_what_it_counts_and_what_its_repair_would_change(
     scene.set_camera(before)
     np.testing.assert_array_equal(scene.picture((200, 200)), alone, "pictures have no marks")
     window.wait(60.0)
-    drawn = np.asarray(scene.plotter.screenshot(return_img=True))
-    pink = (drawn[..., 0] > 240) & (drawn[..., 1] < 90) & (drawn[..., 2] > 120)
-    assert pink.sum() > 20
+    assert pink_pixels(window) > 20
     QTest.keyClick(window, Qt.Key.Key_Escape)
     assert part("health_place_label").isHidden() or not part("health_place_label").isVisible()
     assert not part("show_disagreeing_edges").isChecked()
