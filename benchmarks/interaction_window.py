@@ -315,10 +315,13 @@ class Session:
 
         pictures = self.window.commands.pictures
         dialog = FigureDialog(self.folder / "picture", pictures._seen, self.window, None)
-        path = dialog.path
+        said: list[object] = []
+        self.document.notices.shown.connect(said.append)
         yield 0.1  # whoever presses Save takes longer
         self.window.commands.pictures._write_picture(dialog)
-        yield path.exists
+        # saved, or refused as empty where nothing is drawn
+        yield lambda: bool(said)
+        self.document.notices.shown.disconnect(said.append)
         dialog.deleteLater()
 
     def ticks(self, names: Collection[str] = ()) -> Script:
