@@ -5,6 +5,8 @@ from meshmash_viewer.errors import InputError as InputError
 from meshmash_viewer.errors import MeshWarning as MeshWarning
 from meshmash_viewer.errors import MissingValuesWarning as MissingValuesWarning
 from meshmash_viewer.errors import TruncationWarning as TruncationWarning
+from meshmash_viewer.features.regions import Regions as Regions
+from meshmash_viewer.features.regions import regions as regions
 from meshmash_viewer.health import largest_component as largest_component
 from meshmash_viewer.health import mesh_health as mesh_health
 from meshmash_viewer.health import repair_mesh as repair_mesh
@@ -16,6 +18,7 @@ from meshmash_viewer.io.write import unused_path as unused_path
 from meshmash_viewer.io.write import write_eigenpairs as write_eigenpairs
 from meshmash_viewer.io.write import write_features as write_features
 from meshmash_viewer.io.write import write_map_spectrum as write_map_spectrum
+from meshmash_viewer.io.write import write_regions as write_regions
 from meshmash_viewer.mesh import Mesh as Mesh
 from meshmash_viewer.mesh import mesh_to_poly as mesh_to_poly
 from meshmash_viewer.surface.curvature import gaussian_curvature as gaussian_curvature

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 
 import meshmash_viewer as mv
-from meshmash_viewer.cli.arguments import window_parser
+from meshmash_viewer.cli import arguments
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.samples import sample_path
 
@@ -114,11 +114,11 @@ def test_commands_of_pages_run(
         at = words.index("*.ply")
         words[at : at + 1] = ["neuron.ply", "huge.ply"]
     monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: tmp_path / "cache")
-    if words[0] in ("features", "compare", "gallery", "movie", "render", "reconstruct", "info"):
+    if words[0] in arguments.COMMANDS:
         shorter = ["--size", "320x240", "--seconds", "0.5"] if words[0] == "movie" else []
         assert main([*words, *shorter]) == 0
         if "-o" in words:
             assert Path(words[words.index("-o") + 1]).exists()
     elif words != ["--info"]:
-        opened = window_parser().parse_args(words)
+        opened = arguments.window_parser().parse_args(words)
         assert all(Path(mesh).exists() for mesh in opened.mesh)

@@ -29,6 +29,7 @@ _COMMANDS = {
     "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
     "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
     "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
+    "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
     "render": ("MESH -o OUT.png", "a picture"),
     "gallery": ("MESH -o OUT.png", "many fields side by side"),
     "movie": ("MESH -o OUT.mp4", "a sweep through fields, or a turn"),
@@ -56,7 +57,7 @@ def window_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Open the window, on meshes or a session if given.",
         epilog="commands without a window (each has its own --help):\n"
-        + "\n".join(f"  {call:<43}{about}" for call, about in calls.items()),
+        + "\n".join(f"  {call:<47}{about}" for call, about in calls.items()),
     )
     parser.add_argument("mesh", nargs="*", type=Path, help="mesh file or session")
     _add_unit(parser)
@@ -75,7 +76,7 @@ def command_parser() -> argparse.ArgumentParser:
     """Return the parser for the commands without a window."""
     from meshmash_viewer.fields import EXPORTS, FEATURES
     from meshmash_viewer.fields.sweep import SWEPT
-    from meshmash_viewer.io.writers import MESH_WRITERS
+    from meshmash_viewer.io.writers import MESH_WRITERS, SPECTRUM_WRITERS
 
     parser = _Parser(prog=PROGRAM)
     commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
@@ -91,8 +92,9 @@ def command_parser() -> argparse.ArgumentParser:
         # counted when patterns are expanded
         made.set_defaults(n_meshes=n_meshes)
         _add_preparation(made)
-        _add_target(made, automatic=name == "features")
-        if name != "info":
+        if name != "regions":
+            _add_target(made, automatic=name == "features")
+        if name not in ("info", "regions"):
             _add_solver(made)
         return made
 
@@ -162,6 +164,21 @@ def command_parser() -> argparse.ArgumentParser:
     for written in (features, compare, rebuilt):
         _add_structure(written)
     _add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
+
+    measured = command("regions", "measure the connected parts of labels")
+    measured.add_argument(
+        "--labels",
+        required=True,
+        metavar="FILE[:MAP]",
+        help="labels of vertices, with names or numbers; after a colon which map of several",
+    )
+    _add_maps(measured)
+    measured.add_argument(
+        "--lambda2",
+        action="store_true",
+        help="the first eigenvalue above zero of each region with a free border",
+    )
+    _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
 
     render = command("render", "draw a picture of a mesh")
     render.add_argument(

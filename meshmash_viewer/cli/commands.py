@@ -1,4 +1,4 @@
-"""The commands info, compare and reconstruct."""
+"""The commands info, compare, reconstruct and regions."""
 
 from __future__ import annotations
 
@@ -17,9 +17,12 @@ from meshmash_viewer.cli.batch import (
     pairs_report,
     prepared,
     print_report,
+    progress_bar,
     read,
     solved,
     titled_rows,
+    until_interrupted,
+    with_maps,
 )
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
@@ -30,12 +33,14 @@ from meshmash_viewer.features.comparison import (
     matched_top,
     unit_area_spectrum,
 )
+from meshmash_viewer.features.regions import regions as measured_regions
 from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.health import median_edge_length, mesh_health
+from meshmash_viewer.io.maps import read_labels
 from meshmash_viewer.io.provenance import export_options, provenance
 from meshmash_viewer.io.spectrum import stored_answer
-from meshmash_viewer.io.write import check_output, write_features, write_mesh
+from meshmash_viewer.io.write import check_output, write_features, write_mesh, write_regions
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.engine.request import Request
@@ -265,3 +270,36 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
         f" {format_quantity(typical, mesh.unit)} from where they were (root mean square),"
         f" {format_quantity(most, mesh.unit)} at most"
     )
+
+
+# regions --------------------------------------------------------------------------------------
+
+
+def regions(options: Namespace) -> int:
+    """Measure the connected parts of labels, and write them as a table."""
+    check_output(options.output, "regions")
+    return for_each(options, lambda mesh, _, own: _write_measured(mesh, own))
+
+
+def _write_measured(mesh: Mesh, options: Namespace) -> Report:
+    began, path = time.perf_counter(), options.output
+    labels = read_labels(options.labels, mesh)
+    maps = with_maps(mesh, options.map).maps[len(mesh.maps) :]
+    with progress_bar(mesh) as bar, until_interrupted() as cancel:
+        table = measured_regions(
+            mesh, labels, maps, lambda2=options.lambda2, progress=bar, cancel=cancel
+        )
+    made: dict[str, Any] = {"labels": options.labels, "repairs": list(options.repair)}
+    write_regions(path, table, {**made, **({"mask": options.mask} if options.mask else {})})
+    n_labels = len(set(table["label"].tolist()))
+    report = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "unit": mesh.unit,
+        "n_regions": len(table),
+        "n_labels": n_labels,
+        "remarks": list(table.remarks),
+        "seconds": round(time.perf_counter() - began, 3),
+    }
+    said = f"{path}: {counted(len(table), 'region')} of {counted(n_labels, 'label')}"
+    return report, said

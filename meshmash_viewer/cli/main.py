@@ -109,6 +109,7 @@ def _run_command(options: Namespace) -> int:
         "features": features.features,
         "compare": commands.compare,
         "reconstruct": commands.reconstruct,
+        "regions": commands.regions,
         "render": pictures.render,
         "gallery": pictures.gallery,
         "movie": pictures.movie,

@@ -140,23 +140,50 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     ...     int(mv.read_mask(folder + "/cap.npy", ball).sum())
     165
     """
-    path, named = Path(given), ""
-    if not path.exists() and ":" in str(given):
-        text, named = str(given).rsplit(":", 1)
-        path = Path(text)
+    path, named = _divided(given)
     maps, faults = read_maps(path, mesh), list[str]()
     chosen = tuple(each for each in maps if each.name == named)
     if chosen:
         maps, named = chosen, ""
     elif len(maps) > 1 and not named:
-        names = ", ".join(each.name for each in maps)
-        raise InputError(f"{path} has {len(maps)} maps, name one after a colon: {names}.")
+        raise _several(path, maps)
     for each in maps:
         try:
             return as_mesh(mesh).with_maps(each).maps[-1].mask(named)
         except InputError as fault:
             faults.append(str(fault))
     raise InputError(f"{path}: {faults[0]}")
+
+
+def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
+    """Read labels from a file of any format of `read_maps`.
+
+    After a colon the name of one of several maps may follow: "maps.npz:lobes". Without, it is the
+    only one with names of labels, or the only one. `InputError` is raised as by `read_maps`, and if
+    one of several has to be named.
+    """
+    path, named = _divided(given)
+    maps = read_maps(path, mesh)
+    if named:
+        return as_mesh(mesh).with_maps(*maps).map_named(named)
+    found = [each for each in maps if each.labels] if len(maps) > 1 else list(maps)
+    if len(found) != 1:
+        raise _several(path, maps)
+    return found[0]
+
+
+def _divided(given: str | Path) -> tuple[Path, str]:
+    """Return a file, and what follows after a colon."""
+    path, named = Path(given), ""
+    if not path.exists() and ":" in str(given):
+        text, named = str(given).rsplit(":", 1)
+        path = Path(text)
+    return path, named
+
+
+def _several(path: Path, maps: tuple[VertexMap, ...]) -> InputError:
+    names = ", ".join(each.name for each in maps)
+    return InputError(f"{path} has {len(maps)} maps, name one after a colon: {names}.")
 
 
 def maps_and_remarks(

@@ -30,6 +30,7 @@ from meshmash_viewer.io.writers import (
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.map_spectrum import MapSpectrum
+    from meshmash_viewer.features.regions import Regions
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -195,6 +196,47 @@ def write_map_spectrum(
     )  # fmt: skip
     said = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
     _write(path, "coefficients", table, said, meta)
+
+
+def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None = None) -> None:
+    """Write regions, one a row, as CSV, Parquet or NPZ.
+
+    Columns are those of `regions`, and after them ``unit``, that of lengths: areas are in its
+    square, volumes in its cube, ``lambda2`` in its inverse square.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with one of the endings of `SPECTRUM_WRITERS`.
+    table : Regions
+    meta : dict, optional
+        JSON-able options that it was computed with, or a result of `provenance`.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown or the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> cap = mv.regions(ball, ball.vertices[:, 2] > 0.5, neck=False)
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "cap.csv"
+    ...     mv.write_regions(file, cap)
+    ...     file.read_text().splitlines()[0]
+    '"label","part","vertices","area","volume","loops","extent","x","y","z","unit"'
+    """
+    columns = {**table.columns, "unit": np.full(len(table), table.mesh.unit)}
+    nothing = np.empty((len(table), 0))
+    made = FeatureTable(nothing, (), table.mesh, np.empty(0), archive=columns, index="region")
+    said = {
+        "kind": "regions",
+        "units": {name: table.unit_of(name) for name in table.columns},
+        "remarks": list(table.remarks),
+    }
+    _write(path, "regions", made, said, meta)
 
 
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:

@@ -36,7 +36,7 @@ class FeatureTable:
     archive: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     #: Arrays that do not have one value per row, for formats that can hold them.
     extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
-    #: Name of the index of rows: "vertex" or "pair".
+    #: What a row is: a "vertex", or else a "pair" or "region" of which the archive has all columns.
     index: str = "vertex"
 
     @property
@@ -72,10 +72,12 @@ def _npy(path: Path, table: FeatureTable) -> None:
 def _arrow_table(table: FeatureTable) -> Any:
     import pyarrow
 
-    names = [table.index, *table.columns]
-    arrays = [pyarrow.array(table.rows)]
-    arrays += [pyarrow.array(np.ascontiguousarray(column)) for column in table.values.T]
-    return pyarrow.table(arrays, names=names)
+    columns = table.archive
+    if table.index == "vertex":
+        values = zip(table.columns, table.values.T, strict=True)
+        columns = {table.index: table.rows, **dict(values)}
+    arrays = [pyarrow.array(np.ascontiguousarray(column)) for column in columns.values()]
+    return pyarrow.table(arrays, names=list(columns))
 
 
 def _csv(path: Path, table: FeatureTable) -> None:
@@ -239,7 +241,7 @@ MESH_WRITERS: dict[str, Writer] = {
     ".surf.gii": _gifti_surface,
 }
 
-#: The same for what a map is on eigenpairs.
+#: The same for what a map is on eigenpairs, and for regions.
 SPECTRUM_WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
 
 #: Endings of scenes, which pyvista writes.
@@ -261,6 +263,7 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "features": ("features", WRITERS),
     "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),
     "coefficients": ("coefficients", SPECTRUM_WRITERS),
+    "regions": ("regions", SPECTRUM_WRITERS),
     "mesh": ("meshes", MESH_WRITERS),
     "picture": ("pictures", {".png": None}),
     "figure": ("figures", {".png": None, ".pdf": None, ".svg": None}),

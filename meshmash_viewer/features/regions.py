@@ -1,0 +1,355 @@
+"""Regions, the connected parts of labels, and their measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
+from meshmash_viewer.surface.edges import connected, edges_of, side_codes
+from meshmash_viewer.surface.necks import neck_widths
+from meshmash_viewer.units import counted, power_unit
+from meshmash_viewer.vertex_map import Label, VertexMap
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: Columns that are quantities, and their powers of length.
+POWERS = {
+    "area": 2,
+    "volume": 3,
+    "extent": 1,
+    "neck_width": 1,
+    "lambda2": -2,
+    **dict.fromkeys("xyz", 1),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """A table of regions, one a row; see `regions` for its columns.
+
+    Parameters
+    ----------
+    columns : dict of str to ndarray, shape (k,)
+        A list of names for ``label``, numbers for the others.
+    rows : ndarray of int64, shape (n,)
+        The row of each vertex, -1 for those in no region.
+    mesh : Mesh
+    remarks : tuple of str
+        What is not in the table, such as vertices without a region.
+
+    Examples
+    --------
+    >>> cap = mv.regions(ball, ball.vertices[:, 2] > 0.5)
+    >>> cap["label"].tolist(), cap["area"].round(1), int(cap.mask(0).sum())
+    (['1'], array([3.2]), 165)
+    >>> cap.remarks
+    ('477 vertices without a label.',)
+    """
+
+    columns: dict[str, npt.NDArray[Any]]
+    rows: IntArray
+    mesh: Mesh
+    remarks: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Number of regions."""
+        return len(self.columns["label"])
+
+    def __getitem__(self, column: str) -> npt.NDArray[Any]:
+        """The values of a column, shape (k,)."""
+        if column not in self.columns:
+            raise InputError(f"There is no column {column!r}: there are {', '.join(self.columns)}.")
+        return self.columns[column]
+
+    def mask(self, row: int) -> npt.NDArray[np.bool_]:
+        """Return which vertices are in the region of a row, shape (n,)."""
+        return np.asarray(self.rows == row)
+
+    def unit_of(self, column: str) -> str:
+        """Return the unit of a column, such as "nm²"; "" for none."""
+        named = {f"{what} {each.name}": each.unit for each in self.mesh.maps for what in _OF_MAPS}
+        return named.get(column) or power_unit(self.mesh.unit, POWERS.get(column, 0))
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas ``DataFrame``, one row a region."""
+        import pandas
+
+        return pandas.DataFrame(self.columns)
+
+
+#: What is measured of the values of a map in a region.
+_OF_MAPS = ("mean", "min", "max")
+
+
+def regions(
+    mesh: MeshLike,
+    labels: VertexMap | npt.ArrayLike,
+    maps: Sequence[VertexMap] = (),
+    *,
+    neck: bool = True,
+    lambda2: bool = False,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Regions:
+    """Measure the connected parts of each label.
+
+    A region consists of faces whose three corners have the label and that share a vertex with one
+    another. Vertices with the label that are in no such face are in no region; `Regions.remarks`
+    counts them.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+    labels : VertexMap or array_like, shape (n,)
+        With or without names. Without, numbers are the names; 0, False and NaN are no label.
+    maps : sequence of VertexMap
+        Values of which the mean over the area, the smallest and the largest are columns.
+    neck : bool
+        Whether to measure ``neck_width``.
+    lambda2 : bool
+        Whether to compute ``lambda2``, which takes longest.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    Regions
+        In the order of the labels, and of each from the largest area on. Columns are
+
+        ``label``, ``part``
+            Name of the label, and number of the part of it, from 1.
+        ``vertices``
+            Number of vertices.
+        ``area``
+            A third of each face for each corner in the region: of faces between two labels, both
+            have a share. In squared unit.
+        ``volume``
+            Of the region with each loop of its border closed by a fan of triangles around the
+            mean of its vertices; negative if the faces point inwards. NaN where faces of the region
+            disagree on which side is outside, or more than two share an edge. In cubed unit.
+        ``loops``
+            Number of loops that were closed for the volume; 0 for a closed surface.
+        ``extent``
+            The largest of the extents along the principal axes, in `unit`.
+        ``neck_width``
+            Length of the shortest cut that separates the far half of the region from the rest of
+            the surface, see `meshmash_viewer.surface.necks`. NaN where it does not join any.
+        ``lambda2``
+            The first eigenvalue above zero of the region with a free border, per squared unit.
+        ``x``, ``y``, ``z``
+            Mean position over the area.
+        ``mean NAME``, ``min NAME``, ``max NAME``
+            Of each map, without its NaN.
+
+    Raises
+    ------
+    InputError
+        If labels or maps are of another number of vertices, labels are no whole numbers, or no face
+        has three corners with the same label.
+
+    Examples
+    --------
+    >>> parts = (mv.Label(1, "north", "#4477aa"), mv.Label(2, "south", "#ee6677"))
+    >>> halves = mv.VertexMap("half", np.where(ball.vertices[:, 2] > 0, 1, 2), parts)
+    >>> table = mv.regions(ball, halves, lambda2=True)
+    >>> table["label"].tolist(), table["loops"].tolist(), table["neck_width"].round(1)
+    (['north', 'south'], [1, 1], array([5.6, 5.7]))
+    """
+    surface = as_mesh(mesh)
+    surface = surface.with_maps(_label_map(surface, labels), *maps)
+    known, *measured = surface.maps[len(surface.maps) - len(maps) - 1 :]
+    rows, numbers = _rows(surface, known)
+    k = len(numbers)
+    inside = np.flatnonzero(rows >= 0)
+    order = inside[np.argsort(rows[inside], kind="stable")]
+    of_row = rows[order]
+    points, areas = surface.vertices[order], surface.vertex_areas[order]
+    area = np.bincount(of_row, areas, k)
+    weights = np.where((area > 0.0)[of_row], areas, 1.0)  # of faces without area: all the same
+    centroids = _means(points, weights, of_row, k)
+    part = np.arange(k) - np.searchsorted(numbers, numbers) + 1
+    columns: dict[str, npt.NDArray[Any]] = {
+        "label": np.array([known.labels[number].name for number in numbers]),
+        "part": part,
+        "vertices": np.bincount(of_row, minlength=k),
+        "area": area,
+    }
+    columns["volume"], columns["loops"] = _volumes(surface, rows, centroids)
+    columns["extent"] = _extents(points - centroids[of_row], weights, of_row, k)
+    if neck:
+        columns["neck_width"] = neck_widths(surface, rows, k)
+    if lambda2:
+        columns["lambda2"] = _first_eigenvalues(surface, rows, k, progress, cancel)
+    columns |= zip("xyz", centroids.T, strict=True)
+    starts = np.searchsorted(of_row, np.arange(k))
+    for each in measured:
+        values = each.values[order].astype(np.float64)
+        has = np.isfinite(values)
+        with np.errstate(invalid="ignore"):
+            total = np.bincount(of_row[has], (values * weights)[has], k)
+            mean = total / np.bincount(of_row[has], weights[has], k)
+        found = mean, np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+        columns |= zip((f"{what} {each.name}" for what in _OF_MAPS), found, strict=True)
+    remarks = _remarks(known, rows, columns["volume"])
+    return Regions(columns, rows, replace(surface, maps=tuple(measured)), remarks)
+
+
+def _label_map(mesh: Mesh, given: VertexMap | npt.ArrayLike) -> VertexMap:
+    """The labels as a map with labels: numbers are names where there are none."""
+    if isinstance(given, VertexMap) and given.labels:
+        return given
+    name = given.name if isinstance(given, VertexMap) else "labels"
+    raw = np.asarray(given.values if isinstance(given, VertexMap) else given)
+    if raw.dtype.kind not in "biuf" or raw.ndim != 1:
+        raise InputError(
+            f"Labels are one whole number a vertex, not {raw.dtype} of shape {raw.shape}."
+        )
+    numbers = np.nan_to_num(raw) if raw.dtype.kind == "f" else raw
+    if not np.array_equal(numbers, np.rint(numbers)):
+        raise InputError(
+            f"{name!r} has values that are no whole numbers, so they are no labels: give those, or"
+            " round them."
+        )
+    used = [int(number) for number in np.unique(numbers) if number != 0]
+    if not used:
+        raise InputError(f"{name!r} has no vertex with a label: each number is 0.")
+    names = tuple(Label(number, str(number), "#808080") for number in used)
+    return VertexMap(name, numbers, names)
+
+
+def _rows(mesh: Mesh, known: VertexMap) -> tuple[IntArray, IntArray]:
+    """Find the row of each vertex, shape (n,), and the place of the label of each row."""
+    places = np.nan_to_num(known.shown, nan=-1.0).astype(np.int64)
+    corners = places[mesh.faces]
+    whole = (corners[:, 0] >= 0) & (corners == corners[:, :1]).all(axis=1) & mesh.distinct_corners
+    faces = mesh.faces[whole]
+    if not len(faces):
+        raise InputError(
+            f"Map {known.name!r} has no face whose three corners have the same label: labels of"
+            " single vertices are no regions."
+        )
+    used = np.unique(faces)
+    ends = np.append(faces[:, 0], faces[:, 1]), np.append(faces[:, 1], faces[:, 2])
+    groups = np.unique(connected(*ends, mesh.n_vertices)[used], return_inverse=True)[1]
+    area = np.bincount(groups, mesh.vertex_areas[used])
+    label = np.zeros(len(area), dtype=np.int64)
+    label[groups] = places[used]
+    order = np.lexsort((-area, label))
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    rows = np.full(mesh.n_vertices, -1, dtype=np.int64)
+    rows[used] = rank[groups]
+    return rows, label[order]
+
+
+def _means(points: FloatArray, weights: FloatArray, of_row: IntArray, k: int) -> FloatArray:
+    sums = [np.bincount(of_row, weights * axis, k) for axis in points.T]
+    return np.stack(sums, axis=1) / np.bincount(of_row, weights, k)[:, None]
+
+
+def _extents(offsets: FloatArray, weights: FloatArray, of_row: IntArray, k: int) -> FloatArray:
+    """The largest extent along the principal axes of each row; points are sorted by row."""
+    moments = np.empty((k, 3, 3))
+    for i in range(3):
+        for j in range(3):
+            moments[:, i, j] = np.bincount(of_row, weights * offsets[:, i] * offsets[:, j], k)
+    axes = np.linalg.eigh(moments)[1]
+    along = np.einsum("ni,nij->nj", offsets, axes[of_row])
+    starts = np.searchsorted(of_row, np.arange(k))
+    spans = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
+    return np.asarray(spans.max(axis=1))
+
+
+def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Volume of each row, closed by fans, and the number of loops that were closed."""
+    k, n = len(centers), mesh.n_vertices
+    faces = _whole_faces(mesh, rows)
+    of_face = rows[faces[:, 0]]
+
+    def sixths(of: IntArray, *corners: FloatArray) -> FloatArray:
+        a, b, c = (each - centers[of] for each in corners)  # a far-away origin costs no digits
+        return np.bincount(of, np.einsum("ij,ij->i", a, np.cross(b, c)), k).astype(np.float64)
+
+    volumes = sixths(of_face, *(mesh.vertices[faces[:, corner]] for corner in range(3)))
+    codes = side_codes(faces, n)
+    edges = edges_of(codes)
+    at = np.searchsorted(edges.keys, codes >> 1)
+    balance = np.bincount(at, 1 - 2 * (codes & 1), len(edges.keys))
+    # a side that no other face passes in the opposite direction
+    open_ = np.flatnonzero(edges.counts[at] == 1)
+    tails, tips = faces.ravel()[open_], faces[:, [1, 2, 0]].ravel()[open_]
+    loops = np.zeros(k, dtype=np.int64)
+    if len(open_):
+        on_border, loop = np.unique(connected(tails, tips, n)[tails], return_inverse=True)
+        middles = _means(mesh.vertices[tails], np.ones(len(tails)), loop, len(on_border))
+        of_side = rows[tails]
+        ends = mesh.vertices[tips], mesh.vertices[tails]
+        volumes += sixths(of_side, *ends, middles[loop])
+        of_loop = np.zeros(len(on_border), dtype=np.int64)
+        of_loop[loop] = of_side
+        loops += np.bincount(of_loop, minlength=k)
+    wrong = (edges.counts > 1) & (balance != 0)
+    volumes[rows[edges.keys[wrong] // n]] = np.nan
+    return volumes / 6.0, loops
+
+
+def _whole_faces(mesh: Mesh, rows: IntArray) -> IntArray:
+    """The faces of all regions, shape (m, 3)."""
+    corners = rows[mesh.faces]
+    whole = (corners[:, 0] >= 0) & (corners == corners[:, :1]).all(axis=1) & mesh.distinct_corners
+    return np.asarray(mesh.faces[whole])
+
+
+def _first_eigenvalues(
+    mesh: Mesh,
+    rows: IntArray,
+    k: int,
+    progress: ProgressCallback | None,
+    cancel: CancelCallback | None,
+) -> FloatArray:
+    """The first eigenvalue above zero of each row, with a free border."""
+    from meshmash_viewer.spectral.eigensolver import solve
+
+    faces = _whole_faces(mesh, rows)
+    order = np.argsort(rows[faces[:, 0]], kind="stable")
+    ends = np.cumsum(np.bincount(rows[faces[:, 0]], minlength=k))
+    values = np.empty(k)
+    for row, own in enumerate(np.split(order, ends[:-1])):
+        check_cancelled(cancel)
+        if progress is not None:
+            progress(Progress("eigenvalues of regions", row / k))
+        used, corners = np.unique(faces[own], return_inverse=True)
+        alone = mesh.vertices[used], corners.reshape(-1, 3)
+        pairs = solve(*cotangent_laplacian(alone, robust=True), 2, cancel=cancel)
+        values[row] = pairs.eigenvalues[-1]
+    return values
+
+
+def _remarks(known: VertexMap, rows: IntArray, volume: FloatArray) -> tuple[str, ...]:
+    said = []
+    labelled = ~np.isnan(known.shown)
+    if without := int(np.count_nonzero(~labelled)):
+        said.append(f"{counted(without, 'vertex')} without a label.")
+    alone = np.bincount(known.shown[labelled & (rows < 0)].astype(np.int64))
+    for place in np.flatnonzero(alone):
+        said.append(
+            f"{counted(int(alone[place]), 'vertex')} of {known.labels[place].name} in no region:"
+            " no face around has three corners with this label."
+        )
+    if wrong := int(np.count_nonzero(np.isnan(volume))):
+        said.append(
+            f"{counted(wrong, 'region')} without a volume: faces disagree on which side is outside,"
+            " or more than two share an edge; the repairs orient_faces and drop_duplicate_faces"
+            " correct most of them."
+        )
+    return tuple(said)

@@ -1,0 +1,245 @@
+"""Regions: areas and volumes in closed form, necks of known radius, eigenvalues of submeshes."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+import scipy.linalg
+import shapes
+import trimesh
+
+import meshmash_viewer as mv
+from meshmash_viewer.cli.main import main
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.pins import read_pins
+
+
+def revolved(z: np.ndarray, radius: np.ndarray, around: int = 48) -> trimesh.Trimesh:
+    """Closed surface of revolution about x, turned and moved away from the origin."""
+    path = np.stack([z, np.zeros_like(z), np.zeros_like(z)], axis=1)
+    vertices, faces = shapes.tube(path, np.repeat(radius[:, None], around, axis=1), around)
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def turned(mesh: trimesh.Trimesh, seed: int = 1) -> trimesh.Trimesh:
+    rotation, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    rotation[:, 0] *= np.sign(np.linalg.det(rotation))
+    return trimesh.Trimesh(mesh.vertices @ rotation.T + 50.0, mesh.faces, process=False)
+
+
+def dumbbell(rings: int = 161, around: int = 48) -> trimesh.Trimesh:
+    """Two bulbs, joined where x is 0 by a neck of radius 0.2."""
+    x = np.linspace(-2.0, 2.0, rings)
+    radius = (0.2 + 0.8 * np.sin(np.pi * x / 4.0) ** 2) * np.sqrt(1.0 - (np.abs(x) / 2.05) ** 6)
+    return revolved(x, radius, around)
+
+
+SPHERE = trimesh.creation.icosphere(5)
+TORUS = trimesh.creation.torus(2.0, 0.7, major_sections=96, minor_sections=48)
+#: A cylinder of length 3 and radius 0.5 between half spheres.
+END = 0.5 * np.sin(np.linspace(0.02, np.pi / 2, 24))
+CAPSULE = revolved(
+    np.concatenate([-1.5 - np.sqrt(0.25 - END**2), np.linspace(-1.45, 1.45, 59),
+                    1.5 + np.sqrt(0.25 - END[::-1] ** 2)]),
+    np.concatenate([END, np.full(59, 0.5), END[::-1]]),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("height", [-0.6, 0.0, 0.3])
+def test_areas_on_both_sides_of_a_plane(height: float) -> None:
+    expected = {
+        "sphere": (SPHERE, 2.0 * np.pi * np.array([1.0 - height, 1.0 + height])),
+        "capsule": (CAPSULE, np.pi * np.array([2.0 - height, 2.0 + height])),
+        # the areas where cos u > height / 2 of the circle of the tube's middle, nearly
+        "torus": (TORUS, 2.0 * np.pi**2 * 0.7 * 2.0 * np.ones(2)),
+    }
+    for name, (mesh, areas) in expected.items():
+        level = 0.0 if name == "torus" else height
+        table = mv.regions(mesh, np.where(mesh.vertices[:, 0] > level, 1, 2), neck=False)
+        np.testing.assert_allclose(table["area"], areas, rtol=0.02, err_msg=name)
+        assert table["area"].sum() == pytest.approx(mesh.area, rel=1e-12)
+        # what is closed by fans is the solid, but for the faces between both
+        bound = areas.max() * 2.0 * np.linalg.norm(np.ptp(mesh.triangles, axis=1), axis=1).max()
+        assert mesh.volume - bound < table["volume"].sum() <= mesh.volume
+
+
+def test_volumes_of_closed_parts() -> None:
+    moved = [turned(mesh, seed) for seed, mesh in enumerate((TORUS, CAPSULE, SPHERE, dumbbell()))]
+    for at, mesh in enumerate(moved):
+        mesh.apply_translation([1e4 * at, 0.0, 0.0])
+    whole = trimesh.util.concatenate(moved)
+    labels = np.repeat([1, 2, 1, 3], [len(mesh.vertices) for mesh in moved])
+    table = mv.regions(whole, labels)
+    assert table["label"].tolist() == ["1", "1", "2", "3"]
+    assert table["part"].tolist() == [1, 2, 1, 1]  # the largest first
+    order = [0, 2, 1, 3]
+    expected = [
+        turned(each, seed) for seed, each in enumerate((TORUS, CAPSULE, SPHERE, dumbbell()))
+    ]
+    np.testing.assert_allclose(table["volume"], [expected[i].volume for i in order], rtol=1e-9)
+    np.testing.assert_allclose(table["area"], [expected[i].area for i in order], rtol=1e-9)
+    assert table["loops"].tolist() == [0] * 4
+    assert np.isnan(table["neck_width"]).all()  # none joins a rest
+    assert table["extent"][2] == pytest.approx(4.0, rel=1e-3)  # of the capsule, in any direction
+    inward = mv.regions((SPHERE.vertices, SPHERE.faces[:, ::-1]), np.ones(len(SPHERE.vertices)))
+    assert inward["volume"][0] == pytest.approx(-SPHERE.volume, rel=1e-9)
+
+
+def test_fans_close_a_cut_exactly_where_it_is_flat() -> None:
+    """A part of the cylinder between two rings is a prism."""
+    capsule = turned(CAPSULE)
+    table = mv.regions(capsule, np.abs(CAPSULE.vertices[:, 0]) < 1.01)
+    polygon = 0.5 * 48 * 0.25 * np.sin(2.0 * np.pi / 48)
+    assert table["loops"].tolist() == [2]
+    assert table["volume"][0] == pytest.approx(polygon * 2.0, rel=1e-9)
+    centre = capsule.vertices.mean(axis=0)
+    np.testing.assert_allclose([table[axis][0] for axis in "xyz"], centre, atol=1e-9)
+
+
+@pytest.mark.parametrize("cut", [-0.4, -0.1, 0.0])
+@pytest.mark.parametrize(("rings", "around"), [(81, 24), (161, 48)])
+def test_the_neck_of_a_dumbbell(cut: float, rings: int, around: int) -> None:
+    shape = dumbbell(rings, around)
+    table = mv.regions(turned(shape), shape.vertices[:, 0] > cut - 1e-9)
+    assert table["neck_width"][0] == pytest.approx(2.0 * np.pi * 0.2, rel=0.03)
+
+
+def test_several_necks_and_both_sides() -> None:
+    """Two bulbs with the neck between them labelled on its own; and in another unit."""
+    shape = dumbbell()
+    x = shape.vertices[:, 0]
+    labels = np.select([x > 0.3, x < -0.3], [1, 1], 2)
+    table = mv.regions(mv.Mesh(shape.vertices * 8192.0, shape.faces, "nm"), labels, lambda2=True)
+    assert table["part"].tolist() == [1, 2, 1]
+    assert table["loops"].tolist() == [1, 1, 2]
+    radius = 0.2 + 0.8 * np.sin(np.pi * 0.3 / 4.0) ** 2
+    # a bulb ends where its label does; the tube between joins them at both ends
+    np.testing.assert_allclose(table["neck_width"][:2], 16384.0 * np.pi * radius, rtol=0.05)
+    assert 1.9 < table["neck_width"][2] / (16384.0 * np.pi * 0.2) < 2.4
+    plain = mv.regions(shape, labels, lambda2=True)
+    for name in ("area", "volume", "extent", "neck_width", "lambda2"):
+        power = {"area": 2, "volume": 3, "lambda2": -2}.get(name, 1)
+        np.testing.assert_allclose(table[name], plain[name] * 8192.0**power, rtol=1e-9)
+    assert [table.unit_of(name) for name in ("area", "volume", "lambda2")] == ["nm²", "nm³", "nm⁻²"]
+
+
+def test_lambda2_is_that_of_the_submesh() -> None:
+    blob = shapes.blob(2)
+    labels = np.where(blob.vertices[:, 0] > 0.1, 1, 2)
+    table = mv.regions(blob, labels, lambda2=True)
+    for row in range(len(table)):
+        inside = table.mask(row)
+        faces = blob.faces[inside[blob.faces].all(axis=1)]
+        kept, corners = np.unique(faces, return_inverse=True)
+        assert table["vertices"][row] == len(kept)
+        matrices = mv.cotangent_laplacian(
+            (blob.vertices[kept], corners.reshape(-1, 3)), robust=True
+        )
+        expected = scipy.linalg.eigh(*(each.toarray() for each in matrices), eigvals_only=True)
+        assert table["lambda2"][row] == pytest.approx(expected[1], rel=1e-9)
+        masked, _ = mv.decompose_mesh(blob, 2, mask=inside)
+        assert table["lambda2"][row] == pytest.approx(masked[1], rel=1e-9)
+
+
+def test_vertices_in_no_region_are_counted() -> None:
+    """Faces that share a vertex are one region; what is in no whole face is in none."""
+    ball = shapes.icosphere(2)
+    around = ball.faces[(ball.faces == 0).any(axis=1)]
+    labels = np.zeros(ball.n_vertices, dtype=int)
+    labels[around[:2].ravel()] = 1  # two faces that meet in vertex 0
+    far = np.argsort(np.linalg.norm(ball.vertices + ball.vertices[0], axis=1))
+    labels[far[0]] = 1
+    named = mv.VertexMap("spots", labels, (mv.Label(1, "spot", "#4477aa"),))
+    table = mv.regions(ball, named, neck=False)
+    assert table["label"].tolist() == ["spot"]
+    assert table.rows[far[0]] == -1
+    assert table.rows[0] == 0
+    without, alone = table.remarks
+    assert without == f"{(labels == 0).sum()} vertices without a label."
+    assert alone.startswith("1 vertex of spot in no region: no face around has three corners")
+
+
+def test_maps_are_averaged_over_the_area() -> None:
+    ball = shapes.icosphere(4)
+    height = mv.VertexMap("height", ball.vertices[:, 2].copy(), unit="mV")
+    gaps = height.values.copy()
+    gaps[ball.vertices[:, 2] > 0.9] = np.nan
+    north = ball.vertices[:, 2] > 0.0
+    table = mv.regions(ball, north, [height, mv.VertexMap("gaps", gaps)], neck=False)
+    assert table["mean height"][0] == pytest.approx(0.5, abs=0.02)
+    assert table["max height"][0] == ball.vertices[:, 2].max()
+    assert table["min height"][0] == ball.vertices[north, 2].min()
+    assert table.unit_of("mean height") == "mV"
+    assert table["max gaps"][0] == np.nanmax(gaps)
+    assert table["mean gaps"][0] == pytest.approx(0.45, abs=0.02)
+
+
+def test_faces_that_disagree_have_no_volume() -> None:
+    box = trimesh.creation.box()
+    faces = box.faces.copy()
+    faces[0] = faces[0][::-1]
+    table = mv.regions((box.vertices, faces), np.ones(8))
+    assert np.isnan(table["volume"]).all()
+    assert table["area"][0] == pytest.approx(6.0)
+    assert "orient_faces" in table.remarks[0]
+
+
+def test_bad_labels_get_one_sentence() -> None:
+    ball = shapes.icosphere(2)
+    cases = [
+        (np.ones(5), "'labels' has 5 values and the mesh 162 vertices"),
+        (np.full(162, 0.5), "'labels' has values that are no whole numbers"),
+        (np.zeros(162), "'labels' has no vertex with a label"),
+        (np.array(["a"] * 162), "Labels are one whole number a vertex"),
+        (np.arange(162), "no face whose three corners have the same label"),
+    ]
+    for labels, message in cases:
+        with pytest.raises(InputError, match=message):
+            mv.regions(ball, labels)
+    with pytest.raises(InputError, match="There is no column 'size'"):
+        mv.regions(ball, np.ones(162))["size"]
+
+
+def test_the_command_writes_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shape = dumbbell(41, 16)
+    shape.export("dumbbell.ply")
+    np.save("side.npy", np.where(shape.vertices[:, 0] > 0.01, 2, 1))
+    np.save("height.npy", shape.vertices[:, 1])
+    np.savez("several.npz", one=np.ones(len(shape.vertices)), two=np.ones(len(shape.vertices)))
+    given = ["regions", "dumbbell.ply", "--unit", "µm", "--labels"]
+    assert main([*given, "side.npy", "--map", "height.npy", "--lambda2", "-o", "out.csv"]) == 0
+    assert capsys.readouterr().out == "out.csv: 2 regions of 2 labels\n"
+    with open("out.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    table = mv.regions(shape, np.load("side.npy"), lambda2=True)
+    assert [row["label"] for row in rows] == ["1", "2"]
+    assert rows[0]["unit"] == "µm"
+    for name in ("area", "volume", "neck_width", "lambda2", "x"):
+        np.testing.assert_allclose([float(row[name]) for row in rows], table[name], rtol=1e-4)
+    assert {"mean height.npy", "min height.npy"} <= rows[0].keys()
+    about = json.loads(Path("out.csv.json").read_text(encoding="utf-8"))
+    assert about["options"]["units"]["volume"] == "µm³"
+    assert read_pins("out.csv").names == ["1", "2"]  # positions that the window can pin
+
+    assert main([*given, "several.npz:two", "-o", "out.parquet", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["n_regions"] == 1
+    read = pyarrow.parquet.read_table("out.parquet")
+    assert read["label"].to_pylist() == ["1"]
+    assert b"meshmash-viewer" in read.schema.metadata
+    for labels, message in (
+        ("several.npz", "several.npz has 2 maps, name one after a colon: one, two."),
+        ("several.npz:three", "no map 'three'"),
+        ("height.npy", "no whole numbers"),
+    ):
+        assert main([*given, labels, "-o", "out.csv"]) == 2
+        assert message in capsys.readouterr().err
+    assert main([*given, "side.npy", "-o", "out.xyz"]) == 2
+    assert ".csv .parquet .npz" in capsys.readouterr().err
