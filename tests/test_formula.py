@@ -72,8 +72,12 @@ def test_the_unit_of_a_parameter_follows_from_the_formula(text: str, powers: dic
     ("text", "said"),
     [
         ("", "There is no formula"),
-        ("exp(-t*x", "cannot be read at character 4"),
-        ("2x", r"at character 1: write one such as exp\(-2\*t\*x\)"),
+        ("exp(-t*x", r"at character 4: this bracket is not closed, so add \)"),
+        ("exp(-t*x))", "at character 10: this bracket closes none"),
+        ("2x", r"at character 2: write a sign such as \* between 2 and x"),
+        ("1e-3*x+exp(-t x)", r"at character 15: write a sign such as \* between t and x"),
+        ("exp(-t*lambda)", "at character 8: lambda is a reserved word"),
+        ("x +* 2", r"at character 4: write one such as exp\(-2\*t\*x\)"),
         ("x^", "cannot be read at character 2"),
         (" t + x*", "cannot be read at character 7"),
         ("__import__('os').system('true')", "wrong at character 1"),
@@ -100,10 +104,11 @@ def test_what_is_no_formula_is_one_sentence(text: str, said: str) -> None:
     ("text", "python"),
     [
         ("x^2", "x**2"), ("2^-x", "2**-x"), ("-x^2 + 9", "-(x**2) + 9"), ("(x ^ 2) ^ 0.5", "x"),
+        ("exp(−t·x²)", "exp(-t*x**2)"), ("(x ≤ 0.5) × (x ≥ 0.5)", "(x <= 0.5) * (x >= 0.5)"),
         ("ln(1 + x)", "log(1 + x)"), (" exp(-t*λ^1.5)", "exp(-t*x**1.5)"),
     ],
 )  # fmt: skip
-def test_powers_may_be_written_with_a_caret(text: str, python: str) -> None:
+def test_signs_may_be_written_as_papers_have_them(text: str, python: str) -> None:
     values = dict.fromkeys(Formula(python).parameters, 0.3)
     spectrum = np.array([0.0, 0.5, 2.0])
     np.testing.assert_allclose(

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import ast
 import itertools
+import keyword
 import math
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -35,6 +37,19 @@ MOST_CHARACTERS, _DEEPEST, MOST_NAMES = 200, 30, 4
 #: Names of the variable: λ is an alias of x.
 _X = "x", "λ"
 _CONSTANTS = {"pi": math.pi, "e": math.e}
+#: Characters as papers and titles write them, with what Python parses in their place.
+_WRITTEN = {
+    "^": "**",
+    "−": "-",
+    "·": "*",
+    "×": "*",
+    "²": "**2",
+    "≤": "<=",
+    "≥": ">=",
+}
+_TOKEN = re.compile(r"\d+\.?\d*(?:[eE][+-]?\d+)?|[^\W\d]\w*|\S")
+#: Words of Python that a formula may contain.
+_WORDS = {"and", "or", "not"}
 #: Functions by name, with their number of arguments.
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "exp": (np.exp, 1),
@@ -116,9 +131,10 @@ class Formula:
     array([1.   , 0.135])
     """
 
-    #: Arithmetic (``+ - * / ^``, and ``**`` for ``^``), comparisons (``a <= x <= b``), ``and``,
-    #: ``or``, ``not``, parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`, x or λ,
-    #: and names of parameters. A comparison is 1 where it holds and 0 elsewhere.
+    #: Arithmetic (``+ - * / ^``, ``**`` for ``^``, and signs as papers have them: ``− · × ²``),
+    #: comparisons (``a <= x <= b``), ``and``, ``or``, ``not``, parentheses, numbers, ``pi``, ``e``,
+    #: the functions of `FUNCTIONS`, x or λ, and names of parameters. A comparison is 1 where it
+    #: holds and 0 elsewhere.
     text: str
 
     def __post_init__(self) -> None:
@@ -160,7 +176,10 @@ class Formula:
         found = self.sampled(spectrum, values)
         wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0.0)))
         if len(wrong):
-            raise InputError(self._complaint(spectrum[wrong[0]], found[wrong[0]]))
+            first = wrong[0]
+            if not np.isfinite(found[first]):  # at zero alone it has a remedy of its own
+                first = wrong[np.argmax(spectrum[wrong] > 0.0)]
+            raise InputError(self._complaint(spectrum[first], found[first]))
         return found
 
     @property
@@ -200,6 +219,8 @@ class Formula:
         what = "not a number" if np.isnan(value) else "infinite"
         if eigenvalue == 0.0:
             return f"The formula is {what} {at}: write where(x > 0, …, 0) around it."
+        if not self.parameters:
+            return f"The formula is {what} {at}: write where(…, …, 0) around it."
         return f"The formula is {what} {at}: its parameters are too large or too small there."
 
 
@@ -308,30 +329,63 @@ def _parsed(text: str) -> ast.expr:
         raise InputError("There is no formula: write one such as exp(-2*t*x), with x for λ.")
     if len(text) > MOST_CHARACTERS:
         raise InputError(f"The formula is longer than {MOST_CHARACTERS} characters: shorten it.")
+    written = "".join(_WRITTEN.get(each, each) for each in text.strip())
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return ast.parse(text.strip().replace("^", "**"), mode="eval").body
+            return ast.parse(written, mode="eval").body
     except SyntaxError as fault:
-        if fault.offset:
-            position = _position(text, len((fault.text or "")[: fault.offset - 1].encode()))
-        else:  # it ends too early
-            position = len(text.rstrip()) - 1
-        raise FormulaError(
-            f"The formula {printable(text)} cannot be read at character {position + 1}: write one"
-            " such as exp(-2*t*x).",
-            position,
-        ) from None
+        raise _unreadable(text, fault) from None
     except (ValueError, RecursionError, MemoryError):
         raise InputError(
             f"The formula {printable(text)} cannot be read: write one such as exp(-2*t*x)."
         ) from None
 
 
+def _unreadable(text: str, fault: SyntaxError) -> FormulaError:
+    """Say what is wrong with a text that Python cannot parse, and where."""
+    if fault.offset:
+        position = _position(text, len((fault.text or "")[: fault.offset - 1].encode()))
+    else:  # it ends too early
+        position = len(text.rstrip()) - 1
+    position, remedy = next(_slips(text), (position, "write one such as exp(-2*t*x)"))
+    return FormulaError(
+        f"The formula {printable(text)} cannot be read at character {position + 1}: {remedy}.",
+        position,
+    )
+
+
+def _slips(text: str) -> Iterator[tuple[int, str]]:
+    """Yield positions of brackets without a partner, of missing signs and of reserved words."""
+    opened: list[int] = []
+    before = ""
+    for token in _TOKEN.finditer(text):
+        word, at = token.group(), token.start()
+        if keyword.iskeyword(word) and word not in _WORDS:
+            yield at, f"{word} is a reserved word, so write another, and x for λ"
+        begins = word not in _WORDS and (word[0].isalnum() or word == "(")
+        called = word == "(" and before[:1].isalpha()
+        if _ends_value(before) and begins and not called:
+            yield at, f"write a sign such as * between {before} and {word}"
+        if word == "(":
+            opened.append(at)
+        elif word == ")" and not opened:
+            yield at, "this bracket closes none, so remove it"
+        elif word == ")":
+            opened.pop()
+        before = word
+    if opened:
+        yield opened[-1], "this bracket is not closed, so add )"
+
+
+def _ends_value(token: str) -> bool:
+    return token == ")" or (token[:1].isalnum() and token not in _WORDS)
+
+
 def _position(text: str, column: int) -> int:
     """Convert a byte of what Python parses to the index of a character of the text."""
     start = len(text) - len(text.lstrip())
-    sizes = (2 if each == "^" else len(each.encode()) for each in text[start:])
+    sizes = (len(_WRITTEN.get(each, each).encode()) for each in text[start:])
     ends = itertools.accumulate(sizes)
     return start + sum(end <= column for end in ends)
 

@@ -111,6 +111,24 @@ def test_enter_runs_and_what_was_run_comes_first(window: MainWindow, qtbot: QtBo
     assert not theme.is_dark()
 
 
+def run(window: MainWindow, text: str) -> None:
+    dialog = palette(window)
+    assert rows(dialog, text)
+    QTest.keyClick(dialog.findChild(QLineEdit, "palette_search"), Qt.Key.Key_Return)
+    QApplication.processEvents()
+
+
+def test_panels_and_what_is_behind_another_tab_are_found(window: MainWindow, qtbot: QtBot) -> None:
+    for typed, name in (("vibration", "shape"), ("health", "mesh"), ("shape", "shape")):
+        run(window, typed)
+        panel = window.findChild(QWidget, f"{name}_panel")
+        assert panel is not None
+        qtbot.waitUntil(panel.isVisible)
+    run(window, "unit of")
+    qtbot.waitUntil(lambda: window.focusWidget().objectName() == "unit_combo")
+    assert window.focusWidget().isVisible()
+
+
 def test_a_setting_gets_the_focus(window: MainWindow, qtbot: QtBot) -> None:
     dialog = palette(window)
     assert rows(dialog, "unit of")

@@ -153,7 +153,7 @@ def test_legend_names_the_pins_in_their_colours_and_takes_them_away(
     document.pins.change("rename", 300, name="a spine on the apical dendrite")
     assert told("pin_label")["300"].endswith("…")
     label = panel.findChildren(QLabel, "pin_label_300")[-1]
-    assert label.toolTip() == "a spine on the apical dendrite"
+    assert label.parentWidget().toolTip() == "a spine on the apical dendrite"
 
 
 def test_a_vertex_on_no_face_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:
@@ -288,6 +288,21 @@ def test_a_right_click_on_a_line_of_the_legend_asks_for_its_menu(
     assert panel.findChild(QLabel, "pin_label_5").text() == "soma"
 
 
+def test_the_plot_has_most_of_a_narrow_panel(panel: ProfilePanel, document, qtbot) -> None:
+    document.pins.set("pins", [Pin(5, 1, "soma"), Pin(300, 2)])
+    curves(panel, document, qtbot)
+    named, wide = panel.findChild(QLabel, "pin_label_300"), panel.width()
+    qtbot.waitUntil(named.isVisible)
+    panel.resize(280, 180)  # as in a window of 900 × 600
+    qtbot.waitUntil(lambda: panel.plot.width() >= 180)
+    assert not named.isVisible()
+    cross = panel.findChild(QToolButton, "unpin_button_300")
+    corner = cross.mapTo(panel, cross.rect().bottomRight())
+    assert panel.rect().contains(corner)
+    panel.resize(wide, 260)
+    qtbot.waitUntil(named.isVisible)
+
+
 def test_an_index_of_many_digits_is_legible(qtbot) -> None:
     flat = shapes.rectangle(60, 30, 60.0, 30.0)
     mesh = Mesh(flat.vertices, flat.faces, unit="nm")
@@ -298,6 +313,6 @@ def test_an_index_of_many_digits_is_legible(qtbot) -> None:
     labels = [panel.findChild(QLabel, f"pin_label_{vertex}") for vertex in (1111, 1196, 7)]
     assert [each.text() for each in labels[:2]] == ["Vertex 1,111", "Vertex 1,196"]
     assert labels[2].text().endswith("…")
-    assert labels[2].toolTip() == "a name of many words"
+    assert labels[2].parentWidget().toolTip() == "a name of many words"
     qtbot.waitUntil(lambda: all(each.width() >= each.sizeHint().width() for each in labels))
     panel.close()

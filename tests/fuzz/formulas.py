@@ -140,7 +140,7 @@ def _outcome(text: str, seed: int) -> str:
     assert (found >= 0.0).all()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of "1or x", which is one
-        tree = ast.parse(text.strip(), mode="eval")
+        tree = ast.parse(text.strip().replace("²", "**2"), mode="eval")
     beyond = [node for node in ast.walk(tree) if not isinstance(node, ALLOWED)]
     assert not beyond, beyond
     return "computed"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-from PySide6.QtCore import QEvent, QObject, QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QTimer
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -81,6 +81,15 @@ SYNONYMS = {
 }
 #: Other words of gestures, by what they do in `actions.MOUSE_HELP`.
 _GESTURES = {"Turn": "rotate orbit spin", "Shift": "pan move translate drag", "Roll": "rotate tilt"}
+#: Other words of panels, by their titles.
+_PANELS = {
+    "Mesh": "panel health defects repair decomposition information",
+    "Shape": "panel reconstruction vibration morph",
+    "Compare": "panel second mesh match correspondence",
+    "Field": "panel families colours colors",
+    "Spectrum": "panel eigenvalues filters plot",
+    "Profiles": "panel pins plot legend",
+}
 _SETTINGS = QLineEdit, QAbstractSpinBox, QComboBox, QAbstractButton, QAbstractSlider
 _MAX_ROWS, _WIDTH = 12, 560
 #: Commands that were run last, the newest first.
@@ -228,21 +237,36 @@ def _gestures(actions: Actions) -> Iterator[Entry]:
 
 
 def _settings(window: QMainWindow) -> Iterator[Entry]:
+    """Yield panels and their controls, those behind another tab, which are disabled, too."""
     for dock in window.findChildren(QDockWidget):
-        for control in dock.findChildren(QWidget):
+        place, panel = dock.windowTitle(), dock.widget()
+        words, front = _PANELS.get(place, ""), partial(_bring_to_front, dock)
+        yield Entry(dock.objectName(), place, "View", "", words, front)
+        seen = set()  # a slider and its field are one setting
+        for control in panel.findChildren(QWidget):
             name = control.accessibleName()
-            if not (name and isinstance(control, _SETTINGS) and control.isEnabled()):
+            if not (name and isinstance(control, _SETTINGS) and control.isEnabledTo(panel)):
                 continue
-            if control.focusPolicy() != Qt.FocusPolicy.NoFocus and control.isVisibleTo(dock):
-                place = dock.windowTitle()
+            focusable = control.focusPolicy() != Qt.FocusPolicy.NoFocus
+            if focusable and control.isVisibleTo(dock) and name not in seen:
+                seen.add(name)
                 key = f"{dock.objectName()}.{control.objectName()}"
                 yield Entry(key, name, place, "", place, partial(_go_to, control, dock))
 
 
-def _go_to(control: QWidget, dock: QDockWidget) -> None:
-    """Bring a control to the front and give it the focus."""
+def _bring_to_front(dock: QDockWidget) -> None:
     dock.show()
     dock.raise_()
+
+
+def _go_to(control: QWidget, dock: QDockWidget) -> None:
+    """Bring a control to the front and give it the focus."""
+    _bring_to_front(dock)
+    # once Qt has said that it is shown, which enables what is in it
+    QTimer.singleShot(0, control, partial(_give_focus, control))
+
+
+def _give_focus(control: QWidget) -> None:
     area = control.parentWidget()
     while area is not None and not isinstance(area, QScrollArea):
         area = area.parentWidget()

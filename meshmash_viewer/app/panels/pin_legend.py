@@ -49,8 +49,15 @@ class PinLegend(QScrollArea):
         self.setWidget(content)
         #: By pin, and what its vertex is called: after a repair another may have its index.
         self._rows: dict[tuple[Pin, str], QWidget] = {}
+        self._short = False
         follow(document.pins.changed, self._refresh)
         self._refresh()
+
+    def set_short(self, short: bool) -> None:
+        """Show numbers alone, with names as tooltips, or names, too."""
+        if short != self._short:
+            self._short = short
+            self._refresh()
 
     def _refresh(self) -> None:
         pins = sorted(self._document.pins.placed[:MOST_SHOWN], key=lambda pin: pin.number)
@@ -68,6 +75,8 @@ class PinLegend(QScrollArea):
             if line not in self._rows:
                 self._rows[line] = self._row(*line)
                 self._column.insertWidget(place, self._rows[line])
+            for name in self._rows[line].findChildren(QLabel, f"pin_label_{line[0].vertex}"):
+                name.setVisible(not self._short)
         widest = max((row.sizeHint().width() for row in self._rows.values()), default=0)
         bar = self.verticalScrollBar().sizeHint().width()
         self.setFixedWidth(widest + theme.GAP + bar)
@@ -104,9 +113,8 @@ class PinLegend(QScrollArea):
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
         number = make.label(f"pin_number_{pin.vertex}", text=f"<b>{pin.number}</b>")
         name = make.label(f"pin_label_{pin.vertex}", textFormat=Qt.TextFormat.PlainText)
-        name.setToolTip(called)
+        row.setToolTip(html.escape(called))
         if pin.name:
-            name.setToolTip(html.escape(called))
             end = Qt.TextElideMode.ElideRight
             called = name.fontMetrics().elidedText(called, end, _WIDEST)
         name.setText(called)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pyqtgraph as pg
 from PySide6.QtCore import QPoint, Signal
-from PySide6.QtGui import QCloseEvent
+from PySide6.QtGui import QCloseEvent, QResizeEvent
 from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
@@ -40,6 +40,8 @@ _VIEWS = {
 _AT_ONCE = 60
 #: Largest distance in pixels at which the pointer selects a curve.
 _NEAR = 8.0
+#: Width below which the legend has numbers alone, in logical pixels.
+_NARROW = 340
 #: Eigenpairs, and vertices.
 _Request: TypeAlias = tuple[Eigenpairs, tuple[int, ...]]
 
@@ -128,6 +130,11 @@ class ProfilePanel(PlotPanel):
             each.pointed.connect(self._tell_pointed)
             each.activated_pin.connect(self.pin_activated)
             each.menu_requested.connect(self.menu_requested)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave the plot most of a narrow panel."""
+        super().resizeEvent(event)
+        self.legend.set_short(self.width() < _NARROW)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Read nothing any more, and use the spectrum no more."""
