@@ -196,7 +196,7 @@ def maps_and_remarks(
         raw = read_guarded(_reader(path), path)
         if not raw.maps:
             raise InputError("has nothing at its vertices but coordinates")
-        found, faults = _fitting(raw.maps, mesh, path)
+        found, faults = _fitting(raw.maps_in_units, mesh, path)
     except LimitExceeded as fault:
         raise InputError(f"{path} {fault}") from fault
     except InputError as fault:

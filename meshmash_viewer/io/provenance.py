@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.errors import printable
@@ -92,6 +93,34 @@ def stated_mesh(meta: str) -> tuple[str | None, str]:
     )
 
 
+def stated_columns(meta: str) -> list[str]:
+    """Return the columns of features in the JSON text of `provenance`, none if unstated."""
+    try:
+        return [str(each) for each in json.loads(meta)["columns"]]
+    except (ValueError, KeyError, TypeError):
+        return []
+
+
+def stated_units(meta: str) -> dict[str, str]:
+    """Return the unit of each column of features in the JSON text of `provenance`."""
+    try:
+        options = json.loads(meta)["options"]
+        unit, maps = str(options.get("values_unit", "")), options.get("maps", {})
+        units = dict.fromkeys(stated_columns(meta), unit) | {"component": ""}
+        units |= {name: str(about["unit"]) for name, about in maps.items()}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return {name: printable(each, 30) for name, each in units.items()}
+
+
+def second_file(path: Path) -> str:
+    """Return the text of the file next to a table without metadata, "" without one."""
+    try:
+        return path.with_name(path.name + ".json").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
 # -- in the headers of PLY and OBJ files, readable by other programs ---------------------------
 
 #: Longest line in characters: MeshLab rejects lines over 512, the end of the line included.
@@ -145,8 +174,5 @@ def property_names(columns: Sequence[str]) -> list[str]:
 
 def names_of_properties(meta: str) -> dict[str, str]:
     """Return the column of each property, from the text of `provenance`."""
-    try:
-        columns = json.loads(meta)["columns"]
-        return dict(zip(property_names(columns), columns, strict=True))
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return {}
+    columns = stated_columns(meta)
+    return dict(zip(property_names(columns), columns, strict=True))

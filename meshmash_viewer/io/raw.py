@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.io.provenance import stated_units
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
@@ -34,6 +35,8 @@ class RawMap:
     rows: IntArray | None = None
     #: The shape that the values have in the file, where it may be that of a volume.
     volume: tuple[int, ...] = ()
+    #: Unit of the values, "" if it is not stated.
+    unit: str = ""
 
     @property
     def last(self) -> int:
@@ -60,7 +63,7 @@ class RawMap:
         if labels and not used:
             raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
         labels = tuple(replace(label, name=label.name or name) for label in used)
-        return VertexMap(name, values, labels, path=origin)
+        return VertexMap(name, values, labels, self.unit, path=origin)
 
 
 def checked_maps(
@@ -110,12 +113,20 @@ class RawMesh:
     remarks: tuple[str, ...] = ()
     #: The part of a brain that the file says it is of, "" if it does not.
     structure: str = ""
+    #: What our own exports say of it, see `io.provenance`.
+    meta: str = ""
+
+    @property
+    def maps_in_units(self) -> tuple[RawMap, ...]:
+        """The maps, with the units that our own exports state."""
+        units = stated_units(self.meta)
+        return tuple(replace(each, unit=units.get(each.name, each.unit)) for each in self.maps)
 
 
-def maps_alone(maps: Iterable[RawMap], remarks: tuple[str, ...] = ()) -> RawMesh:
+def maps_alone(maps: Iterable[RawMap], remarks: tuple[str, ...] = (), meta: str = "") -> RawMesh:
     """What a file holds that has no mesh."""
     no_vertices, no_faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    return RawMesh(no_vertices, no_faces, maps=tuple(maps), remarks=remarks)
+    return RawMesh(no_vertices, no_faces, maps=tuple(maps), remarks=remarks, meta=meta)
 
 
 def read_raw(reader: Callable[[Path], RawMesh | MeshLike], path: Path) -> RawMesh:
@@ -133,5 +144,5 @@ def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
     if isinstance(given, RawMesh):
         return given
     mesh = as_mesh(given)
-    maps = tuple(RawMap(each.name, each.values, each.labels) for each in mesh.maps)
+    maps = tuple(RawMap(each.name, each.values, each.labels, unit=each.unit) for each in mesh.maps)
     return RawMesh(mesh.vertices, mesh.faces, mesh.unit or None, maps, structure=mesh.structure)

@@ -34,10 +34,10 @@ def gifti(path: Path, intent: str, values: np.ndarray, labels: bool = False) -> 
     image = GiftiImage()
     if labels:
         image.labeltable = GiftiLabelTable()
-        for key, name, color in (vars(label).values() for label in LABELS):
-            rgb = [int(color[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
-            label = GiftiLabel(key, *rgb, 1.0)
-            label.label = name
+        for given in LABELS:
+            rgb = [int(given.color[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+            label = GiftiLabel(given.key, *rgb, 1.0)
+            label.label = given.name
             image.labeltable.labels.append(label)
     image.add_gifti_data_array(GiftiDataArray(values, intent=intent))
     path.write_bytes(image.to_bytes())
@@ -198,12 +198,17 @@ def test_our_own_features_come_back_as_maps(tmp_path: Path) -> None:
     from meshmash_viewer.io.write import write_features
 
     values = np.stack([VALUES, 2.0 * VALUES], axis=1)
-    for ending in (".npz", ".vtp", ".csv", ".parquet", ".func.gii"):
+    mesh = MESH.with_maps(VertexMap("voltage", VALUES, unit="mV"))
+    features = Features(values, ("one", "two"), "nm⁻²").with_maps(mesh).with_components(mesh)
+    for ending in (".npz", ".npy", ".vtp", ".ply", ".csv", ".parquet", ".func.gii"):
         path = tmp_path / f"made{ending}"
-        write_features(path, Features(values, ("one", "two")), MESH)
+        write_features(path, features, MESH)
         found = read_maps(path, MESH)
-        assert [each.name for each in found] == ["one", "two"], ending
-        np.testing.assert_array_equal(found[1].values, values[:, 1])
+        units = [(each.name, each.unit) for each in found]
+        assert units == [
+            ("one", "nm⁻²"), ("two", "nm⁻²"), ("voltage", "mV"), ("component", ""),
+        ], ending  # fmt: skip
+        np.testing.assert_allclose(found[1].values, values[:, 1])
 
 
 def labels_beyond(path: Path) -> None:

@@ -40,14 +40,19 @@ def read_gifti(path: Path) -> RawMesh:
         raise InputError(f"has arrays of shapes {vertices.shape} and {faces.shape}")
     if faces.dtype.kind not in "iu":
         raise InputError("has triangles whose vertex indices are no whole numbers")
-    said = dict(image.meta or {}).get("meshmash-viewer", "")
+    said = _said(image)
     return RawMesh(
         np.asarray(vertices, dtype=np.float64),
         faces.astype(np.int64),
         "" if stated_mesh(said)[0] == "" else "mm",
         tuple(_gifti_maps(image))[:MOST_MAPS],
         structure=_structure(points[0]) or _structure(image),
+        meta=said,
     )
+
+
+def _said(image: Any) -> str:
+    return str(dict(image.meta or {}).get("meshmash-viewer", ""))
 
 
 def _structure(described: Any) -> str:
@@ -56,7 +61,8 @@ def _structure(described: Any) -> str:
 
 def gifti_maps(path: Path) -> RawMesh:
     """Read the arrays of a GIFTI file with one number a vertex, labels with their table."""
-    return maps_alone(_gifti_maps(_gifti(path)))
+    image = _gifti(path)
+    return maps_alone(_gifti_maps(image), meta=_said(image))
 
 
 def _gifti(path: Path) -> Any:

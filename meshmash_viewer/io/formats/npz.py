@@ -13,7 +13,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits
-from meshmash_viewer.io.provenance import stated_mesh
+from meshmash_viewer.io.provenance import second_file, stated_columns, stated_mesh
 from meshmash_viewer.io.raw import (
     MOST_MAPS,
     RawMap,
@@ -40,10 +40,7 @@ def read_npz(path: Path) -> RawMesh:
     """
     with _mesh_archive(path) as archive:
         vertices, faces = (_array(archive, name) for name in ("vertices", "faces"))
-        try:
-            said = str(_array(archive, "meta"))
-        except InputError:  # without one, or another program's
-            said = ""
+        said = _said(archive)
         maps = tuple(_maps(archive, len(vertices)))[:MOST_MAPS]
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
@@ -52,7 +49,7 @@ def read_npz(path: Path) -> RawMesh:
     vertices = vertices.astype(np.float64)
     triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
     unit, structure = stated_mesh(said)
-    return RawMesh(vertices, triangles, unit, maps, structure=structure)
+    return RawMesh(vertices, triangles, unit, maps, structure=structure, meta=said)
 
 
 def npz_limits(path: Path) -> ReadLimits | None:
@@ -114,17 +111,29 @@ def npy_maps(path: Path) -> RawMesh:
     count = values.shape[1]
     if count > MOST_MAPS:
         raise InputError(f"has {count:,} columns, of which {MOST_MAPS} can be taken at most")
-    return maps_alone(maps_of_columns(values, [f"column {at}" for at in range(count)]))
+    said = second_file(path)
+    names = stated_columns(said)
+    if len(names) != count:
+        names = [f"column {at}" for at in range(count)]
+    return maps_alone(maps_of_columns(values, names), meta=said)
 
 
 def npz_maps(path: Path) -> RawMesh:
     """Read the arrays with one number a vertex, or one a vertex and column."""
     with _opened(path) as archive:
-        maps = tuple(_maps(archive))
+        maps, said = tuple(_maps(archive)), _said(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
         raise InputError(f"holds {names}, of which none has one number a vertex")
-    return maps_alone(maps)
+    return maps_alone(maps, meta=said)
+
+
+def _said(archive: Any) -> str:
+    """What our own exports say of an archive; "" for those of other programs."""
+    try:
+        return str(_array(archive, "meta"))
+    except InputError:
+        return ""
 
 
 def holds_a_mesh(path: Path) -> bool:

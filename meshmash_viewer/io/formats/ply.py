@@ -72,7 +72,8 @@ def read_ply(path: Path) -> RawMesh:
         faces.append(strip_triangles(*_without_breaks(*_corners(each))))
     triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
     unit, structure = stated_mesh(said)
-    return RawMesh(vertices, triangles, unit, tuple(maps[:MOST_MAPS]), structure=structure)
+    found = tuple(maps[:MOST_MAPS])
+    return RawMesh(vertices, triangles, unit, found, structure=structure, meta=said)
 
 
 def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:

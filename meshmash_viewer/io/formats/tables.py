@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.provenance import second_file
 from meshmash_viewer.io.raw import (
     MOST_MAPS,
     RawMap,
@@ -54,14 +56,16 @@ def csv_maps(path: Path) -> RawMesh:
         raise InputError(f"is no table ({printable(fault)})") from fault
     if read.autogenerate_column_names and len(table.column_names) == 1:
         table = table.rename_columns([""])
-    return _maps(table)
+    return replace(_maps(table), meta=second_file(path))
 
 
 def parquet_maps(path: Path) -> RawMesh:
     """Read the columns of numbers of a Parquet table."""
     import pyarrow.parquet
 
-    return _maps(pyarrow.parquet.read_table(path, use_threads=False))
+    table = pyarrow.parquet.read_table(path, use_threads=False)
+    said = (table.schema.metadata or {}).get(b"meshmash-viewer", b"")
+    return replace(_maps(table), meta=said.decode("utf-8", "replace"))
 
 
 def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:

@@ -137,7 +137,7 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
     said = str(field.GetValue(0)) if field is not None and field.GetNumberOfValues() else ""
     maps, remarks = _maps(output, colors or {})
     unit, structure = stated_mesh(said)
-    return RawMesh(vertices, triangles, unit, maps, remarks, structure)
+    return RawMesh(vertices, triangles, unit, maps, remarks, structure, said)
 
 
 def _maps(
