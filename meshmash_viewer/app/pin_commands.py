@@ -89,16 +89,17 @@ class PinCommands:
 
         mesh = self._document.mesh
         assert mesh is not None
-        dialog = PinDialog(mesh, self._window)
+        dialog = PinDialog(mesh, self._window, self._document.pins.placed)
         ask(dialog, lambda: self._pin(mesh, dialog.vertex, dialog.remark))
 
     def _pin(self, mesh: Mesh, vertex: int, remark: str) -> None:
         if self._document.mesh is not mesh:
             text = "The vertex was not pinned: its mesh is not open any more."
             self._document.notices.say(text, Severity.WARNING)
-        elif pin_at(self._document.pins.placed, vertex) is not None:
+        elif (pin := pin_at(self._document.pins.placed, vertex)) is not None:
+            named = f", as {pin.name}" if pin.name else ""
             self._document.notices.say(
-                f"{mesh.named_vertex(vertex).capitalize()} is pinned already."
+                f"{mesh.named_vertex(vertex).capitalize()} is pinned already{named}."
             )
         else:
             self._document.pins.toggle(vertex)

@@ -136,21 +136,29 @@ class Tasks(QObject):
                 self._document.notices.say(message, Severity.WARNING)
 
     def _on_finished(self, result: object) -> None:
+        try:
+            notice, whole = self._accept(result)
+        except Exception:
+            self._end()  # a listener failed: the job is over nevertheless
+            raise
+        self._end(notice, whole)
+
+    def _accept(self, result: object) -> tuple[Notice | None, bool]:
+        """Take the result of a job; return what to say, and whether growing maps are whole."""
         if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
             if is_worthwhile(result):
                 self._queue.append(PreviewJob(result.mesh, self._document.solve.operator))
-            self._end(Notice(result.remark, Severity.WARNING) if result.remark else None)
-        elif isinstance(result, Written):
+            return Notice(result.remark, Severity.WARNING) if result.remark else None, False
+        if isinstance(result, Written):
             written = f"{result.description} written to {result.path}."
             if result.remark:
                 written += f" {result.remark}."
             warns = bool(result.remark) and result.warns
             severity = Severity.WARNING if warns else Severity.INFORMATION
-            self._end(saved_notice(self._document, written, result.path, severity), whole=True)
-        else:
-            self._on_sent(result)
-            self._end()
+            return saved_notice(self._document, written, result.path, severity), True
+        self._on_sent(result)
+        return None, False
 
     def _on_failed(self, failure: Failure) -> None:
         self._end(notice_of(failure))

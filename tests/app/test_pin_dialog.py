@@ -132,6 +132,19 @@ def test_a_position_pins_the_nearest_vertex_and_goes_there(
     np.testing.assert_allclose(window.scene.camera()["focus"], mesh.vertices[123])
 
 
+def test_the_name_of_a_pin_goes_there(qtbot: QtBot, window: MainWindow) -> None:
+    document = window.document
+    document.pins.toggle(123)
+    document.pins.change("name of a pin", 123, name="Soma")
+    document.pins.toggle(7)
+    ask(qtbot, window)
+    edit = part(window, "pin_index_edit")
+    QTest.keyClicks(edit, "soma")
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert pinned(window) == [123, 7]
+    np.testing.assert_allclose(window.scene.camera()["focus"], document.mesh.vertices[123])
+
+
 def test_positions_in_voxels_and_far_away() -> None:
     mesh = icosphere(3, radius=100.0)
     voxels = Mesh(mesh.vertices, mesh.faces).in_voxels((4.0, 4.0, 40.0), "nm")

@@ -310,6 +310,26 @@ def fail_and_go_on(session: Session, job: DyingJob | FailingJob, neuron_file: Pa
     assert session.document.mesh is not None
 
 
+def test_a_listener_that_fails_leaves_no_job_running(
+    session: Session, neuron_file: Path, qtbot: QtBot
+) -> None:
+    document = session.document
+
+    def fail() -> None:
+        document.mesh_changed.disconnect(fail)
+        raise RuntimeError("a panel")
+
+    document.mesh_changed.connect(fail)
+    with qtbot.captureExceptions() as faults:
+        document.open_mesh(neuron_file)
+        session.wait_until_idle()
+        session.wait(lambda: bool(faults))
+    assert "a panel" in str(faults[0][1].__cause__)
+    document.open_mesh(neuron_file)
+    session.wait_until_idle()
+    assert document.mesh is not None
+
+
 def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
     document = Document()
     tasks = Tasks(document)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_number
@@ -318,6 +320,12 @@ def test_a_proof_is_of_what_is_computed_and_not_of_a_preview(
     assert said.startswith("5 pairs · complete")
     assert said.endswith(" · 15 more from a preview")
     assert text_of(window, "cost_label") == "Computed: 5 pairs."
+    cancelled = replace(exact.first(3), total=30, certificate=Certificate("none"))
+    preview = cancelled.before(Eigenpairs(values, rows, nothing, n_exact=0, error=0.1))
+    window.document.accept_spectrum(preview)
+    assert text_of(window, "proof_label") == (
+        "3 pairs of 30, stopped early: Compute resumes here · 17 more from a preview."
+    )
 
 
 # -- another mesh ------------------------------------------------------------------------------

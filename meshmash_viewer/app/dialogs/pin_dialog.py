@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 import numpy as np
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QLineEdit, QPushButton, QWidget
@@ -13,6 +14,7 @@ from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.quantities import parse_number, parse_whole
 from meshmash_viewer.units import NO_VOXEL, format_position, format_quantity
 
@@ -28,22 +30,25 @@ _GROUPED = re.compile(r"\d{1,3}(?:[, ]\d{3}){2}(?:\.\d*)?")
 
 
 class PinDialog(QDialog):
-    """Asks for an index in the file of a mesh, or for a position; it stays open until one is valid.
+    """Asks for an index in the file of a mesh, a position, or the name of one of its pins.
+
+    It stays open until one is valid.
 
     Once the dialog is accepted, `vertex` is the index in the mesh, and `remark` says how far it is
     from a position.
     """
 
-    def __init__(self, mesh: Mesh, parent: QWidget | None = None) -> None:
+    def __init__(self, mesh: Mesh, parent: QWidget | None = None, pins: Iterable[Pin] = ()) -> None:
         super().__init__(parent)
         theme.named(self, "pin_dialog").setWindowTitle("Pin vertex")
         self.vertex, self.remark = -1, ""
         self._mesh = mesh
+        self._pins = {pin.name.casefold(): pin.vertex for pin in pins if pin.name}
         where = f" in {mesh.unit}" if mesh.unit else ""
         where += " or voxels" if mesh.voxel != NO_VOXEL else ""
-        label = QLabel(
-            f"Index of the vertex, 0 to {mesh.n_file_vertices - 1:,}, or a position x, y, z{where}"
-        )
+        named = ", the name of a pin" if self._pins else ""
+        last = f"{mesh.n_file_vertices - 1:,}"
+        label = QLabel(f"Index of the vertex, 0 to {last}{named}, or a position x, y, z{where}")
         self.edit = theme.named(QLineEdit(), "pin_index_edit", "Index of the vertex, or position")
         label.setBuddy(self.edit)
         self.fault = reserved_note("pin_fault_label", 3)
@@ -61,7 +66,9 @@ class PinDialog(QDialog):
         text, last = self.edit.text().strip(), self._mesh.n_file_vertices - 1
         found = None if _GROUPED.fullmatch(text) else _POSITION.fullmatch(text)
         try:
-            if found is not None:
+            if text.casefold() in self._pins:
+                self.vertex = self._pins[text.casefold()]
+            elif found is not None:
                 *numbers, unit = found.groups()
                 at = (parse_number(f"{each} {unit}", self._mesh.unit) for each in numbers)
                 self.vertex, self.remark = nearest_vertex(self._mesh, *at, voxels=not unit)

@@ -296,19 +296,18 @@ class MeshPanel(QWidget):
     def _refresh_proof(self) -> None:
         spectrum, state = self._document.spectrum, self._document.work.job
         text, role, mesh = "", "muted", self._document.mesh
+        exact = 0 if spectrum is None else len(spectrum.exact)
+        more = 0 if spectrum is None else len(spectrum) - exact
+        previewed = f" · {more:,} more from a preview" if more else ""
         if mesh is not None and spectrum is not None and spectrum.certificate.method != "none":
-            exact = len(spectrum.exact)
-            text = spectrum.certificate.sentence(exact, mesh.unit)
-            if exact < len(spectrum):
-                text += f" · {len(spectrum) - exact:,} more from a preview"
+            text = spectrum.certificate.sentence(exact, mesh.unit) + previewed
             role = "proof" if spectrum.complete else "warning"
-        elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
-            text = f"A preview of {counted(len(spectrum), 'pair')}: Compute makes them exact."
+        elif spectrum is not None and state is None and more and not exact:
+            text = f"A preview of {counted(more, 'pair')}: Compute makes them exact."
         elif spectrum is not None and state is None and len(spectrum):
             requested = f" of {spectrum.total:,}" if spectrum.total else ""
-            text = (
-                f"{counted(len(spectrum), 'pair')}{requested}, stopped early: Compute resumes here."
-            )
+            text = f"{counted(exact, 'pair')}{requested}, stopped early: Compute resumes here"
+            text += f"{previewed}." if previewed else "."
             role = "warning"
         elif state is None and self._document.ready is None:
             text = "Open a mesh to compute its eigenfunctions."
