@@ -91,6 +91,15 @@ from meshmash_viewer.features.shape import match_features as match_features
 from meshmash_viewer.features.shape import spectral_distance as spectral_distance
 
 # isort: split
+# Classes learned from labels
+from meshmash_viewer.learn.classes import ClassModel as ClassModel
+from meshmash_viewer.learn.classes import ClassPrediction as ClassPrediction
+from meshmash_viewer.learn.classes import predict_classes as predict_classes
+from meshmash_viewer.learn.classes import train_classes as train_classes
+from meshmash_viewer.learn.columns import ClassColumns as ClassColumns
+from meshmash_viewer.learn.scores import ClassScores as ClassScores
+
+# isort: split
 # Distances from a vertex
 from meshmash_viewer.features.distances import GeodesicSolver as GeodesicSolver
 from meshmash_viewer.features.distances import biharmonic_distance as biharmonic_distance

@@ -1,0 +1,1 @@
+"""Classes of vertices, learned from labels: columns, models, scores."""

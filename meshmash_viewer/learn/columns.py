@@ -1,0 +1,329 @@
+"""Columns that mean the same on every mesh, from which classes are learned."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_parameters import check_times, hks_time_range
+from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, wave_kernel_bank
+from meshmash_viewer.features.sums import Features, accumulate_features
+from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
+from meshmash_viewer.learn.diffusion import diffused
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.progress import (
+    CancelCallback,
+    Progress,
+    ProgressCallback,
+    check_cancelled,
+)
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Rows
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.surface.curvature import gaussian_curvature, mean_curvature
+from meshmash_viewer.units import LENGTH_UNITS, METRES, format_quantity, whole_number
+
+Kind = Literal["hks", "wks", "curvature"]
+#: Kinds of columns, and what they are.
+KINDS: dict[str, str] = {
+    "hks": "logarithm of the heat kernel signature at fixed times",
+    "wks": "logarithm of the wave kernel signature at fixed energies",
+    "curvature": "curvature, position and normal of the surface smoothed over fixed lengths",
+}
+#: Standard deviation of wave kernel bands, in steps between them.
+_WIDTH = 2.0
+#: Values below this share of those of a plane, or of the mean, have the logarithm of the share.
+_FLOOR = 1e-9
+#: Squared length times eigenvalue from which heat flow is summed from eigenpairs, as what is
+#: missing has decayed to less than 1 %.
+_DECAYED = 5.0
+#: Of the lengths of curvature: the shortest as a share of √t_min, the longest of √t_max, so that
+#: the range of times determines all columns.
+_LENGTHS = (0.4, 0.45)
+#: Columns of curvature at each length.
+_CURVATURES = ("offset", "distance", "tilt", "agreement", "mean", "gaussian")
+
+
+@dataclass(frozen=True)
+class ClassColumns:
+    """Which columns classes are learned from, in a unit of length of its own.
+
+    All are fixed numbers and do not follow the spectrum of a mesh, so that a column means the same
+    on each. Use `chosen` for those that suit a mesh.
+
+    Parameters
+    ----------
+    t_min, t_max : float
+        Shortest and longest diffusion time, in squared `unit`.
+    max_eigenvalue : float
+        Eigenvalue up to which pairs are used, per squared `unit`.
+    unit : str
+        Unit of length, "" for none.
+    kinds : tuple of str
+        Some of "hks", "wks" and "curvature".
+    n_times : int
+        Number of times, evenly spaced in log t, and of energies.
+    n_lengths : int
+        Number of lengths over which the surface is smoothed for "curvature".
+    drop_first : bool
+        Whether the first eigenpair is left out.
+    operator : OperatorOptions
+        Parameters of the Laplacian.
+
+    Raises
+    ------
+    InputError
+        If a kind is unknown, or a number is not positive.
+
+    Examples
+    --------
+    >>> columns = mv.ClassColumns(t_min=0.1, t_max=1.0, max_eigenvalue=20.0, n_times=4)
+    >>> columns.compute(ball, pairs).shape
+    (642, 4)
+    """
+
+    t_min: float
+    t_max: float
+    max_eigenvalue: float
+    unit: str = ""
+    kinds: tuple[str, ...] = ("hks",)
+    n_times: int = 32
+    n_lengths: int = 8
+    drop_first: bool = False
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kinds", tuple(self.kinds))
+        unknown = [kind for kind in self.kinds if kind not in KINDS]
+        if unknown or not self.kinds or len(set(self.kinds)) < len(self.kinds):
+            given = ", ".join(map(str, unknown or self.kinds)) or "none"
+            raise InputError(f"{given}: give different kinds of columns out of {', '.join(KINDS)}.")
+        check_times(self.t_min, self.t_max)
+        if not self.t_min < self.t_max:
+            raise InputError(f"t_min ({self.t_min:g}) must be below t_max ({self.t_max:g}).")
+        if not 0.0 < self.max_eigenvalue < math.inf:
+            raise InputError(f"max_eigenvalue is {self.max_eigenvalue:g}: give a positive one.")
+        if self.unit not in LENGTH_UNITS:
+            raise InputError(f"{self.unit!r} is no unit of length: give one of nm, µm, mm, m.")
+        for name in ("n_times", "n_lengths"):
+            whole_number(getattr(self, name), name)
+
+    @classmethod
+    def chosen(
+        cls,
+        mesh: MeshLike,
+        pairs: Eigenpairs,
+        t_min: float | None = None,
+        t_max: float | None = None,
+        **others: Any,
+    ) -> Self:
+        """Choose the columns for a mesh: times of its spectrum, which are kept for all others."""
+        found = hks_time_range(pairs.eigenvalues, as_mesh(mesh).area)
+        low, high = t_min or found[0], t_max or found[1]
+        last = pairs.known_to or float(pairs.eigenvalues[-1])
+        return cls(low, high, last, as_mesh(mesh).unit, **others)
+
+    @property
+    def times(self) -> FloatArray:
+        """Diffusion times, in squared `unit`."""
+        return np.geomspace(self.t_min, self.t_max, self.n_times)
+
+    @property
+    def lengths(self) -> FloatArray:
+        """Lengths over which the surface is smoothed, in `unit`."""
+        low, high = math.sqrt(self.t_min), math.sqrt(self.t_max)
+        return np.geomspace(_LENGTHS[0] * low, _LENGTHS[1] * high, self.n_lengths)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each column."""
+        found: list[str] = []
+        for kind in self.kinds:
+            if kind == "curvature":
+                sizes = [f"{length:.3g}" for length in self.lengths]
+                found += [f"{name}_l={size}" for size in sizes for name in _CURVATURES]
+            else:
+                bank = self._bank(kind, np.array([0.0, self.max_eigenvalue]))
+                found += [f"log_{name}" for name in bank.columns]
+        return tuple(found)
+
+    def limit(self, mesh: Mesh) -> float:
+        """Return the largest eigenvalue in the unit of a mesh."""
+        return self.max_eigenvalue / self.scale(mesh) ** 2
+
+    def scale(self, mesh: Mesh) -> float:
+        """Return the length of `unit` in that of a mesh."""
+        if not (self.unit and mesh.unit):
+            return 1.0
+        return float(10.0 ** (METRES[self.unit] - METRES[mesh.unit]))
+
+    def check_unit(self, mesh: Mesh) -> None:
+        """Raise `InputError` if these columns cannot be converted to the unit of a mesh."""
+        if mesh.unit and self.unit:
+            return
+        name = mesh.name or "The mesh"
+        if self.unit:
+            raise InputError(
+                f"{name} has no unit of length, and the times of the columns are in"
+                f" {self.unit}²: say in which unit its coordinates are (--unit, unit=)."
+            )
+        raise InputError(
+            f"The times of the columns have no unit of length, so they mean nothing on {name}:"
+            " train again with meshes whose unit is stated (--unit, unit=)."
+        )
+
+    def compute(
+        self,
+        mesh: MeshLike,
+        pairs: Eigenpairs | None = None,
+        *,
+        progress: ProgressCallback | None = None,
+        cancel: CancelCallback | None = None,
+    ) -> Features:
+        """Compute the columns of a mesh.
+
+        Parameters
+        ----------
+        mesh : MeshLike
+        pairs : Eigenpairs, optional
+            Of this mesh; computed where they do not reach up to `max_eigenvalue`.
+        progress, cancel : callable, optional
+            See `meshmash_viewer.progress`.
+
+        Returns
+        -------
+        Features
+            Shape (n, f), in powers of `unit`; NaN at unreferenced vertices.
+        """
+        mesh = as_mesh(mesh)
+        if pairs is None or not self._reached(mesh, pairs):
+            limit, matrices = self.limit(mesh), self._matrices(mesh)
+            pairs = solve(*matrices, max_eigenvalue=limit, progress=progress, cancel=cancel)
+        known = self._used(mesh, pairs)
+        parts = []
+        for kind in self.kinds:
+            check_cancelled(cancel)
+            if kind == "curvature":
+                parts.append(self._curvature(mesh, *known, progress, cancel))
+            else:
+                parts.append(self._logarithms(kind, mesh, *known))
+        values = np.concatenate(parts, axis=1, dtype=np.float32)
+        values[mesh.unreferenced] = np.nan
+        return Features(values, self.names, kind="classes")
+
+    def _matrices(self, mesh: Mesh) -> tuple[SparseMatrix, FloatArray]:
+        given = self.operator
+        stiffness, mass = cotangent_laplacian(mesh, given.robust, given.mollify_factor)
+        return stiffness, mass.diagonal()
+
+    def _reached(self, mesh: Mesh, pairs: Eigenpairs) -> bool:
+        """Whether pairs suffice."""
+        exact, limit = pairs.exact, self.limit(mesh) * (1.0 - 1e-9)
+        n = mesh.n_vertices - len(mesh.unreferenced)
+        reach = max(exact.known_to, float(exact.eigenvalues[-1])) if exact.n_components else 0.0
+        return reach >= limit or exact.n_components >= n
+
+    def _used(self, mesh: Mesh, pairs: Eigenpairs) -> tuple[FloatArray, Rows]:
+        """Return eigenvalues in the unit of the columns, and rows of the pairs to be used."""
+        exact = pairs.exact
+        eigenvalues = exact.eigenvalues * self.scale(mesh) ** 2
+        count = int(np.searchsorted(eigenvalues, self.max_eigenvalue * (1.0 + 1e-9), "right"))
+        assert isinstance(exact.rows, np.ndarray)
+        return eigenvalues[:count], exact.rows[:count]
+
+    def _bank(self, kind: str, eigenvalues: FloatArray) -> FilterBank:
+        if kind == "hks":
+            return heat_kernel_bank(self.times)
+        energies = np.linspace(-math.log(self.t_max), math.log(self.max_eigenvalue), self.n_times)
+        spacing = energies[-1] - energies[0]
+        spacing = spacing / (self.n_times - 1) if self.n_times > 1 else 1.0
+        return wave_kernel_bank(eigenvalues, energies=energies, sigma=_WIDTH * abs(spacing))
+
+    def _logarithms(self, kind: str, mesh: Mesh, eigenvalues: FloatArray, rows: Rows) -> FloatArray:
+        """Logarithms of squares of eigenvectors, summed; WKS relative to its mean on the surface.
+
+        HKS below a share of its value on a plane, as with the first pair dropped on debris, is that
+        share.
+        """
+        start = int(self.drop_first)
+        bank = self._bank(kind, eigenvalues[start:])
+        sums = accumulate_features(rows[start:], bank(eigenvalues[start:]))
+        if kind == "hks":
+            sums *= self.scale(mesh) ** 2
+            floor = _FLOOR / (4.0 * np.pi * self.times)
+        else:
+            sums *= mesh.area
+            floor = np.full(self.n_times, _FLOOR)
+        return np.asarray(np.log(np.fmax(sums, floor)))
+
+    def _curvature(
+        self,
+        mesh: Mesh,
+        eigenvalues: FloatArray,
+        rows: Rows,
+        progress: ProgressCallback | None,
+        cancel: CancelCallback | None,
+    ) -> FloatArray:
+        """Compare each vertex and its normal with the surface smoothed over each length.
+
+        Short lengths are one implicit step, long ones heat flow by the eigenpairs.
+        The offset along the normal is the mean curvature times squared length where that is short.
+        """
+        scale = self.scale(mesh)
+        places = mesh.on_surface(mesh.vertices - _centroid(mesh)) / scale
+        side = _outwards(mesh)
+        normals = mesh.vertex_normals.astype(np.float64) * side
+        bends = [mean_curvature(mesh) * side * scale, gaussian_curvature(mesh) * scale**2]
+        known = np.isfinite(bends[0])[:, None]  # not on the boundary
+        given = np.concatenate([places, normals, np.nan_to_num(np.stack(bends, 1)), known], axis=1)
+        if len(mesh.unreferenced):
+            rows = np.nan_to_num(rows)
+        stiffness, mass = self._matrices(mesh)
+        smooth, columns, spectrum = given, [], None
+        for at, length in enumerate(self.lengths):
+            if progress is not None:
+                said = f"Smoothing over {format_quantity(length, self.unit)}"
+                progress(Progress("columns", at / self.n_lengths, message=said))
+            if length**2 * self.max_eigenvalue < _DECAYED:
+                smooth = diffused(stiffness, mass / scale**2, given, length, smooth, cancel)
+            else:
+                check_cancelled(cancel)
+                if spectrum is None:
+                    spectrum = rows @ (mass[:, None] * given)
+                smooth = rows.T @ (np.exp(-(length**2) * eigenvalues)[:, None] * spectrum)
+            apart, around = places - smooth[:, :3], smooth[:, 3:6]
+            share = np.maximum(smooth[:, 8], _FLOOR)
+            columns += [
+                np.einsum("ij,ij->i", apart, normals),
+                np.linalg.norm(apart, axis=1),
+                np.einsum("ij,ij->i", around, normals),
+                np.linalg.norm(around, axis=1),
+                smooth[:, 6] / share,
+                smooth[:, 7] / share,
+            ]
+        return np.stack(columns, axis=1)
+
+    def plain(self) -> dict[str, Any]:
+        """Return the parameters as JSON has them."""
+        operator = {"robust": self.operator.robust, "mollify_factor": self.operator.mollify_factor}
+        return {**self.__dict__, "kinds": list(self.kinds), "operator": operator}
+
+    @classmethod
+    def from_plain(cls, entries: dict[str, Any]) -> Self:
+        """Make them from the result of `plain`."""
+        operator = OperatorOptions(**entries["operator"])
+        return cls(**{**entries, "operator": operator})
+
+
+def _centroid(mesh: Mesh) -> FloatArray:
+    return np.asarray(np.average(mesh.vertices, axis=0, weights=mesh.vertex_areas))
+
+
+def _outwards(mesh: Mesh) -> float:
+    """Return 1, or -1 if the normals point inwards, by the sign of the enclosed volume."""
+    a, b, c = (mesh.vertices[mesh.faces[:, at]] - _centroid(mesh) for at in range(3))
+    return -1.0 if float(np.einsum("ij,ij->", a, np.cross(b, c))) < 0.0 else 1.0

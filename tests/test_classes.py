@@ -1,0 +1,257 @@
+"""Classes learned from labels: copies in another order, place and unit, scores, and bad input."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+from meshmash_viewer.learn.diffusion import diffused
+from meshmash_viewer.progress import Cancelled
+
+LABELS = (mv.Label(1, "bump", "#4477aa"), mv.Label(2, "rest", "#ee6677"))
+COLUMNS = mv.ClassColumns(0.03, 1.0, 40.0, "nm", kinds=("hks", "wks", "curvature"), n_times=8)
+
+
+def parted(mesh: mv.Mesh) -> np.ndarray:
+    """The bump of a blob is 1, the rest 2."""
+    x, y, _ = shapes.icosphere(3).vertices.T
+    return np.where((x - 0.6) ** 2 + (y - 0.7) ** 2 < 0.3, 1, 2)
+
+
+@pytest.fixture(scope="module")
+def blob() -> mv.Mesh:
+    mesh = shapes.blob(3)
+    return mv.Mesh(mesh.vertices, mesh.faces, "nm", "blob")
+
+
+@pytest.fixture(scope="module")
+def truth(blob: mv.Mesh) -> np.ndarray:
+    return parted(blob)
+
+
+@pytest.fixture(scope="module")
+def strokes(blob: mv.Mesh, truth: np.ndarray) -> mv.VertexMap:
+    """The labels of the corners of some faces, most of which are apart."""
+    near = np.zeros(blob.n_vertices, dtype=bool)
+    near[blob.faces[np.random.default_rng(2).choice(blob.n_faces, 50, replace=False)]] = True
+    return mv.VertexMap("strokes", np.where(near, truth, 0), labels=LABELS)
+
+
+@pytest.fixture(scope="module", params=["forest", "logistic"])
+def model(request: pytest.FixtureRequest, blob: mv.Mesh, strokes: mv.VertexMap) -> mv.ClassModel:
+    return mv.train_classes(blob, strokes, COLUMNS, request.param)
+
+
+def f1(mesh: mv.Mesh, truth: np.ndarray, found: np.ndarray) -> float:
+    areas = mesh.vertex_areas
+    scores = [
+        2.0 * areas[(truth == key) & (found == key)].sum()
+        / (areas[truth == key].sum() + areas[found == key].sum())
+        for key in (1, 2)
+    ]  # fmt: skip
+    return float(np.average(scores, weights=[areas[truth == key].sum() for key in (1, 2)]))
+
+
+def test_classes_are_learned_from_strokes(
+    blob: mv.Mesh, truth: np.ndarray, model: mv.ClassModel
+) -> None:
+    found = mv.predict_classes(blob, model)
+    assert f1(blob, truth, found.labels.values) > 0.85
+    assert [each.name for each in found.labels.labels] == ["bump", "rest"]
+    total = np.sum([each.values for each in found.probabilities], axis=0)
+    np.testing.assert_allclose(total, 1.0)
+    largest = np.max([each.values for each in found.probabilities], axis=0)
+    np.testing.assert_allclose(found.uncertainty.values, 1.0 - largest)
+    blob.with_maps(*found.maps)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("nm", 1.0), ("µm", 1e-3)])
+def test_a_turned_permuted_copy_in_another_unit_gets_the_same_classes(
+    blob: mv.Mesh, model: mv.ClassModel, unit: str, scale: float
+) -> None:
+    copy, there = shapes.moved_copy(blob, scale)
+    moved = mv.Mesh((copy.vertices - 9.0) + scale * 9.0, copy.faces, unit)
+    before, after = mv.predict_classes(blob, model), mv.predict_classes(moved, model)
+    assert np.mean(after.labels.values[there] == before.labels.values) >= 0.995
+    away = after.uncertainty.values[there] - before.uncertainty.values
+    assert np.median(np.abs(away)) < 1e-3
+
+
+def test_scores_are_those_of_strokes_left_out(
+    blob: mv.Mesh, strokes: mv.VertexMap, truth: np.ndarray, model: mv.ClassModel
+) -> None:
+    scores = model.scores
+    assert scores is not None
+    assert (scores.left_out, scores.classes, scores.folds) == ("strokes", ("bump", "rest"), 5)
+    labelled = strokes.values > 0
+    assert np.isclose(scores.confusion.sum(), blob.vertex_areas[labelled].sum())
+    np.testing.assert_allclose(
+        scores.confusion.sum(axis=1),
+        [blob.vertex_areas[labelled & (truth == key)].sum() for key in (1, 2)],
+    )
+    assert 0.7 < scores.weighted_f1 <= 1.0
+    assert np.isclose(model.importance.sum(), 1.0)
+    assert len(model.importance) == len(model.columns.names)
+
+
+def test_labels_at_random_have_the_score_of_chance(blob: mv.Mesh) -> None:
+    """Neighbours would give the answer away if single vertices were left out."""
+    part = np.random.default_rng(1).integers(1, 3, 40)
+    centres = np.random.default_rng(3).choice(blob.n_vertices, 40, replace=False)
+    apart = np.linalg.norm(blob.vertices[:, None] - blob.vertices[centres], axis=2)
+    values = np.where(apart.min(axis=1) < 0.12, part[apart.argmin(axis=1)], 0)
+    model = mv.train_classes(blob, mv.VertexMap("chance", values, labels=LABELS), COLUMNS)
+    assert model.scores is not None
+    assert model.scores.weighted_f1 < 0.75
+    found = mv.predict_classes(blob, model).labels.values
+    assert np.mean(found[values > 0] == values[values > 0]) > 0.9
+
+
+def test_whole_meshes_are_left_out_where_there_are_several(
+    blob: mv.Mesh, strokes: mv.VertexMap, truth: np.ndarray
+) -> None:
+    copy, there = shapes.moved_copy(blob, 1e-3)
+    other = mv.Mesh(copy.vertices, copy.faces, "µm", "copy")
+    numbers = np.zeros(blob.n_vertices)
+    numbers[there] = truth
+    second = mv.VertexMap("numbers", numbers)  # as in a table: 1 is what it is in the other set
+    model = mv.train_classes([blob, other], [strokes, second], COLUMNS)
+    assert model.names == ("bump", "rest")
+    assert model.scores is not None
+    assert (model.scores.left_out, model.scores.folds) == ("meshes", 2)
+    assert [each["unit"] for each in model.meshes] == ["nm", "µm"]
+
+
+def test_one_stroke_alone_has_no_score(blob: mv.Mesh, truth: np.ndarray) -> None:
+    x = blob.vertices[:, 0]
+    values = np.where((truth == 1) | (x < -0.5), truth, 0)
+    model = mv.train_classes(blob, mv.VertexMap("two", values, labels=LABELS), COLUMNS)
+    assert model.scores is None
+    assert "'bump' has 1 stroke" in model.unscored
+
+
+def test_smoothed_probabilities_are_kept_in_range(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
+    model = mv.train_classes(blob, strokes, COLUMNS, smoothing=0.3)
+    plain = mv.train_classes(blob, strokes, COLUMNS, scored=False)
+    smooth = mv.predict_classes(blob, model).probabilities[0].values
+    rough = mv.predict_classes(blob, plain).probabilities[0].values
+    assert 0.0 <= smooth.min() <= smooth.max() <= 1.0
+    L, _ = mv.cotangent_laplacian(blob, robust=True)
+    assert smooth @ L @ smooth < 0.5 * (rough @ L @ rough)
+
+
+def test_diffusion_is_one_implicit_step() -> None:
+    mesh = shapes.icosphere(3)
+    L, M = mv.cotangent_laplacian(mesh)
+    height = mesh.vertices[:, 2:]
+    smooth = diffused(L, M.diagonal(), height, 0.5)
+    np.testing.assert_allclose(smooth, height / (1.0 + 0.25 * 2.0), atol=2e-3)
+
+
+def test_known_columns_give_the_same_and_are_not_computed_again(
+    blob: mv.Mesh, strokes: mv.VertexMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = mv.predict_classes(blob, mv.train_classes(blob, strokes, COLUMNS, scored=False))
+    known = COLUMNS.compute(blob)
+    monkeypatch.setattr(mv.ClassColumns, "compute", None)
+    model = mv.train_classes(blob, strokes, COLUMNS, features=known, scored=False)
+    after = mv.predict_classes(blob, model, features=known)
+    np.testing.assert_array_equal(after.labels.values, before.labels.values)
+
+
+def test_training_and_prediction_can_be_cancelled(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
+    known, stages = COLUMNS.compute(blob), []
+    with pytest.raises(Cancelled):
+        mv.train_classes(blob, strokes, COLUMNS, features=known, cancel=lambda: True)
+    model = mv.train_classes(
+        blob, strokes, COLUMNS, features=known, progress=lambda each: stages.append(each.stage)
+    )
+    assert {"training", "scores"} <= set(stages)
+    with pytest.raises(Cancelled):
+        mv.predict_classes(blob, model, features=known, cancel=lambda: True)
+
+
+def test_vertices_without_faces_have_no_class(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
+    mesh = mv.Mesh(np.append(blob.vertices, [[99.0, 0.0, 0.0]], axis=0), blob.faces, "nm")
+    values = np.append(strokes.values, 1)
+    model = mv.train_classes(mesh, mv.VertexMap("all", values, labels=LABELS), COLUMNS)
+    found = mv.predict_classes(mesh, model)
+    assert found.labels.n_values == blob.n_vertices
+    assert np.isnan(found.uncertainty.values[-1])
+
+
+def test_a_mesh_without_a_unit_is_that_of_the_training_or_refused(
+    blob: mv.Mesh, strokes: mv.VertexMap, model: mv.ClassModel
+) -> None:
+    bare = blob.in_unit("")
+    with pytest.raises(mv.InputError, match=r"blob has no unit of length.* in nm²: say"):
+        mv.predict_classes(bare, model)
+    own = mv.train_classes(bare, strokes, "hks", scored=False)
+    assert mv.predict_classes(bare, own).labels.n_values == blob.n_vertices
+    with pytest.raises(mv.InputError, match="mean nothing on blob: train again"):
+        mv.predict_classes(blob, own)
+    with pytest.raises(mv.InputError, match="no unit of length"):
+        mv.train_classes([blob, bare], [strokes, strokes], COLUMNS)
+
+
+def few(values: np.ndarray) -> np.ndarray:
+    kept = np.where(values == 1, 0, values)
+    kept[:2] = 1
+    return kept
+
+
+@pytest.mark.parametrize(
+    ("change", "labels", "said"),
+    [
+        (lambda v: v[:9], LABELS, "9 values and the mesh 642 vertices"),
+        (lambda v: v * 0.5, (), "not whole, so it holds no labels"),
+        (lambda v: 0 * v, (), "no vertex with a label"),
+        (lambda v: 0 * v, LABELS, "No vertex is labelled"),
+        (lambda v: np.minimum(v, 1), LABELS, "All labelled vertices are 'bump'"),
+        (few, LABELS, "'bump' has 2 vertices"),
+    ],
+)
+def test_labels_that_do_not_do(
+    blob: mv.Mesh, truth: np.ndarray, change: Any, labels: tuple[mv.Label, ...], said: str
+) -> None:
+    given = mv.VertexMap("given", change(truth), labels=labels)
+    with pytest.raises(mv.InputError, match=re.escape(said)):
+        mv.train_classes(blob, given, COLUMNS)
+
+
+def test_columns_that_do_not_do(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
+    known = COLUMNS.compute(blob)
+    same = mv.Features(np.ones_like(known.values), known.columns)
+    with pytest.raises(mv.InputError, match="blob: all columns are the same"):
+        mv.train_classes(blob, strokes, COLUMNS, features=same)
+    missing = known.values.copy()
+    missing[:, 3] = np.nan
+    with pytest.raises(mv.InputError, match=f"{re.escape(known.columns[3])} has no value"):
+        mv.train_classes(blob, strokes, COLUMNS, features=mv.Features(missing, known.columns))
+    partly = known.values.copy()
+    partly[:, 3] = 2.0
+    with pytest.warns(mv.MeshWarning, match="1 column"):
+        mv.train_classes(
+            blob, strokes, COLUMNS, features=mv.Features(partly, known.columns), scored=False
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"kinds": ("heat",)}, "heat: give different kinds of columns out of hks"),
+        ({"kinds": ()}, "none: give"),
+        ({"t_max": 0.001}, "t_min"),
+        ({"max_eigenvalue": 0.0}, "max_eigenvalue is 0"),
+        ({"unit": "ell"}, "'ell' is no unit"),
+        ({"n_times": 0}, "n_times is 0"),
+    ],
+)
+def test_columns_are_checked(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(mv.InputError, match=re.escape(said)):
+        mv.ClassColumns(**{"t_min": 0.01, "t_max": 1.0, "max_eigenvalue": 9.0, **options})
