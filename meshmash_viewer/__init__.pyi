@@ -10,6 +10,7 @@ from meshmash_viewer.features.regions import regions as regions
 from meshmash_viewer.health import largest_component as largest_component
 from meshmash_viewer.health import mesh_health as mesh_health
 from meshmash_viewer.health import repair_mesh as repair_mesh
+from meshmash_viewer.io.maps import read_labels as read_labels
 from meshmash_viewer.io.maps import read_maps as read_maps
 from meshmash_viewer.io.maps import read_mask as read_mask
 from meshmash_viewer.io.napari import to_napari as to_napari
@@ -18,7 +19,8 @@ from meshmash_viewer.io.write import unused_path as unused_path
 from meshmash_viewer.io.write import write_eigenpairs as write_eigenpairs
 from meshmash_viewer.io.write import write_features as write_features
 from meshmash_viewer.io.write import write_map_spectrum as write_map_spectrum
-from meshmash_viewer.io.write import write_regions as write_regions
+from meshmash_viewer.io.write_labels import write_labels as write_labels
+from meshmash_viewer.io.write_labels import write_regions as write_regions
 from meshmash_viewer.mesh import Mesh as Mesh
 from meshmash_viewer.mesh import mesh_to_poly as mesh_to_poly
 from meshmash_viewer.surface.curvature import gaussian_curvature as gaussian_curvature

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,8 @@ from meshmash_viewer.units import counted
 
 #: Most labels of a map, as the colour table of the surface has that many entries.
 MOST_LABELS = 512
+#: A colour of a label.
+COLOR = re.compile("#[0-9a-fA-F]{6}")
 #: Characters of a name.
 _LONGEST = 60
 #: Labels that a message names.
@@ -179,8 +182,7 @@ class VertexMap:
     @property
     def no_label(self) -> int:
         """The number of vertices without a label: 0, or where that is a label, -1 and so on."""
-        keys = {label.key for label in self.labels}
-        return next(number for number in count(0, -1) if number not in keys)
+        return unused_number(self.labels)
 
     def at(self, kept: npt.NDArray[Any]) -> VertexMap:
         """The same for some of the vertices, by a mask or indices."""
@@ -207,6 +209,12 @@ def named_apart(maps: Sequence[VertexMap], taken: Sequence[str] = ()) -> tuple[V
             each = VertexMap(name, each.values, each.labels, each.unit, each.path)
         result.append(each)
     return tuple(result)
+
+
+def unused_number(labels: Sequence[Label]) -> int:
+    """Return the first of 0, -1 and so on that no label has."""
+    keys = {label.key for label in labels}
+    return next(number for number in count(0, -1) if number not in keys)
 
 
 def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[Label, ...]:

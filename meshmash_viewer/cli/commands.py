@@ -40,7 +40,8 @@ from meshmash_viewer.health import median_edge_length, mesh_health
 from meshmash_viewer.io.maps import read_labels
 from meshmash_viewer.io.provenance import export_options, provenance
 from meshmash_viewer.io.spectrum import stored_answer
-from meshmash_viewer.io.write import check_output, write_features, write_mesh, write_regions
+from meshmash_viewer.io.write import check_output, write_features, write_mesh
+from meshmash_viewer.io.write_labels import write_regions
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.engine.request import Request

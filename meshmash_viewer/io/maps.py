@@ -156,20 +156,44 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
 
 
 def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
-    """Read labels from a file of any format of `read_maps`.
+    """Read a label set from a file of maps.
 
-    After a colon the name of one of several maps may follow: "maps.npz:lobes". Without, it is the
-    only one with names of labels, or the only one. `InputError` is raised as by `read_maps`, and if
-    one of several has to be named.
+    Parameters
+    ----------
+    given : str or Path
+        The file, of any format of `read_maps`. After a colon the name of one of several maps may
+        follow: "maps.npz:lobes"; without, it is the only one, or the only one with labels.
+    mesh : MeshLike
+        The mesh that it is for.
+
+    Returns
+    -------
+    VertexMap
+        Of the vertices of the mesh; without labels, if the file has numbers alone.
+
+    Raises
+    ------
+    InputError
+        As `read_maps`, and if there is no such map, or one of several has to be named.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     with open(folder + "/parts.csv", "w") as file:
+    ...         _ = file.write("label,name\\n" + 300 * "1,spine\\n" + 342 * "2,shaft\\n")
+    ...     parts = mv.read_labels(folder + "/parts.csv", ball)
+    >>> [label.name for label in parts.labels], int(parts.mask("spine").sum())
+    (['spine', 'shaft'], 300)
     """
     path, named = _divided(given)
     maps = read_maps(path, mesh)
-    if named:
-        return as_mesh(mesh).with_maps(*maps).map_named(named)
-    found = [each for each in maps if each.labels] if len(maps) > 1 else list(maps)
+    found = [each for each in maps if (each.name == named if named else each.labels)]
+    if not found and not named and len(maps) == 1:
+        found = list(maps)
     if len(found) != 1:
         raise _several(path, maps)
-    return found[0]
+    return as_mesh(mesh).with_maps(found[0]).maps[-1]
 
 
 def _divided(given: str | Path) -> tuple[Path, str]:
@@ -183,6 +207,8 @@ def _divided(given: str | Path) -> tuple[Path, str]:
 
 def _several(path: Path, maps: tuple[VertexMap, ...]) -> InputError:
     names = ", ".join(each.name for each in maps)
+    if len(maps) == 1:
+        return InputError(f"{path} has one map, {names}: leave out the name after the colon.")
     return InputError(f"{path} has {len(maps)} maps, name one after a colon: {names}.")
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.atomic import writing_errors, written_whole
-from meshmash_viewer.io.formats.tables import text_layout
+from meshmash_viewer.io.formats.tables import is_label_set, text_layout
 from meshmash_viewer.units import LENGTH_UNITS
 
 __all__ = ["MOST_PINS", "PinTable", "is_pin_table", "pin_table", "read_pins", "write_pins"]
@@ -124,11 +124,12 @@ def is_pin_table(path: str | Path) -> bool:
     try:
         if path.suffix.lower() not in (".csv", ".tsv") or path.stat().st_size > _LARGEST:
             return False
-        columns = _columns(next(iter(_rows(path)[0]), []))
+        names = next(iter(_rows(path)[0]), [])
+        columns = _columns(names)
     except (OSError, csv.Error):
         return False
     placed = "index" in columns or columns.keys() >= set(_AXES)
-    return placed and ("name" in columns or "color" in columns)
+    return not is_label_set(names) and placed and ("name" in columns or "color" in columns)
 
 
 def _rows(path: Path) -> tuple[list[list[str]], str]:

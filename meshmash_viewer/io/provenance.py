@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.errors import printable
 from meshmash_viewer.units import LENGTH_UNITS, plain_text
+from meshmash_viewer.vertex_map import Label
 
 if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions
@@ -119,6 +120,15 @@ def second_file(path: Path) -> str:
         return path.with_name(path.name + ".json").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return ""
+
+
+def stated_labels(meta: str) -> tuple[Label, ...]:
+    """Return the labels in the JSON text of `provenance`, none if it states none."""
+    try:
+        stated = json.loads(meta)["labels"]
+        return tuple(Label(int(key), str(name), str(color)) for key, name, color in stated)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return ()
 
 
 # -- in the headers of PLY and OBJ files, readable by other programs ---------------------------

@@ -15,10 +15,12 @@ from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.provenance import stated_units
 from meshmash_viewer.mesh import MeshLike, as_mesh
-from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
+from meshmash_viewer.vertex_map import COLOR, Label, VertexMap, labels_in_use, unused_number
 
 #: Maps that are taken of one file.
 MOST_MAPS = 64
+#: Colour of a label whose file has another text there.
+_NO_COLOR = "#808080"
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class RawMap:
     labels: tuple[Label, ...] = ()
     #: Shape (n,): The vertices of the mesh's file that the values are of; None for all of them.
     rows: IntArray | None = None
+    #: Whether labels without a vertex are kept; tables of other programs have hundreds of them.
+    keep_unused: bool = False
     #: The shape that the values have in the file, where it may be that of a volume.
     volume: tuple[int, ...] = ()
     #: Unit of the values, "" if it is not stated.
@@ -44,7 +48,7 @@ class RawMap:
         return -1 if self.rows is None else int(self.rows.max())
 
     def checked(self, n_vertices: int, path: Path | None = None) -> VertexMap:
-        """Convert to a map of a mesh with n vertices, without unused labels.
+        """Convert to a map of a mesh with n vertices, as a rule without unused labels.
 
         `InputError` is raised as by `VertexMap`, and if it names a vertex that does not exist.
         """
@@ -57,12 +61,19 @@ class RawMap:
             )
         values, labels = self.values, self.labels
         if self.rows is not None:
-            values = np.full(n_vertices, 0.0 if labels else np.nan)
+            values = np.full(n_vertices, unused_number(labels) if labels else np.nan)
             values[self.rows] = self.values
-        used = labels_in_use(labels, values)
+        used = labels if self.keep_unused else labels_in_use(labels, values)
         if labels and not used:
             raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
-        labels = tuple(replace(label, name=label.name or name) for label in used)
+        labels = tuple(
+            replace(
+                label,
+                name=label.name or name,
+                color=label.color if COLOR.fullmatch(label.color) else _NO_COLOR,
+            )
+            for label in used
+        )
         return VertexMap(name, values, labels, self.unit, path=origin)
 
 

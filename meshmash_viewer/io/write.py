@@ -30,7 +30,6 @@ from meshmash_viewer.io.writers import (
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.map_spectrum import MapSpectrum
-    from meshmash_viewer.features.regions import Regions
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -87,12 +86,12 @@ def write_features(
         "features": features.values,
         "columns": np.array(features.columns),
         "eigenvalues": values,
-        **_geometry(mesh),
+        **mesh_arrays(mesh),
     }
     table = FeatureTable(features.values, features.columns, mesh, values, archive=archive)
     # options given by the caller replace those of the features
     said = {"kind": features.kind, "values_unit": features.unit, **features.meta}
-    _write(path, "features", table, said, meta)
+    write_table(path, "features", table, said, meta)
 
 
 def write_eigenpairs(
@@ -130,7 +129,7 @@ def write_eigenpairs(
         **extra,
         "eigenvectors": decomposition.eigenvectors,
         "mass": decomposition.mass,
-        **_geometry(mesh),
+        **mesh_arrays(mesh),
     }
     count = decomposition.n_components
     digits = max(3, len(str(count)))
@@ -140,7 +139,7 @@ def write_eigenpairs(
         archive=archive, extra=extra,
     )  # fmt: skip
     said = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
-    _write(path, "eigenpairs", table, said, meta)
+    write_table(path, "eigenpairs", table, said, meta)
 
 
 def write_map_spectrum(
@@ -195,48 +194,7 @@ def write_map_spectrum(
         archive={"pair": counts, **columns}, index="pair",
     )  # fmt: skip
     said = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
-    _write(path, "coefficients", table, said, meta)
-
-
-def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None = None) -> None:
-    """Write regions, one a row, as CSV, Parquet or NPZ.
-
-    Columns are those of `regions`, and after them ``unit``, that of lengths: areas are in its
-    square, volumes in its cube, ``lambda2`` in its inverse square.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file with one of the endings of `SPECTRUM_WRITERS`.
-    table : Regions
-    meta : dict, optional
-        JSON-able options that it was computed with, or a result of `provenance`.
-
-    Raises
-    ------
-    InputError
-        If the ending is unknown or the file cannot be written.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> cap = mv.regions(ball, ball.vertices[:, 2] > 0.5, neck=False)
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "cap.csv"
-    ...     mv.write_regions(file, cap)
-    ...     file.read_text().splitlines()[0]
-    '"label","part","vertices","area","volume","loops","extent","x","y","z","unit"'
-    """
-    columns = {**table.columns, "unit": np.full(len(table), table.mesh.unit)}
-    nothing = np.empty((len(table), 0))
-    made = FeatureTable(nothing, (), table.mesh, np.empty(0), archive=columns, index="region")
-    said = {
-        "kind": "regions",
-        "units": {name: table.unit_of(name) for name in table.columns},
-        "remarks": list(table.remarks),
-    }
-    _write(path, "regions", made, said, meta)
+    write_table(path, "coefficients", table, said, meta)
 
 
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
@@ -247,8 +205,8 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
     if the ending is unknown or the file cannot be written.
     """
     nothing = np.empty((mesh.n_vertices, 0))
-    table = FeatureTable(nothing, (), mesh, np.empty(0), archive=_geometry(mesh))
-    _write(path, "mesh", table, {"kind": "mesh"}, meta)
+    table = FeatureTable(nothing, (), mesh, np.empty(0), archive=mesh_arrays(mesh))
+    write_table(path, "mesh", table, {"kind": "mesh"}, meta)
 
 
 def write_picture(
@@ -272,13 +230,13 @@ def write_picture(
         image.save(part, pnginfo=about, dpi=None if dpi is None else (dpi, dpi))
 
 
-def _geometry(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
+def mesh_arrays(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a mesh, and after repairs the index of each vertex in the file."""
     arrays: dict[str, npt.NDArray[Any]] = {"vertices": mesh.vertices, "faces": mesh.faces}
     return arrays if mesh.numbering is None else {**arrays, "vertex": mesh.file_indices}
 
 
-def _write(
+def write_table(
     path: str | Path,
     kind: str,
     table: FeatureTable,
@@ -295,8 +253,10 @@ def _write(
     if not {"program", "mesh", "options"} <= given.keys():
         made = provenance(table.mesh, given)
     made["options"] = {**said, **made["options"]}
-    if kind == "features":
+    if kind in ("features", "labels"):
         made["columns"] = list(table.columns)
+    if table.labels:
+        made["labels"] = [[each.key, each.name, each.color] for each in table.labels]
     if table.repaired and path.name.lower().endswith(WITHOUT_INDEX):
         made["rows"] = _ranges(table.rows)
     table = replace(table, meta=json.dumps(made, separators=(",", ":")))

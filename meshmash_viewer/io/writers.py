@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,6 +18,7 @@ from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import comment_lines, property_names
 from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.plug_ins import PlugIn, plug_ins
+from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class FeatureTable:
     archive: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     #: Arrays that do not have one value per row, for formats that can hold them.
     extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    #: Names of the numbers in a label set.
+    labels: tuple[Label, ...] = ()
     #: What a row is: a "vertex", or else a "pair" or "region" of which the archive has all columns.
     index: str = "vertex"
 
@@ -120,8 +124,10 @@ def _vtp(path: Path, table: FeatureTable) -> None:
 def _ply(path: Path, table: FeatureTable) -> None:
     names = property_names(table.columns)
     index = [table.index] if table.repaired else []
+    whole = table.values.dtype.kind == "i"
     kinds = [*((axis, "<f8") for axis in "xyz"), *((name, "<i4") for name in index)]
-    records = np.empty(len(table.values), dtype=[*kinds, *((name, "<f4") for name in names)])
+    kinds += [(name, "<i4" if whole else "<f4") for name in names]
+    records = np.empty(len(table.values), dtype=kinds)
     for name in index:
         records[name] = table.rows
     for axis, coordinates in zip("xyz", table.mesh.vertices.T, strict=True):
@@ -138,7 +144,7 @@ def _ply(path: Path, table: FeatureTable) -> None:
         f"element vertex {len(records)}",
         *(f"property double {axis}" for axis in "xyz"),
         *(f"property int {name}" for name in index),
-        *(f"property float {name}" for name in names),
+        *(f"property {'int' if whole else 'float'} {name}" for name in names),
         f"element face {len(triangles)}",
         "property list uchar int vertex_indices",
         "end_header",
@@ -187,12 +193,64 @@ def _gifti_array(
     return gifti.GiftiDataArray(array, intent, f"NIFTI_TYPE_{kind.__name__.upper()}", meta=meta)
 
 
-def _write_gifti(path: Path, arrays: list[Any], about: dict[str, str]) -> None:
+def _write_gifti(
+    path: Path, arrays: list[Any], about: dict[str, str], labels: tuple[Label, ...] = ()
+) -> None:
     from nibabel.gifti import gifti as nibabel_gifti
 
     gifti: Any = nibabel_gifti
-    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(about), darrays=arrays)
+    names = gifti.GiftiLabelTable()
+    for label in labels:
+        shares = [share / 255.0 for share in bytes.fromhex(label.color[1:])]
+        names.labels.append(gifti.GiftiLabel(label.key, *shares, 1.0))
+        names.labels[-1].label = label.name
+    image = gifti.GiftiImage(
+        meta=gifti.GiftiMetaData(about), darrays=arrays, labeltable=names if labels else None
+    )
     path.write_bytes(image.to_bytes())
+
+
+def _label_gifti(path: Path, table: FeatureTable) -> None:
+    about = {"Name": table.columns[0]}
+    array = _gifti_array(table.values[:, 0], "NIFTI_INTENT_LABEL", about, np.int32)
+    about = {**_structure(table.mesh), "meshmash-viewer": table.meta}
+    _write_gifti(path, [array], about, table.labels)
+
+
+def _annotation(path: Path, table: FeatureTable) -> None:
+    """Labels by their place in the table.
+
+    A vertex has the colour of its label, so labels of equal colours, and black ones, which mean no
+    label, get the next free colour.
+    """
+    from nibabel.freesurfer import io as freesurfer
+
+    taken, colors = {0}, []
+    for label in table.labels:
+        wanted = int(label.color[1:], 16)
+        packed = next(wanted ^ step for step in count() if wanted ^ step not in taken)
+        taken.add(packed)
+        colors.append([*packed.to_bytes(3, "big"), 0])
+    places = VertexMap("", table.values[:, 0], table.labels).shown
+    write: Any = freesurfer.write_annot
+    names = [label.name for label in table.labels]
+    write(str(path), np.nan_to_num(places, nan=-1.0).astype(int), np.array(colors), names)
+
+
+def _one_label(path: Path, table: FeatureTable) -> None:
+    """The vertices of one label and their places in mm, as text."""
+    used = labels_in_use(table.labels, table.values)
+    if len(used) != 1:
+        raise InputError(
+            f"{path} can hold one label, and {table.columns[0]!r} has {len(used)} with vertices:"
+            " write .annot or .label.gii, or give one label alone."
+        )
+    inside = np.flatnonzero(table.values[:, 0] == used[0].key)
+    points = table.mesh.on_file(table.mesh.vertices)[inside]
+    rows = np.column_stack([inside, points * _MILLIMETRES.get(table.mesh.unit, 1.0)])
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"#!ascii label {used[0].name}, from subject\n{len(inside)}\n")
+        np.savetxt(file, rows, "%d  %.9g  %.9g  %.9g 0")
 
 
 def _obj(path: Path, table: FeatureTable) -> None:
@@ -244,14 +302,24 @@ MESH_WRITERS: dict[str, Writer] = {
 #: The same for what a map is on eigenpairs, and for regions.
 SPECTRUM_WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
 
+#: The same for label sets.
+LABEL_WRITERS: dict[str, Writer] = {
+    ".label.gii": _label_gifti,
+    ".annot": _annotation,
+    ".label": _one_label,
+    ".csv": _csv,
+    ".npz": _npz,
+    ".ply": _ply,
+}
+
 #: Endings of scenes, which pyvista writes.
 SCENE_ENDINGS = (".gltf", ".html")
 
 #: Packages that formats need.
-_NEEDED = {".csv": "pyarrow", ".parquet": "pyarrow", ".gii": "nibabel"}
+_NEEDED = {".csv": "pyarrow", ".parquet": "pyarrow", ".gii": "nibabel", ".annot": "nibabel"}
 
 #: Formats without room for provenance.
-WITHOUT_PROVENANCE = (".npy", ".csv", ".stl", ".glb")
+WITHOUT_PROVENANCE = (".npy", ".csv", ".stl", ".glb", ".annot", ".label")
 
 #: Formats without a column of vertex indices, which are written to the provenance as ranges.
 WITHOUT_INDEX = (".npy", ".gii", ".obj", ".stl", ".glb")
@@ -264,6 +332,7 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),
     "coefficients": ("coefficients", SPECTRUM_WRITERS),
     "regions": ("regions", SPECTRUM_WRITERS),
+    "labels": ("labels", LABEL_WRITERS),
     "mesh": ("meshes", MESH_WRITERS),
     "picture": ("pictures", {".png": None}),
     "figure": ("figures", {".png": None, ".pdf": None, ".svg": None}),

@@ -101,9 +101,10 @@ def _gifti_maps(image: Any) -> Iterator[RawMap]:
         alone = len(image.darrays) == 1
         name = dict(array.meta or {}).get("Name") or ("" if alone else f"map {at}")
         labels = table if intent == "NIFTI_INTENT_LABEL" else ()
+        own = "meshmash-viewer" in dict(image.meta or {})
         columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
         for column in columns:
-            yield RawMap(name, np.ascontiguousarray(column), labels)
+            yield RawMap(name, np.ascontiguousarray(column), labels, keep_unused=own)
 
 
 def _hexadecimal(rgba: Any) -> str:

@@ -23,9 +23,12 @@ from meshmash_viewer.io.raw import (
     maps_of_columns,
 )
 from meshmash_viewer.triangulation import triangulate
+from meshmash_viewer.vertex_map import Label
 
 #: What our own exports hold for every pair, not for every vertex.
 _NOT_READ = ("eigenvalues", "eigenvectors", "residuals")
+#: What the numbers in an array ``labels`` mean.
+_LABELS = ("label_numbers", "label_names", "label_colors")
 
 
 def read_npz(path: Path) -> RawMesh:
@@ -157,8 +160,9 @@ def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
         passed.add("vertex")
     if n_vertices is not None:
         rows = None
+    labels = _labels(archive)
     for name in archive.files:
-        if name in passed:
+        if name in passed or (labels and name in _LABELS):
             continue
         try:
             values = _array(archive, name)
@@ -168,13 +172,27 @@ def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
         if values.ndim not in (1, 2) or len(values) != length or not length:
             continue
         if values.ndim == 1:
-            yield RawMap(name, values, rows=rows)
+            named = labels if name == "labels" else ()
+            yield RawMap(name, values, named, rows, keep_unused=True)
         elif values.shape[1] <= MOST_MAPS:
             own = name == "features" and "columns" in archive.files
             names = list(map(str, np.ravel(_array(archive, "columns")))) if own else []
             if len(names) != values.shape[1]:
                 names = [f"{name} {at}" for at in range(values.shape[1])]
             yield from maps_of_columns(values, names, rows)
+
+
+def _labels(archive: Any) -> tuple[Label, ...]:
+    """The labels that the numbers in the array ``labels`` mean, none if it does not say."""
+    if not {"labels", *_LABELS} <= set(archive.files):
+        return ()
+    numbers, names, colors = (np.ravel(_array(archive, name)).tolist() for name in _LABELS)
+    if not all(isinstance(number, int) for number in numbers):
+        return ()
+    return tuple(
+        Label(number, str(name), str(color))
+        for number, name, color in zip(numbers, names, colors, strict=False)
+    )
 
 
 def _rows(archive: Any) -> IntArray | None:

@@ -14,6 +14,7 @@ from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import (
     names_of_properties,
     stated_comment,
+    stated_labels,
     stated_mesh,
 )
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
@@ -62,8 +63,9 @@ def read_ply(path: Path) -> RawMesh:
         raise InputError("has vertices without x, y and z")
     vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
     names = names_of_properties(said)
+    labels = stated_labels(said)
     maps = [
-        RawMap(names.get(name, name), values)
+        RawMap(names.get(name, name), values, labels * (name in names), keep_unused=True)
         for name, values in of_vertices[0].items()
         if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
     ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import colorsys
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +21,7 @@ from meshmash_viewer.io.raw import (
     are_ascending_indices,
     maps_alone,
 )
+from meshmash_viewer.vertex_map import COLOR, Label
 
 if TYPE_CHECKING:
     import pyarrow
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 _MISSING = ("None", "none", "NONE", "Null", "<NA>", "Nan", "nAn", "-", ".", "?", "NaT", "missing")
 #: Columns that only count the rows, as pandas calls them.
 _ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
+#: Columns that describe the one called "label".
+_TEXTS = ("name", "color", "colour")
 #: Bytes from which the kind of a table is known.
 _BEGINNING = 1_000_000
 _LARGEST_BLOCK = 2**31 - 1
@@ -52,6 +57,10 @@ def csv_maps(path: Path) -> RawMesh:
     parse = pyarrow.csv.ParseOptions(delimiter=separator)
     try:
         table = pyarrow.csv.read_csv(path, read, parse, convert)
+        if is_label_set(table.column_names):  # of which one may be called "none", or 007
+            convert.quoted_strings_can_be_null = False
+            convert.column_types = dict.fromkeys(_TEXTS, pyarrow.string())
+            table = pyarrow.csv.read_csv(path, read, parse, convert)
     except pyarrow.ArrowInvalid as fault:
         raise InputError(f"is no table ({printable(fault)})") from fault
     if read.autogenerate_column_names and len(table.column_names) == 1:
@@ -120,10 +129,16 @@ def _is_number(word: str) -> bool:
 
 
 def _maps(table: pyarrow.Table) -> RawMesh:
-    """The columns of numbers; one called "vertex" says which vertex a row is for."""
-    columns: list[tuple[str, npt.NDArray[Any]]] = []
+    """The columns of numbers; one called "vertex" says which vertex a row is for.
+
+    A column "label" is a set of labels if it is text, or next to a "name" or "color".
+    """
+    numbers, labels = _label_set(table)
+    columns: list[tuple[str, npt.NDArray[Any]]] = [("label", numbers)] if labels else []
     left_out: list[str] = []
     for name, column in zip(table.column_names, table.columns, strict=True):
+        if labels and name in ("label", *_TEXTS):
+            continue
         try:
             values = _numbers(column)
         except InputError as fault:
@@ -133,7 +148,12 @@ def _maps(table: pyarrow.Table) -> RawMesh:
             columns.append((name, values))
     order, rows = _rows([values for name, values in columns if name == "vertex"])
     found = [
-        RawMap(name, np.ascontiguousarray(values if order is None else values[order]), rows=rows)
+        RawMap(
+            "" if values is numbers else name,
+            np.ascontiguousarray(values if order is None else values[order]),
+            labels if values is numbers else (),
+            rows,
+        )
         for name, values in columns
         if name != "vertex"
     ]
@@ -143,6 +163,75 @@ def _maps(table: pyarrow.Table) -> RawMesh:
         raise InputError(f"has {len(found):,} columns, of which {MOST_MAPS} can be taken at most")
     said = f"has columns that are left out: {', '.join(left_out)}"
     return maps_alone(found, (said,) if left_out else ())
+
+
+def is_label_set(names: Iterable[str]) -> bool:
+    """Whether a table of these columns says how its labels are called, or coloured."""
+    return "label" in names and any(name in names for name in _TEXTS)
+
+
+def _label_set(table: pyarrow.Table) -> tuple[npt.NDArray[Any], tuple[Label, ...]]:
+    """The number of each row, and the labels of these numbers; none if there is no such set.
+
+    A number without a name and a colour is no label, and neither is a missing one.
+    """
+    from pyarrow import types
+
+    none: tuple[npt.NDArray[Any], tuple[Label, ...]] = np.zeros(0), ()
+    if table.column_names.count("label") != 1 or table["label"].null_count == table.num_rows:
+        return none
+    column = table["label"].combine_chunks()
+    defaults: list[str] = []
+    if types.is_string(column.type) or types.is_large_string(column.type):
+        coded = column.dictionary_encode()
+        numbers = coded.indices.fill_null(-1).to_numpy() + np.int64(1)
+        defaults = ["", *coded.dictionary.to_pylist()]
+    elif is_label_set(table.column_names):
+        numbers = np.nan_to_num(_numbers(table["label"]))
+    else:
+        return none
+    keys, first = np.unique(numbers, return_index=True)
+    said = {
+        part: _one_of_each(table[part], part, numbers, first)
+        for part in _TEXTS
+        if table.column_names.count(part) == 1
+    }
+    labels = []
+    for at, key in enumerate(map(int, keys)):
+        name, color = (said[part][at] if part in said else None for part in ("name", "color"))
+        color = color or (said["colour"][at] if "colour" in said else None)
+        if (defaults and key) or (not defaults and (name or color)):
+            name = name or (defaults[key] if defaults else str(key))
+            labels.append(Label(key, name, color or _spread_color(at)))
+    return numbers, tuple(labels)
+
+
+def _one_of_each(
+    column: pyarrow.ChunkedArray, part: str, numbers: npt.NDArray[Any], first: npt.NDArray[Any]
+) -> list[str | None]:
+    """The text in the first row of each number; `InputError` is raised if others differ."""
+    coded = column.combine_chunks().dictionary_encode()
+    codes = coded.indices.fill_null(-1).to_numpy()
+    places = np.searchsorted(numbers[first], numbers)
+    other = np.flatnonzero(codes != codes[first][places])
+    if len(other):
+        raise InputError(
+            f"Map 'label' has two texts in the column {part} for the label"
+            f" {numbers[other[0]]:g}: give each label one."
+        )
+    texts = [None if text is None else str(text) for text in coded.dictionary.to_pylist()]
+    wrong = [text for text in texts if text and part != "name" and not COLOR.fullmatch(text)]
+    if wrong:
+        raise InputError(
+            f"Map 'label' has the colour {printable(wrong[0], 30)!r}: write it as #rrggbb."
+        )
+    return [texts[code] if code >= 0 else None for code in codes[first].tolist()]
+
+
+def _spread_color(place: int) -> str:
+    """A colour for the label at a place: hues next to each other are far apart."""
+    shares = colorsys.hls_to_rgb(place * 0.618034 % 1.0, 0.55, 0.6)
+    return "#" + "".join(f"{round(255 * share):02x}" for share in shares)
 
 
 def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:

@@ -1,0 +1,142 @@
+"""Writing of label sets, and of regions as a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.write import mesh_arrays, write_table
+from meshmash_viewer.io.writers import FeatureTable
+from meshmash_viewer.mesh import MeshLike, as_mesh
+from meshmash_viewer.vertex_map import COLOR, VertexMap
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.regions import Regions
+
+
+def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None = None) -> None:
+    """Write regions, one a row, as CSV, Parquet or NPZ.
+
+    Columns are those of `regions`, and after them ``unit``, that of lengths: areas are in its
+    square, volumes in its cube, ``lambda2`` in its inverse square.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with one of the endings of `SPECTRUM_WRITERS`.
+    table : Regions
+    meta : dict, optional
+        JSON-able options that it was computed with, or a result of `provenance`.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown or the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> cap = mv.regions(ball, ball.vertices[:, 2] > 0.5, neck=False)
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "cap.csv"
+    ...     mv.write_regions(file, cap)
+    ...     file.read_text().splitlines()[0]
+    '"label","part","vertices","area","volume","loops","extent","x","y","z","unit"'
+    """
+    columns = {**table.columns, "unit": np.full(len(table), table.mesh.unit)}
+    nothing = np.empty((len(table), 0))
+    made = FeatureTable(nothing, (), table.mesh, np.empty(0), archive=columns, index="region")
+    said = {
+        "kind": "regions",
+        "units": {name: table.unit_of(name) for name in table.columns},
+        "remarks": list(table.remarks),
+    }
+    write_table(path, "regions", made, said, meta)
+
+
+def write_labels(
+    path: str | Path, labels: VertexMap, mesh: MeshLike, meta: dict[str, Any] | None = None
+) -> None:
+    """Write a label set with its names and colours, which `read_labels` reads.
+
+    ``.label.gii`` and ``.npz`` hold all of it, ``.ply`` in comments. ``.csv`` has a row for each
+    vertex with the columns ``vertex``, ``label``, ``name`` and ``color``, and so no label without a
+    vertex. ``.annot`` numbers labels by their places, and tells them apart by colour: those of
+    equal colours, and black ones, get a colour next to it. ``.label`` holds one label without name
+    and colour. PLY and NPZ contain the mesh; the others are for all vertices of its file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with one of the endings of `LABEL_WRITERS`.
+    labels : VertexMap
+    mesh : MeshLike
+    meta : dict, optional
+        JSON-able options that led to them, or a result of `provenance`.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown, the labels are of another mesh or have no names, or the format
+        cannot hold them.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> names = (mv.Label(1, "north", "#4477aa"), mv.Label(2, "south", "#ee6677"))
+    >>> halves = mv.VertexMap("half", np.where(ball.vertices[:, 2] > 0, 1, 2), names)
+    >>> with TemporaryDirectory() as folder:
+    ...     mv.write_labels(folder + "/half.annot", halves, ball)
+    ...     [label.name for label in mv.read_labels(folder + "/half.annot", ball).labels]
+    ['north', 'south']
+    """
+    surface = as_mesh(mesh)
+    known = surface.with_maps(labels).maps[-1]
+    _check_labels(known)
+    numbers = np.where(np.isnan(known.shown), known.no_label, known.values)
+    names, keys = [each.name for each in known.labels], [each.key for each in known.labels]
+    colors = [each.color for each in known.labels]
+    index = "vertex" if str(path).lower().endswith((".npz", ".ply")) else "row"
+    archive: dict[str, npt.NDArray[Any]] = {
+        "labels": numbers,
+        "label_numbers": np.array(keys),
+        "label_names": np.array(names),
+        "label_colors": np.array(colors),
+        **mesh_arrays(surface),
+    }
+    if index == "row":
+        whole = surface.on_file(numbers.astype(np.float64))
+        numbers = np.nan_to_num(whole, nan=known.no_label).astype(np.int64)
+        places = np.nan_to_num(VertexMap("", numbers, known.labels).shown, nan=-1.0).astype(int)
+        archive = {
+            "vertex": np.arange(len(numbers)),
+            "label": numbers,
+            "name": np.array([*names, None], dtype=object)[places],
+            "color": np.array([*colors, None], dtype=object)[places],
+        }
+    table = FeatureTable(
+        numbers[:, np.newaxis], (known.name,), surface, np.empty(0),
+        archive=archive, labels=known.labels, index=index,
+    )  # fmt: skip
+    said = {"kind": "labels", "unlabelled": known.no_label}
+    write_table(path, "labels", table, said, meta)
+
+
+def _check_labels(known: VertexMap) -> None:
+    """Raise `InputError` for labels that files cannot hold."""
+    if not known.labels:
+        raise InputError(
+            f"Map {known.name!r} has no labels: give it some, as VertexMap(name, values, labels)."
+        )
+    for label in known.labels:
+        if not -(2**31) <= label.key < 2**31:
+            raise InputError(f"Label {label.name!r} has number {label.key}: give a smaller one.")
+        if not COLOR.fullmatch(label.color):
+            raise InputError(
+                f"Label {label.name!r} has the colour {label.color!r}: write it as #rrggbb."
+            )
