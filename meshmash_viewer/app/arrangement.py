@@ -19,7 +19,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.layout import row
 
-_VERSION = 3
+_VERSION = 4
 #: Width of the four tabs of the Field panel, in logical pixels.
 _FIELD_WIDTH = 316
 #: Least width of two plots side by side; below it they are tabs. Less than that of the render.
@@ -29,7 +29,7 @@ _NARROW = 1240
 #: Below this width Field shares the place of the left panels while two meshes are compared.
 _NARROW_PAIR = 1100
 #: Panels that share one place, as tabs.
-_LEFT = ("mesh", "shape", "pair")
+_LEFT = ("mesh", "shape", "pair", "label")
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 
 
@@ -70,7 +70,7 @@ class Dock(QDockWidget):
 
 
 class Arrangement:
-    """The docks: Mesh, Shape and Compare at the left, Field at the right, two plots below."""
+    """The docks: Mesh, Shape, Compare and Labels at the left, Field at the right, plots below."""
 
     def __init__(self, window: QMainWindow) -> None:
         self._window = window
@@ -86,6 +86,7 @@ class Arrangement:
             ("mesh", "Mesh", areas.LeftDockWidgetArea),
             ("shape", "Shape", areas.LeftDockWidgetArea),
             ("pair", "Compare", areas.LeftDockWidgetArea),
+            ("label", "Labels", areas.LeftDockWidgetArea),
             ("field", "Field", areas.RightDockWidgetArea),
             ("spectrum", "Spectrum", _BOTTOM),
             ("profile", "Profiles", _BOTTOM),

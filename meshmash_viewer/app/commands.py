@@ -70,6 +70,7 @@ class Commands:
             "quit": window.close,
             "reset_layout": arrangement.reset,
             "nodal_lines": partial(setattr, display, "nodal_lines"),
+            "label_borders": partial(setattr, display, "label_borders"),
             "hide_small": partial(setattr, display, "hide_small"),
             "play": partial(setattr, display, "playing"),
             "show_kind": partial(setattr, display, "kind"),
@@ -148,6 +149,7 @@ class Commands:
         if request is not None and not request.family.signed and not request.family.contoured:
             actions["nodal_lines"].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
+        actions["label_borders"].setChecked(display.label_borders)
         actions["hide_small"].setChecked(display.hide_small)
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:

@@ -175,7 +175,9 @@ class MainWindow(ScriptedWindow):
         if self.loaded or self._closed:
             return
         from meshmash_viewer.app.controller import Controller
+        from meshmash_viewer.app.label_borders import LabelBorders
         from meshmash_viewer.app.panels.field_panel import FieldPanel
+        from meshmash_viewer.app.panels.label_panel import LabelPanel
         from meshmash_viewer.app.panels.pair_panel import PairPanel
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
         from meshmash_viewer.app.panels.shape_panel import ShapePanel
@@ -191,12 +193,14 @@ class MainWindow(ScriptedWindow):
         self.profile_panel = ProfilePanel(self.document)
         self.shape_panel = ShapePanel(self.document)
         self.pair_panel = PairPanel(self.document)
-        for name in ("field", "spectrum", "profile", "shape", "pair"):
+        self.label_panel = LabelPanel(self.document)
+        for name in ("field", "spectrum", "profile", "shape", "pair", "label"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         theme.pad_fields(self)
         self._field_wheel.watch(self)
         self.controller = Controller(self.document, self.scene, self)
         self.controller.drawn.connect(self._on_drawn)
+        self.label_borders = LabelBorders(self.document, self.scene, self)
         self.shape_source = ShapeSource(self.document, self)
         self.shape_source.shape_ready.connect(self._show_shape)
         self.shape_source.failed.connect(self.commands.say_failed)
@@ -241,7 +245,7 @@ class MainWindow(ScriptedWindow):
         needs = (
             document.mesh_changed, document.spectrum_changed, document.solve.changed,
             document.history.changed, document.pins.changed, document.work.changed,
-            events.nodal_lines, events.playing, events.kind,
+            events.nodal_lines, events.label_borders, events.playing, events.kind,
         )  # fmt: skip
         follow(needs, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)
@@ -435,6 +439,8 @@ class MainWindow(ScriptedWindow):
                 self.controller.close()
                 self.shape_source.close()
                 self.profile_panel.close()
+                self.label_borders.close()
+                self.label_panel.close()
                 self.mesh_panel.health.close()
                 self.scene.close()
             self.closed.emit()

@@ -44,6 +44,7 @@ _POLICIES: dict[str, type[Any]] = {
 _PLAIN = (
     "kind",
     "nodal_lines",
+    "label_borders",
     "diverging_colormap",
     "sequential_colormap",
     "log_scales",
@@ -85,6 +86,8 @@ class Display:
     #: Whether the field advances by itself.
     playing: bool = False
     nodal_lines: bool = False
+    #: Whether the borders between labels are drawn, over any field.
+    label_borders: bool = False
     #: Colour map names (matplotlib's) for signed and for non-negative fields.
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
@@ -240,6 +243,7 @@ _DISPLAY = Record(
     {
         "kind": Choice(FAMILIES),
         "nodal_lines": Flag(),
+        "label_borders": Flag(),
         "hide_small": Flag(),
         "diverging_colormap": _color_map,
         "sequential_colormap": _color_map,

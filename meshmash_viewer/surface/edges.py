@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +60,26 @@ def edges_of(codes: IntArray) -> Edges:
     one_way = counts == 2
     one_way[one_way] = ordered[starts[one_way]] == ordered[starts[one_way] + 1]
     return Edges(keys[starts], counts, one_way)
+
+
+def border_edges(faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
+    """Find the edges between faces of different values, shape (e, 2).
+
+    A face has the value of its last corner, as it is drawn.
+    """
+    first, second, last = (values[faces[:, corner]] for corner in range(3))
+    mixed = (first != last) | (second != last)
+    near = np.zeros(len(values), dtype=np.bool_)
+    near[faces[mixed]] = True
+    # one face of such an edge is mixed, so that both ends are near
+    n_near = sum(near[faces[:, corner]].astype(np.int8) for corner in range(3))
+    candidates = np.flatnonzero(n_near > 1)
+    keys = side_codes(faces[candidates], len(values)) >> 1
+    order = np.argsort(keys, kind="stable")
+    keys, of_face = keys[order], np.repeat(last[candidates], 3)[order]
+    differs = (keys[1:] == keys[:-1]) & (of_face[1:] != of_face[:-1])
+    found = np.unique(keys[1:][differs])
+    return np.column_stack([found // len(values), found % len(values)])
 
 
 def duplicates(faces: IntArray) -> npt.NDArray[np.bool_]:

@@ -120,7 +120,7 @@ def tab_through(window: MainWindow) -> list[QWidget]:
     # panel by panel, and within one as one reads
     panels = (window.mesh_panel, window.field_panel, window.spectrum_panel, window.profile_panel)
     tabs = [stop for stop in stops if isinstance(stop, QTabBar)]
-    assert [bar.count() for bar in tabs] == [3], "Mesh, Shape and Compare share a place"
+    assert [bar.count() for bar in tabs] == [4], "Mesh, Shape, Compare and Labels share a place"
     inside = [stop for stop in stops if stop not in tabs]
     at = [next(n for n, each in enumerate(panels) if each.isAncestorOf(stop)) for stop in inside]
     assert at == sorted(at)

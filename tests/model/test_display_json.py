@@ -29,6 +29,7 @@ from meshmash_viewer.model.limits import (
 CONTENT = {
     "kind": "band",
     "nodal_lines": True,
+    "label_borders": True,
     "diverging_colormap": "PuOr_r",
     "sequential_colormap": "magma",
     "log_scales": {"hks": True, "band": False},
@@ -52,6 +53,7 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
     before = Display(
         kind="similarity",
         nodal_lines=True,
+        label_borders=True,
         diverging_colormap="PuOr_r",
         sequential_colormap="magma",
         log_scales={"hks": True, "band": False},

@@ -131,7 +131,14 @@ def dot(color: str) -> QIcon:
     """A colour as the icon of an entry."""
     picture = QPixmap(12, 12)
     picture.fill(QColor(color))
-    return QIcon(picture)
+    return untinted(picture)
+
+
+def untinted(picture: QPixmap) -> QIcon:
+    """An icon that is the same in a selected row."""
+    made = QIcon(picture)
+    made.addPixmap(picture, QIcon.Mode.Selected)
+    return made
 
 
 class Segments(QWidget):

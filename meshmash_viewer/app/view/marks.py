@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
@@ -13,27 +15,44 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkPolyDataMapper
 from meshmash_viewer.app.view.colors import rgb
 from meshmash_viewer.arrays import IntArray
 
-#: Colour of marks, which is in no colour map; widths in points of lines, of points, and of the
-#: corners of edges and faces, which are seen where these are smaller than a pixel.
-_COLOR, _LINE, _POINT, _CORNER = "#ff2fa8", 2.5, 8.0, 5.0
-#: How far marks are drawn in front of the surface that they lie on, in units of depth, with their
-#: opacity: what is behind or within a branch is seen through it, fainter.
-_LAYERS = ((-8.0, 1.0), (-1e6, 0.45))
+#: Widths in points of points, and of the corners of edges and faces, which are seen where these are
+#: smaller than a pixel.
+_POINT, _CORNER = 8.0, 5.0
+
+
+class Layer(NamedTuple):
+    """How marks are drawn once: how far in front of the surface that they lie on, and so on."""
+
+    #: In units of depth.
+    front: float
+    opacity: float
+    color: str
+    #: Of lines, in points.
+    width: float
+
+
+#: Marks of faults, in a colour that no colour map has: what is behind or within a branch is seen
+#: through it, fainter.
+FAULTS = (Layer(-8.0, 1.0, "#ff2fa8", 2.5), Layer(-1e6, 0.45, "#ff2fa8", 2.5))
+#: Borders between labels: dark lines with a faint light edge, which are seen over every colour.
+BORDERS = (Layer(-8.0, 0.4, "#ffffff", 3.6), Layer(-12.0, 1.0, "#14181d", 1.8))
 
 
 class Marks:
     """Draws points, edges or faces, given by their vertices: shape (k, 1), (k, 2) or (k, 3).
 
-    Of a face the sides are drawn, too, so that one without area is visible.
+    Of a face the sides are drawn, too, so that one without area is visible; of faults the corners.
     """
 
-    def __init__(self, parts: IntArray) -> None:
+    def __init__(self, parts: IntArray, layers: tuple[Layer, ...] = FAULTS) -> None:
+        self.parts, self._layers = parts, layers
         #: Vertices whose positions `move` takes.
         self.vertices, numbers = np.unique(parts, return_inverse=True)
         numbers = numbers.reshape(parts.shape)
         self._data = vtkPolyData()
         self._data.SetPoints(vtkPoints())
-        self._data.SetVerts(_cells(np.arange(len(self.vertices))[:, np.newaxis]))
+        if layers is FAULTS:
+            self._data.SetVerts(_cells(np.arange(len(self.vertices))[:, np.newaxis]))
         if parts.shape[1] == 2:
             self._data.SetLines(_cells(numbers))
         elif parts.shape[1] == 3:
@@ -42,10 +61,14 @@ class Marks:
         self._point = _POINT if parts.shape[1] == 1 else _CORNER
         self.actor = vtkAssembly()
         self.actor.PickableOff()
-        layers = [_layer(self._data, *each) for each in _LAYERS]
-        self._looks = [each.GetProperty() for each in layers]
-        for each in layers:
+        actors = [_drawn(self._data, each) for each in layers]
+        self._looks = [each.GetProperty() for each in actors]
+        for each in actors:
             self.actor.AddPart(each)
+
+    def copy(self) -> Marks:
+        """The same marks for another window."""
+        return Marks(self.parts, self._layers)
 
     def move(self, points: npt.NDArray[np.float32]) -> None:
         """Draw `vertices` at positions of shape (len(vertices), 3)."""
@@ -54,13 +77,14 @@ class Marks:
 
     def set_scale(self, scale: float) -> None:
         """Set the number of pixels per point."""
-        for look in self._looks:
-            look.SetLineWidth(_LINE * scale)
+        for look, layer in zip(self._looks, self._layers, strict=True):
+            look.SetLineWidth(layer.width * scale)
             look.SetPointSize(self._point * scale)
 
 
-def _layer(data: vtkPolyData, front: float, opacity: float) -> vtkActor:
-    """Draw marks so far in front of where they are."""
+def _drawn(data: vtkPolyData, layer: Layer) -> vtkActor:
+    """Make the actor that draws marks once."""
+    front = layer.front
     mapper = vtkPolyDataMapper()
     mapper.SetInputData(data)
     mapper.SetResolveCoincidentTopologyToPolygonOffset()
@@ -71,8 +95,8 @@ def _layer(data: vtkPolyData, front: float, opacity: float) -> vtkActor:
     actor.SetMapper(mapper)
     actor.PickableOff()
     look = actor.GetProperty()
-    look.SetColor(*rgb(_COLOR))
-    look.SetOpacity(opacity)
+    look.SetColor(*rgb(layer.color))
+    look.SetOpacity(layer.opacity)
     look.LightingOff()
     look.SetRenderPointsAsSpheres(True)
     return actor

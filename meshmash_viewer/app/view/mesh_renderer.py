@@ -84,7 +84,8 @@ class MeshRenderer:
         self.picker: RayTarget | None = None
         self._coarse_mesh: CoarseMesh | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
-        self._marks: Marks | None = None
+        #: Marks by what they are of.
+        self._marks: dict[str, Marks] = {}
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
@@ -112,7 +113,8 @@ class MeshRenderer:
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
         """Draw a mesh with normals of shape (n, 3), or none, without field and pins."""
-        self.set_marks(None)
+        for of in tuple(self._marks):
+            self.set_marks(None, of)
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
@@ -262,19 +264,19 @@ class MeshRenderer:
         """Mark vertices: index, colour and label of each."""
         self._pins = tuple(pins)
 
-    def set_marks(self, marks: Marks | None) -> None:
-        """Draw marks over the surface, in place of those before."""
-        if self._marks is not None:
-            self.renderer.RemoveActor(self._marks.actor)
-        self._marks = marks
+    def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
+        """Draw marks over the surface, in place of those of the same before."""
+        if of in self._marks:
+            self.renderer.RemoveActor(self._marks.pop(of).actor)
         if marks is not None:
+            self._marks[of] = marks
             marks.actor.SetPosition(*self.centre)
             self._place_marks()
             self.renderer.AddActor(marks.actor)
 
     def _place_marks(self) -> None:
-        if self._marks is not None:
-            self._marks.move(self.drawn[0][self._marks.vertices])
+        for marks in self._marks.values():
+            marks.move(self.drawn[0][marks.vertices])
 
     # -- camera and frame -------------------------------------------------------------------
 
@@ -295,8 +297,8 @@ class MeshRenderer:
         if self.view is not None:
             for surface in self._surfaces:
                 surface.set_scale(scale)
-            if self._marks is not None:
-                self._marks.set_scale(scale)
+            for marks in self._marks.values():
+                marks.set_scale(scale)
             self._place_camera(self.view, width, height)
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
@@ -368,8 +370,7 @@ class MeshRenderer:
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that scripts have added."""
         ours = {id(self._overlay), *(id(surface.actor) for surface in self._surfaces)}
-        if self._marks is not None:
-            ours.add(id(self._marks.actor))
+        ours |= {id(marks.actor) for marks in self._marks.values()}
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)
@@ -415,6 +416,8 @@ class MeshRenderer:
             other.surface.write(self.surface.values)
             other.surface.dress(self.caption)
             other.caption = self.caption
+        if "borders" in self._marks:  # faults are no part of a picture
+            other.set_marks(self._marks["borders"].copy(), "borders")
         return other
 
     def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:

@@ -505,9 +505,9 @@ class MeshView(QWidget):
         focus = (low.astype(np.float64) + high) / 2.0 + drawing.centre
         self._set_view(View(focus, axes, size))
 
-    def set_marks(self, marks: Marks | None) -> None:
-        """Draw marks over the surface, or none."""
-        self.renderer.set_marks(marks)
+    def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
+        """Draw marks over the surface, or none; those of something else stay."""
+        self.renderer.set_marks(marks, of)
         self.plotter.render()
 
     def _centre_on(self, at: QPointF) -> None:

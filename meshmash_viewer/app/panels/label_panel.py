@@ -1,0 +1,248 @@
+"""The Labels panel: the label sets, the labels of one, and what is done with the selection."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeAlias
+
+from PySide6.QtCore import QEvent, QPoint, QSignalBlocker, Qt
+from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent
+from PySide6.QtWidgets import QColorDialog, QMenu, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
+from meshmash_viewer.app.controls.layout import PANEL, column, row
+from meshmash_viewer.app.dialogs.files import ask_for_maps
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import follow, later
+from meshmash_viewer.app.panels.label_table import KEYS, LabelTable
+from meshmash_viewer.app.pictures import ask
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.labels import label_sizes
+from meshmash_viewer.model.pins import PIN_COLORS
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import counted
+from meshmash_viewer.vertex_map import VertexMap
+
+_Measured: TypeAlias = tuple[Mesh, VertexMap]
+
+
+class LabelPanel(QWidget):
+    """The current set with its labels; keys 1 to 9 give them the selection."""
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        theme.named(self, "label_panel", "Labels")
+        self._document = document
+        self._measured: _Measured | None = None
+        self._thread: LatestThread[_Measured] = LatestThread(_sizes, self._take_sizes, parent=self)
+        self._build()
+        changes = (
+            document.labels.changed, document.spectrum_changed, document.mesh_changed,
+            document.selection.changed, document.display.events.label_borders,
+        )  # fmt: skip
+        follow(changes, self.refresh)
+        self.refresh()
+
+    def _build(self) -> None:
+        labels = self._document.labels
+        self.table = table = LabelTable(self._document)
+        table.color_requested.connect(self._ask_for_color)
+        table.menu_requested.connect(self._show_menu)
+        table.selectionModel().selectionChanged.connect(lambda: later(self._refresh_buttons))
+        self.combo = make.combo("label_set_combo", "Label set", self._choose_set)
+        self.new_set_button = make.button(
+            "New set", "label_new_set_button", "New label set", labels.new_set, role="segment"
+        )
+        self.open_button = make.button(
+            "Open…", "label_open_button", "Add label sets from files", self._open, role="segment",
+            tip="GIFTI and FreeSurfer labels, tables, NPZ and others",
+        )  # fmt: skip
+        self.remove_button = make.button(
+            "Remove", "label_remove_set_button", "Remove the label set from the mesh",
+            labels.remove_set, role="segment", tip="Its file stays, and undo brings the set back",
+        )  # fmt: skip
+        self.new_button = make.button(
+            "New label", "label_new_button", "New label in the set", labels.new_label
+        )
+        self.join_button = make.button(
+            "Join", "label_join_button", "Join the chosen labels",
+            lambda: labels.join(table.chosen),
+            tip="The first of the chosen labels gets the vertices of the others",
+        )  # fmt: skip
+        self.delete_button = make.button(
+            "Delete", "label_delete_button", "Delete the chosen labels",
+            lambda: labels.delete(table.chosen), tip="Their vertices have no label then",
+        )  # fmt: skip
+        self.give_button = make.button(
+            "Give selection", "label_assign_button", "Give the selection to the chosen label",
+            lambda: labels.assign(table.chosen[0]),
+            tip="The selected vertices get the chosen label; so do keys 1 to 9",
+        )  # fmt: skip
+        self.clear_button = make.button(
+            "Clear", "label_clear_button", "Take the selected vertices out of their labels",
+            lambda: labels.assign(None),
+        )  # fmt: skip
+        self.select_button = make.button(
+            "Select", "label_select_button", "Select the vertices of the chosen labels",
+            lambda: labels.select(table.chosen),
+        )  # fmt: skip
+        self.borders_check = make.check(
+            "Borders over every field", "label_borders_check", "Draw the borders between labels",
+            lambda on: setattr(self._document.display, "label_borders", on),
+        )  # fmt: skip
+        self.hint = note("label_hint")
+        self._of_set = QWidget()
+        self._of_set.setLayout(
+            column(
+                self.table,
+                row(self.new_button, self.join_button, self.delete_button, None),
+                row(self.give_button, self.clear_button, self.select_button, None),
+                self.borders_check,
+            )
+        )
+        sets = row(self.new_set_button, self.open_button, self.remove_button, None)
+        content = QWidget()
+        content.setLayout(column(self.combo, sets, self.hint, self._of_set, None, margins=PANEL))
+        self.setLayout(column(make.scroll(content)))
+
+    # -- from the user ------------------------------------------------------------------------
+
+    def _choose_set(self, row: int) -> None:
+        self._document.labels.choose(self.combo.itemText(row))
+
+    def _open(self) -> None:
+        path = self._document.path
+        self._document.maps.open(ask_for_maps(self, path.parent if path else Path()))
+
+    def _ask_for_color(self, key: int) -> None:
+        label = next(each for each in self.table.labels if each.key == key)
+        dialog = theme.named(QColorDialog(QColor(label.color), self), "label_color_dialog")
+        dialog.setWindowTitle(f"Colour of {label.name}")
+        for at, color in enumerate(PIN_COLORS):
+            dialog.setCustomColor(at, QColor(color))
+        recolor = self._document.labels.recolor
+        ask(dialog, lambda: recolor(key, dialog.selectedColor().name()))
+
+    def _show_menu(self, place: QPoint) -> None:
+        """Show what can be done with the chosen labels."""
+        labels, chosen = self._document.labels, self.table.chosen
+        shown = [each for each in self.table.labels if each.key in chosen]
+        if not shown:
+            return
+        first, locked = shown[0], all(each.locked for each in shown)
+        menu = theme.named(QMenu(self), "label_menu", "What can be done with these labels")
+        for name, text, act, alone in (
+            ("assign", "Give it the selection", lambda: labels.assign(first.key), True),
+            ("select", "Select its vertices", lambda: labels.select(chosen), False),
+            ("rename", "Rename", lambda: self.table.edit_name(first.key), True),
+            ("recolor", "Colour…", lambda: self._ask_for_color(first.key), True),
+            (
+                "lock",
+                "Unlock" if locked else "Lock",
+                lambda: [labels.lock(each.key, not locked) for each in shown],
+                False,
+            ),
+            ("join", "Join", lambda: labels.join(chosen), False),
+            ("delete", "Delete", lambda: labels.delete(chosen), False),
+        ):
+            if (alone and len(shown) > 1) or (name == "join" and len(shown) < 2):
+                continue
+            action = menu.addAction(text)
+            action.setObjectName(f"label_menu_{name}")
+            action.triggered.connect(lambda _checked=False, act=act: act())
+        menu.aboutToHide.connect(menu.deleteLater)
+        menu.popup(place)
+
+    def event(self, event: QEvent) -> bool:
+        """Take the digits while something in the panel has the focus."""
+        if isinstance(event, QKeyEvent) and event.type() in (
+            QEvent.Type.ShortcutOverride,
+            QEvent.Type.KeyPress,
+        ):
+            number = event.key() - Qt.Key.Key_0
+            plain = event.modifiers() in (
+                Qt.KeyboardModifier.NoModifier,
+                Qt.KeyboardModifier.KeypadModifier,
+            )
+            if plain and 1 <= number <= KEYS:
+                event.accept()
+                if event.type() == QEvent.Type.KeyPress:
+                    self._document.labels.assign_nth(number)
+                return True
+        return super().event(event)
+
+    # -- from the model -----------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        labels, mesh = self._document.labels, self._document.mesh
+        known, names = labels.current, [each.name for each in labels.sets]
+        with QSignalBlocker(self.combo):
+            if names != [self.combo.itemText(at) for at in range(self.combo.count())]:
+                self.combo.clear()
+                self.combo.addItems(names)
+            self.combo.setCurrentIndex(-1 if known is None else names.index(known.name))
+        for shown in (self.combo, self.remove_button, self._of_set):
+            shown.setVisible(known is not None)
+        for button in (self.new_set_button, self.open_button):
+            button.setEnabled(mesh is not None)
+        shown_labels = () if known is None else known.labels
+        if shown_labels != self.table.labels:
+            self.table.show_labels(shown_labels)
+            self._measured = None
+        show_quietly(self.borders_check, self._document.display.label_borders)
+        if mesh is not None and known is not None:
+            measured = self._measured
+            same = measured is not None and measured[0].vertices is mesh.vertices
+            if not same or measured is None or measured[1] is not known:
+                self._measured = (mesh, known)
+                self._thread.ask(self._measured)
+        show_note(self.hint, self._hint())
+        self._refresh_buttons()
+
+    def _hint(self) -> str:
+        if self._document.mesh is None:
+            return "Open a mesh to label its parts."
+        if self._document.labels.current is None:
+            return (
+                "Press New set, select vertices on the mesh, and give them to a label with its"
+                " key; or open a file with labels."
+            )
+        mask = self._document.selection.mask
+        if mask is None:
+            return "Select vertices, then press the key of a label."
+        return f"{counted(int(mask.sum()), 'vertex')} selected: press the key of a label."
+
+    def _refresh_buttons(self) -> None:
+        n_chosen, selected = len(self.table.chosen), self._document.selection.mask is not None
+        self.join_button.setEnabled(n_chosen > 1)
+        for button in (self.delete_button, self.select_button):
+            button.setEnabled(n_chosen > 0)
+        self.give_button.setEnabled(n_chosen == 1 and selected)
+        self.clear_button.setEnabled(selected)
+
+    def _take_sizes(
+        self, request: _Measured, sizes: tuple[IntArray, FloatArray] | Exception
+    ) -> None:
+        if isinstance(sizes, Exception):
+            raise sizes
+        if request is self._measured:
+            self.table.show_sizes(sizes)
+
+    @property
+    def idle(self) -> bool:
+        """Whether sizes are those of the shown labels."""
+        return not self._thread.working
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Wait for the thread."""
+        super().closeEvent(event)
+        self._thread.close()
+
+
+def _sizes(request: _Measured, _cancel: CancelCallback) -> tuple[IntArray, FloatArray]:
+    return label_sizes(*request)

@@ -1,0 +1,233 @@
+"""Table of the labels of a set: colour, name, size, and whether locked."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QEvent,
+    QModelIndex,
+    QPersistentModelIndex,
+    Qt,
+    Signal,
+)
+from PySide6.QtGui import QContextMenuEvent, QKeyEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.units import engineering, format_number, power_unit
+from meshmash_viewer.vertex_map import Label
+
+_Index: TypeAlias = QModelIndex | QPersistentModelIndex
+COLOR, NAME, VERTICES, AREA, LOCK = range(5)
+#: Widths of the columns; the names take the rest.
+_WIDTHS = {COLOR: 34, VERTICES: 58, AREA: 72, LOCK: 24}
+#: Fewest and most rows in view.
+_LEAST, _MOST = 3, 9
+#: Labels that have a key.
+KEYS = 9
+
+
+class _Rows(QAbstractTableModel):
+    """One row a label, in the order of the set."""
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        self._document = document
+        self.labels: tuple[Label, ...] = ()
+        self._sizes: tuple[IntArray, FloatArray] | None = None
+
+    def show_labels(self, labels: tuple[Label, ...]) -> None:
+        """Show other labels, whose sizes are not known yet."""
+        self.beginResetModel()
+        self.labels, self._sizes = labels, None
+        self.endResetModel()
+
+    def show_sizes(self, sizes: tuple[IntArray, FloatArray]) -> None:
+        """Show the number of vertices and the area of each label."""
+        if len(sizes[0]) == len(self.labels):
+            self._sizes = sizes
+            last = self.index(len(self.labels) - 1, AREA)
+            self.dataChanged.emit(self.index(0, VERTICES), last)
+            self.headerDataChanged.emit(Qt.Orientation.Horizontal, AREA, AREA)
+
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008  Qt's own default
+        return len(self.labels)
+
+    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
+        return LOCK + 1
+
+    def headerData(
+        self, section: int, along: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
+    ) -> Any:
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            return _alignment(section)
+        if along != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
+            return None
+        unit = self._area_unit[1]
+        return ("", "Label", "Vertices", f"Area, {unit}" if unit else "Area", "")[section]
+
+    @property
+    def _area_unit(self) -> tuple[int, str]:
+        """Power of ten that areas are multiplied by, and their unit, which suits the largest."""
+        largest = 0.0 if self._sizes is None else float(self._sizes[1].max())
+        return engineering(largest, power_unit(self._document.unit, 2))
+
+    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        label, column = self.labels[index.row()], index.column()
+        roles = Qt.ItemDataRole
+        if role == roles.TextAlignmentRole:
+            return _alignment(column)
+        if role == roles.DecorationRole and column in (COLOR, LOCK):
+            colors = theme.palette()
+            if column == COLOR:
+                return make.dot(label.color)
+            lock = icons.pixmap("lock", colors.text if label.locked else colors.border_strong, 16)
+            return make.untinted(lock)
+        if role in (roles.ToolTipRole, roles.AccessibleTextRole):
+            return self._description(label, index.row(), column)
+        if role in (roles.DisplayRole, roles.EditRole):
+            return self._text(label, index.row(), column)
+        return None
+
+    def _text(self, label: Label, row: int, column: int) -> str:
+        if column == COLOR:
+            return str(row + 1) if row < KEYS else ""
+        if column == NAME:
+            return label.name or str(label.key)
+        if column == LOCK or self._sizes is None:
+            return ""
+        counts, areas = self._sizes
+        if column == VERTICES:
+            return f"{counts[row]:,}"
+        return format_number(areas[row] * 10.0 ** self._area_unit[0], 3) if counts[row] else "–"
+
+    def _description(self, label: Label, row: int, column: int) -> str:
+        if column == COLOR:
+            key = f"; key {row + 1} gives it the selection" if row < KEYS else ""
+            return f"Colour {label.color}: click to change it{key}"
+        if column == LOCK:
+            text = "Locked: its vertices are given to no other label"
+            return text if label.locked else "Not locked: click to keep its vertices"
+        return self._text(label, row, column)
+
+    def setData(self, index: _Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
+        self._document.labels.rename(self.labels[index.row()].key, str(value))
+        return True
+
+    def flags(self, index: _Index) -> Qt.ItemFlag:
+        flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
+        return flags | Qt.ItemFlag.ItemIsEditable if index.column() == NAME else flags
+
+
+def _alignment(column: int) -> Qt.AlignmentFlag:
+    right = column in (VERTICES, AREA)
+    side = Qt.AlignmentFlag.AlignRight if right else Qt.AlignmentFlag.AlignLeft
+    return side | Qt.AlignmentFlag.AlignVCenter
+
+
+class LabelTable(QTableView):
+    """The labels of the current set; a double click or F2 edits a name."""
+
+    #: Number of the label whose colour was clicked.
+    color_requested = Signal(int)
+    #: Right click, or the key of the menu: the position on the screen.
+    menu_requested = Signal(object)
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        theme.named(self, "label_table", "Labels of the set", role="dense")
+        self._document = document
+        self._rows = _Rows(document)
+        self.setModel(self._rows)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        triggers = QAbstractItemView.EditTrigger
+        self.setEditTriggers(triggers.EditKeyPressed | triggers.DoubleClicked)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setShowGrid(False)
+        self.setTabKeyNavigation(False)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(26)
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setMinimumSectionSize(20)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
+        for column, width in _WIDTHS.items():
+            self.setColumnWidth(column, width)
+        self.clicked.connect(self._act)
+        theme.notifier().changed.connect(self.viewport().update)
+
+    @property
+    def chosen(self) -> list[int]:
+        """Numbers of the chosen labels, in the order of the list."""
+        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
+        return [self._rows.labels[row].key for row in rows]
+
+    def show_labels(self, labels: tuple[Label, ...]) -> None:
+        """Show the labels of a set; the same ones stay chosen, and new ones are."""
+        before, chosen = {each.key for each in self._rows.labels}, set(self.chosen)
+        self._rows.show_labels(labels)
+        if before and len(new := {each.key for each in labels} - before) == 1:
+            chosen = new
+        mode, self_ = self.selectionMode(), self.selectionModel()
+        self.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
+        for row, label in enumerate(labels):
+            if label.key in chosen:
+                self.selectRow(row)
+                self_.setCurrentIndex(self._rows.index(row, NAME), self_.SelectionFlag.NoUpdate)
+        self.setSelectionMode(mode)
+        shown = min(max(len(labels), _LEAST), _MOST)
+        row_height = self.verticalHeader().defaultSectionSize()
+        self.setFixedHeight(self.horizontalHeader().sizeHint().height() + shown * row_height + 4)
+
+    def show_sizes(self, sizes: tuple[IntArray, FloatArray]) -> None:
+        """Show the number of vertices and the area of each label."""
+        self._rows.show_sizes(sizes)
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """The shown labels."""
+        return self._rows.labels
+
+    def edit_name(self, key: int) -> None:
+        """Begin to edit the name of a label."""
+        row = next((row for row, each in enumerate(self.labels) if each.key == key), -1)
+        if row >= 0:
+            self.setCurrentIndex(self._rows.index(row, NAME))
+            self.edit(self._rows.index(row, NAME))
+
+    def _act(self, index: QModelIndex) -> None:
+        label = self.labels[index.row()]
+        if index.column() == COLOR:
+            self.color_requested.emit(label.key)
+        elif index.column() == LOCK:
+            self._document.labels.lock(label.key, not label.locked)
+
+    def event(self, event: QEvent) -> bool:
+        """Keep Delete from being a command of the window."""
+        deletes = isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Delete
+        if deletes and event.type() == QEvent.Type.ShortcutOverride:
+            event.accept()
+            return True
+        return super().event(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Delete the chosen labels, edit the name in any column, and leave digits to the panel."""
+        if event.key() == Qt.Key.Key_Delete:
+            self._document.labels.delete(self.chosen)
+        elif event.key() == Qt.Key.Key_F2 and self.chosen:
+            self.edit_name(self.chosen[0])
+        elif event.text().isdigit():
+            event.ignore()
+        else:
+            super().keyPressEvent(event)
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        """Request the menu of the chosen labels."""
+        self.menu_requested.emit(event.globalPos())

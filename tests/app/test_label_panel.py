@@ -1,0 +1,280 @@
+"""The Labels panel, by mouse and keys: every act undone and redone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import shapes
+from closed_form import part
+from PySide6.QtCore import QCoreApplication, QEvent, QPoint, Qt
+from PySide6.QtGui import QContextMenuEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QColorDialog, QLineEdit, QMenu, QTableView
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.surface.edges import border_edges
+
+LEFT = Qt.MouseButton.LeftButton
+MESH = shapes.icosphere(3, radius=50.0).in_unit("nm")
+UP = MESH.vertices[:, 2] > 5.0
+COLOR, NAME, VERTICES, AREA, LOCK = range(5)
+
+
+@pytest.fixture
+def window(open_window: Callable[..., MainWindow]) -> MainWindow:
+    document = Document()
+    document.accept_mesh(MeshReady(MESH, mesh_health(MESH), MESH.vertex_normals))
+    window = open_window(document)
+    window.arrangement.docks["label"].raise_()
+    return window
+
+
+@pytest.fixture
+def labelled(window: MainWindow, qtbot: QtBot) -> MainWindow:
+    """With two labels, of which the first is the upper part."""
+    document = window.document
+    document.labels.new_set()
+    document.labels.new_label()
+    document.selection.set(UP)
+    document.labels.assign(1)
+    rest(window, qtbot)
+    return window
+
+
+def rest(window: MainWindow, qtbot: QtBot) -> None:
+    catch_up()
+    parts = window.controller, window.label_panel, window.label_borders
+    qtbot.waitUntil(lambda: all(each.idle for each in parts), timeout=60_000)
+    QTest.qWait(1)
+    catch_up()
+
+
+def press(window: MainWindow, name: str) -> None:
+    QTest.mouseClick(part(window, name), LEFT)
+    catch_up()
+
+
+def table(window: MainWindow) -> QTableView:
+    return part(window, "label_table")
+
+
+def texts(window: MainWindow) -> list[list[str]]:
+    model = table(window).model()
+    return [
+        [str(model.index(row, column).data()) for column in (COLOR, NAME, VERTICES, AREA)]
+        for row in range(model.rowCount())
+    ]
+
+
+def middle(window: MainWindow, row: int, column: int) -> QPoint:
+    shown = table(window)
+    return shown.visualRect(shown.model().index(row, column)).center()
+
+
+def click(
+    window: MainWindow, row: int, column: int, keys: Qt.KeyboardModifier | None = None
+) -> None:
+    given = keys or Qt.KeyboardModifier.NoModifier
+    QTest.mouseClick(table(window).viewport(), LEFT, given, middle(window, row, column))
+    catch_up()
+
+
+def values(window: MainWindow) -> np.ndarray:
+    known = window.document.labels.current
+    assert known is not None
+    return known.values
+
+
+def test_from_nothing_to_labels_with_keys_alone(window: MainWindow, qtbot: QtBot) -> None:
+    document = window.document
+    assert part(window, "label_hint").text().startswith("Press New set, select vertices")
+    assert part(window, "label_set_combo").isHidden()
+    press(window, "label_new_set_button")
+    press(window, "label_new_button")
+    rest(window, qtbot)
+    assert (document.display.kind, document.display[OwnMaps].chosen) == ("map", "labels")
+    assert texts(window) == [["1", "label 1", "0", "–"], ["2", "label 2", "0", "–"]]
+    document.selection.set(UP)
+    catch_up()
+    assert part(window, "label_hint").text().startswith(f"{UP.sum()} vertices selected")
+    table(window).setFocus()
+    QTest.keyClick(table(window), Qt.Key.Key_2)
+    rest(window, qtbot)
+    np.testing.assert_array_equal(values(window), np.where(UP, 2, 0))
+    assert document.display.kind == "map", "the digit was no command"
+    part(window, "label_new_button").setFocus()
+    QTest.keyClick(part(window, "label_new_button"), Qt.Key.Key_1)
+    np.testing.assert_array_equal(values(window), np.where(UP, 1, 0))
+    window.stage.setFocus()
+    QTest.keyClick(window.stage, Qt.Key.Key_1)
+    np.testing.assert_array_equal(values(window), np.where(UP, 1, 0))
+    assert document.display.kind == "eigenfunction", "outside the panel it is"
+
+
+def test_sizes_follow_the_labels(labelled: MainWindow, qtbot: QtBot) -> None:
+    document = labelled.document
+    assert texts(labelled)[0][2] == f"{UP.sum():,}"
+    header = table(labelled).model().headerData(AREA, Qt.Orientation.Horizontal)
+    assert header == "Area, µm²"
+    area = float(MESH.vertex_areas[UP].sum())
+    assert float(texts(labelled)[0][3]) == pytest.approx(1e-6 * area, rel=5e-3)
+    document.history.undo()
+    rest(labelled, qtbot)
+    assert texts(labelled)[0][2:] == ["0", "–"]
+
+
+def test_a_name_is_edited_in_its_place(labelled: MainWindow) -> None:
+    shown = table(labelled)
+    click(labelled, 1, NAME)
+    QTest.mouseDClick(shown.viewport(), LEFT, pos=middle(labelled, 1, NAME))
+    edit = shown.findChild(QLineEdit)
+    assert edit is not None
+    QTest.keyClicks(edit, "spine 3")  # digits, too
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    QTest.qWait(1)  # Qt commits later
+    catch_up()
+    assert [each.name for each in labelled.document.labels.current.labels] == ["label 1", "spine 3"]
+    labelled.document.history.undo()
+    catch_up()
+    assert texts(labelled)[1][1] == "label 2"
+    labelled.document.history.redo()
+    catch_up()
+    assert texts(labelled)[1][1] == "spine 3"
+
+
+def test_a_colour_is_chosen_at_its_square(labelled: MainWindow, qtbot: QtBot) -> None:
+    click(labelled, 0, COLOR)
+    dialog = labelled.findChild(QColorDialog, "label_color_dialog")
+    assert dialog is not None
+    dialog.setCurrentColor("#123456")
+    dialog.accept()
+    rest(labelled, qtbot)
+    assert labelled.document.labels.current.labels[0].color == "#123456".upper()
+    field = labelled.controller.field
+    assert field is not None
+    assert field.colors(labelled.document.display)[1][0] == "#123456"
+    labelled.document.history.undo()
+    assert labelled.document.labels.current.labels[0].color != "#123456"
+
+
+def test_a_locked_label_keeps_its_vertices(labelled: MainWindow) -> None:
+    click(labelled, 0, LOCK)
+    assert labelled.document.labels.current.labels[0].locked
+    labelled.document.selection.set(np.ones(MESH.n_vertices, dtype=bool))
+    QTest.keyClick(table(labelled), Qt.Key.Key_2)
+    np.testing.assert_array_equal(values(labelled), np.where(UP, 1, 2))
+    click(labelled, 0, LOCK)
+    QTest.keyClick(table(labelled), Qt.Key.Key_2)
+    assert set(values(labelled).tolist()) == {2}
+
+
+def test_labels_are_joined_deleted_and_selected(labelled: MainWindow) -> None:
+    document = labelled.document
+    click(labelled, 0, NAME)
+    assert not part(labelled, "label_join_button").isEnabled()
+    press(labelled, "label_select_button")
+    np.testing.assert_array_equal(document.selection.mask, UP)
+    document.selection.set(~UP)
+    click(labelled, 1, NAME)
+    press(labelled, "label_assign_button")
+    np.testing.assert_array_equal(values(labelled), np.where(UP, 1, 2))
+    press(labelled, "label_clear_button")
+    np.testing.assert_array_equal(values(labelled), np.where(UP, 1, 0))
+    document.history.undo()
+    catch_up()
+    click(labelled, 0, NAME, Qt.KeyboardModifier.ControlModifier)
+    press(labelled, "label_join_button")
+    assert set(values(labelled).tolist()) == {1}
+    document.history.undo()
+    catch_up()
+    assert set(values(labelled).tolist()) == {1, 2}
+    click(labelled, 0, NAME)
+    QTest.keyClick(table(labelled), Qt.Key.Key_Delete)
+    catch_up()
+    assert [row[1] for row in texts(labelled)] == ["label 2"]
+    press(labelled, "label_remove_set_button")
+    assert document.labels.sets == ()
+    assert part(labelled, "label_table").isHidden() or not table(labelled).isVisible()
+    document.history.undo()
+    document.history.undo()
+    catch_up()
+    assert [row[1] for row in texts(labelled)] == ["label 1", "label 2"]
+
+
+def test_the_menu_of_the_chosen_labels(labelled: MainWindow) -> None:
+    click(labelled, 0, NAME)
+
+    def names() -> list[str]:
+        shown, place = table(labelled), middle(labelled, 0, NAME)
+        event = QContextMenuEvent(QContextMenuEvent.Reason.Mouse, place, shown.mapToGlobal(place))
+        QApplication.sendEvent(shown.viewport(), event)
+        menu = labelled.findChild(QMenu, "label_menu")
+        found = [each.objectName().removeprefix("label_menu_") for each in menu.actions()]
+        QTest.mouseClick(
+            menu, LEFT, pos=menu.actionGeometry(menu.actions()[found.index("lock")]).center()
+        )
+        QCoreApplication.sendPostedEvents(menu, QEvent.Type.DeferredDelete)
+        catch_up()
+        return found
+
+    assert names() == ["assign", "select", "rename", "recolor", "lock", "delete"]
+    assert labelled.document.labels.current.labels[0].locked
+    table(labelled).selectAll()
+    assert names() == ["select", "lock", "join", "delete"]
+    assert all(each.locked for each in labelled.document.labels.current.labels)
+
+
+def test_another_set_is_chosen_and_displayed(labelled: MainWindow, qtbot: QtBot) -> None:
+    press(labelled, "label_new_set_button")
+    combo = part(labelled, "label_set_combo")
+    assert (combo.count(), combo.currentText()) == (2, "labels 2")
+    combo.setFocus()
+    QTest.keyClick(combo, Qt.Key.Key_Up)
+    rest(labelled, qtbot)
+    assert labelled.document.labels.current.name == "labels"
+    assert labelled.controller.field.title == "labels"
+    assert texts(labelled)[0][2] == f"{UP.sum():,}"
+
+
+def test_borders_are_drawn_over_another_field(labelled: MainWindow, qtbot: QtBot) -> None:
+    document, scene = labelled.document, labelled.scene
+    document.selection.clear()
+    document.display.show(OwnMaps(chosen="Mean curvature"))
+    rest(labelled, qtbot)
+    before = scene.picture((300, 300))
+    press(labelled, "label_borders_check")
+    rest(labelled, qtbot)
+    drawn = scene.picture((300, 300))
+    assert 50 < (np.abs(drawn.astype(int) - before).max(axis=2) > 60).sum() < 3000
+    assert labelled.actions_["label_borders"].isChecked()
+    document.labels.delete([1, 2])
+    rest(labelled, qtbot)
+    np.testing.assert_array_equal(scene.picture((300, 300)), before)
+    document.history.undo()
+    rest(labelled, qtbot)
+    np.testing.assert_array_equal(scene.picture((300, 300)), drawn)
+    labelled.stage.setFocus()
+    QTest.keyClick(labelled.stage, Qt.Key.Key_B)
+    rest(labelled, qtbot)
+    np.testing.assert_array_equal(scene.picture((300, 300)), before)
+
+
+def test_borders_are_the_edges_between_faces_of_different_labels() -> None:
+    for mesh in (MESH, shapes.blob(2)):
+        labels = np.random.default_rng(2).integers(0, 3, mesh.n_vertices)
+        of_face, sides = labels[mesh.faces[:, 2]], {}
+        for face, value in zip(mesh.faces.tolist(), of_face.tolist(), strict=True):
+            for at in range(3):
+                edge = tuple(sorted((face[at], face[at - 1])))
+                sides.setdefault(edge, set()).add(value)
+        expected = sorted(edge for edge, seen in sides.items() if len(seen) > 1)
+        assert border_edges(mesh.faces, labels).tolist() == [list(edge) for edge in expected]
+    assert border_edges(MESH.faces, np.zeros(MESH.n_vertices)).shape == (0, 2)
