@@ -63,8 +63,8 @@ KNOW_A_FAMILY = {
     "meshmash_viewer.fields.maps": {"filter", "band"},  # likewise, and a view of that name
     "meshmash_viewer.fields.similarity": {"hks"},  # in which it measures before one chooses
 }
-#: Fields that ``render --field`` takes, and the kind whose width an option is about.
-NAMED_BY_THE_COMMAND_LINE = {"hks", "eigenfunction", "band", "map", "wks"}
+#: The kinds that commands take by default or whose options they add to.
+NAMED_BY_THE_COMMAND_LINE = {"hks", "wks"}
 
 
 def layer(module: str) -> str:

@@ -36,7 +36,8 @@ _COMMANDS = {
 }
 COMMANDS = tuple(_COMMANDS)
 _DEFAULT_COUNT = 200
-_FIELDS = ("hks", "eigenfunction", "band", "map", "none")
+#: What ``render --field`` takes besides families: the mesh alone.
+NO_FIELD = "none"
 _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
 
 
@@ -182,17 +183,18 @@ def command_parser() -> argparse.ArgumentParser:
 
     render = command("render", "draw a picture of a mesh")
     render.add_argument(
-        "--field", choices=_FIELDS, help="default: hks, or the first map if one is given"
+        "--field",
+        "--kind",
+        dest="kind",
+        choices=(*SWEPT, NO_FIELD),
+        help="default: hks, or the first map if one is given",
     )
     _add_maps(render)
-    render.add_argument("--map-name", metavar="NAME", help="which map, of a file or of the mesh")
     render.add_argument(
-        "--index", type=whole(), metavar="I", help="which eigenfunction or band, from 0"
+        "--index", type=whole(), metavar="I", help="which eigenfunction, band or column, from 0"
     )
-    render.add_argument(
-        "--time", type=numbers.quantity(2), metavar="T", help="diffusion time of the HKS (unit²)"
-    )
-    _add_columns(render, "number of bands", 32)
+    _add_columns(render, f"number of columns, {_usual_counts(SWEPT, least=2)}")
+    _add_families(render, SWEPT)
     _add_output(render, "OUT.png", "a .pdf or .svg is a figure")
     _add_looks(render, (1600, 1200), transparent=True)
     about = "of a figure for a paper, in place of --size: white unless --transparent"

@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import chain, islice
 from typing import Any
 
-from meshmash_viewer.cli.arguments import chosen_family, options_of
+from meshmash_viewer.cli.arguments import NO_FIELD, chosen_family, options_of
 from meshmash_viewer.cli.batch import (
     Report,
     for_each,
@@ -27,10 +27,9 @@ from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.bank_columns import BankFamily
-from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.sweep import (
     SWEPT,
     chosen_columns,
@@ -50,7 +49,7 @@ from meshmash_viewer.io.movie import (
 from meshmash_viewer.io.write import check_output, write_picture
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
+from meshmash_viewer.model.field import LiveFeatures
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.progress import Progress, ProgressBar
 from meshmash_viewer.spectral.cost import written_bytes
@@ -70,40 +69,47 @@ _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 def render(options: Namespace) -> int:
     """Draw a picture of a mesh."""
     check_output(options.output, "figure")
-    if options.field is None:
-        options.field = "map" if options.map or options.map_name else "hks"
-    elif (options.map or options.map_name) and options.field != "map":
-        raise InputError(f"--map and --map-name are of --field map, not of {options.field}.")
-    _policy(options)
-    if (time := in_unit(options).time) is not None:
-        heat_kernel_bank([time])  # raises for an invalid time
+    if options.kind is None:
+        options.kind = OwnMaps.name if options.map or options.map_name else HeatKernelSignature.name
+    elif options.map and options.kind != OwnMaps.name:
+        raise InputError(f"--map is of --field {OwnMaps.name}, not of {options.kind}.")
+    _drawn(in_unit(options))
     return for_each(options, lambda mesh, _, own: _write_render(mesh, own))
 
 
 def _write_render(mesh: Mesh, options: Namespace) -> Report:
     from meshmash_viewer.app.view.picture import new_drawing, render_picture
+    from meshmash_viewer.app.view.series import compute_shot, shots_of
 
     report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output)}
-    report["field"] = options.field
+    report["field"] = options.kind
     values, shown = None, dict[str, Any]()
-    if options.field != "none":
-        mesh, family = _chosen_field(mesh, options)
+    mesh, own = with_maps(mesh, options.map), len(mesh.maps)
+    if options.map and not options.map_name:  # the first of the file
+        options.map_name = mesh.maps[own].name
+    family = _drawn(options)
+    if family is not None:
+        family = family.at_vertices(mesh.vertex_of)
         spectrum = _solved(mesh, family, options, report)
-        if options.field == "eigenfunction" and (options.index or 0) >= len(spectrum):
-            raise InputError(
-                f"There is no eigenfunction {options.index} among {len(spectrum)}; raise --count or"
-                " lower --index."
-            )
-        request = FieldRequest(
-            spectrum, mesh.unit, family.resolved(spectrum, _AS_IT_COMES), mesh.area_sample()
-        )
-        field = compute_field(request, LiveFeatures())
-        assert field is not None, "one field alone needs no table"
-        if options.field == "map":
+        if options.index is not None:
+            most = n_columns(family, spectrum)
+            if options.index >= most:
+                raise InputError(
+                    f"There is no {options.kind} {options.index} among {most}; lower --index or"
+                    " ask for more columns or eigenpairs."
+                )
+            family = sweep(family, spectrum, range(options.index, options.index + 1))[0]
+        elif not options_of(type(family)):
+            family = family.for_other_mesh(mesh.n_components)
+        shot = shots_of([family], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
+        display = _display(options, family)
+        field = compute_shot(shot, display, LiveFeatures())
+        assert field is not None
+        if options.kind == OwnMaps.name:
             report["map"] = field.title
         elif said := _missing(spectrum, field.family, mesh):
             report["remarks"] = [f"{said}{more_pairs()}."]
-        limits, colormap = field.colors(_display(options, family))
+        limits, colormap = field.colors(display)
         values = field.values
         report |= {"limits": list(limits[:2]), "log_scale": limits.logarithmic}
         shown = {
@@ -131,24 +137,19 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
     return report, f"{options.output}{reached}"
 
 
-def _chosen_field(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
-    """Return the mesh with the maps of files, and the requested map, time, function or band."""
-    index = options.index
-    if options.field == "map":  # the named one, the first of a file, or the first of the mesh
-        own, mesh, name = len(mesh.maps), with_maps(mesh, options.map), options.map_name or ""
-        if options.map and not name:
-            name = mesh.maps[own].name
-        return mesh, FAMILIES["map"].exported(chosen=name)
-    if options.field == "hks":
-        return mesh, HeatKernelSignature(options.time)
-    if options.field == "eigenfunction":
-        if index is None:
-            return mesh, Eigenfunctions().for_other_mesh(mesh.n_components)
-        return mesh, Eigenfunctions(index)
-    index, count = 1 if index is None else index, options.n_components
-    if index >= count:
-        raise InputError(f"There is no band {index} among {count}; lower --index.")
-    return mesh, GeometryVectors(index, count)
+def _drawn(options: Namespace) -> Family | None:
+    """Return the requested family, None for the mesh alone, and check its parameters."""
+    _policy(options)
+    if options.kind == NO_FIELD:
+        return None
+    if options.kind != HeatKernelSignature.name or options.time is None:
+        return chosen_family(options, SWEPT, _LEAST)
+    if options.index is not None:
+        raise InputError("--time and --index both choose a column: leave one out.")
+    heat_kernel_bank([options.time])  # raises for an invalid time
+    family = chosen_family(Namespace(**{**vars(options), "time": None}), SWEPT, _LEAST)
+    assert isinstance(family, HeatKernelSignature)
+    return replace(family, time=options.time)
 
 
 def _missing(spectrum: Eigenpairs, family: Family, mesh: Mesh) -> str:

@@ -76,6 +76,8 @@ class Pace:
         if fraction > self._fraction:  # it never decreases, nor is the estimated end moved later
             self._fraction = fraction
             self._end = self.began + (now - self.began) / fraction
-        remaining = max(self._end - now, 0.0) if self._fraction else None
-        message = f"{done} of {total} eigenpairs" if total else _MESSAGES[self._stage]
+        left = max(self._end - now, 0.0)
+        # an estimated end that has passed says nothing
+        remaining = left if self._fraction == 1.0 or (self._fraction and left) else None
+        message = f"{done:,} of {total:,} eigenpairs" if total else _MESSAGES[self._stage]
         self._progress(Progress(self._stage, self._fraction, remaining, message, done, total))
