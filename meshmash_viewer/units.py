@@ -142,13 +142,31 @@ def format_position(position: Iterable[float], digits: int = 9) -> str:
 
 
 def format_range(
-    low: float, high: float, unit: str, power: int = 1, *, word: str = "–", digits: int = 3
+    low: float,
+    high: float,
+    unit: str,
+    power: int = 1,
+    *,
+    word: str = "–",
+    digits: int = 3,
+    like: float | None = None,
 ) -> str:
-    """Write two numbers with a power of a unit that suits the larger one: "0 – 12 µm⁻²"."""
-    like = max(abs(low), abs(high))
+    """Write two numbers with a power of a unit that suits the larger one: "0 – 12 µm⁻²".
+
+    `like` is as in `format_quantity`.
+    """
+    like = max(abs(low), abs(high)) if like is None else like
     exponent, _ = engineering(like, power_unit(unit, power))
     first = format_number(low * 10.0**exponent, digits)
     return f"{first} {word} {format_quantity(high, unit, power, digits, like=like)}"
+
+
+def distinct_digits(low: float, high: float, least: int = 4) -> int:
+    """Return how many digits show the difference of two numbers, to three of its own."""
+    size, gap = max(abs(low), abs(high)), abs(high - low)
+    if not 0.0 < gap < math.inf:
+        return least
+    return min(max(math.floor(math.log10(size / gap)) + 3, least), 10)
 
 
 def round_length(longest: float) -> float:

@@ -79,10 +79,12 @@ class Stage(QWidget):
         self._scene.addWidget(other)
         self._scene.setSizes([1000, 1000])
         self._first_head.show()
+        self.message_bar.keep_below(_HEAD)
 
     def remove_second(self, other: QWidget) -> None:
         """Remove what `add_second` has added."""
         self._first_head.hide()
+        self.message_bar.keep_below(0)
         other.setParent(None)
         other.deleteLater()
 

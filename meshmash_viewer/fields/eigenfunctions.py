@@ -11,7 +11,12 @@ import numpy as np
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields.family import Answer, Description, Family, Profile, Samples, Table
 from meshmash_viewer.fields.parameter import Listing, Whole, parameter
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Multiplet, first_nonzero
+from meshmash_viewer.spectral.eigenpairs import (
+    Eigenpairs,
+    Multiplet,
+    first_nonzero,
+    format_eigenvalue,
+)
 from meshmash_viewer.units import (
     format_quantity,
     format_share,
@@ -105,7 +110,7 @@ class Eigenfunctions(Family):
         return replace(self, flipped=self.flipped ^ {self.index})
 
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
-        written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2, 4)
+        written = format_eigenvalue(spectrum.eigenvalues[self.index], spectrum, unit, 4)
         quantity = f"λ{subscript(self.index)} = {written}"
         if not spectrum.is_exact(self.index):  # shown on the render, and so in every picture
             quantity = (

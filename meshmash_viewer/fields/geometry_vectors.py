@@ -14,7 +14,7 @@ from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns, estimated_pairs
 from meshmash_viewer.fields.family import Family, Reading, Response
 from meshmash_viewer.fields.parameter import Flag, Number, parameter
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, format_eigenvalue
 from meshmash_viewer.spectral.weyl import Target, format_wavelength, weyl_eigenvalue
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
@@ -80,17 +80,18 @@ class GeometryVectors(BankColumns):
         return f"Geometry vector {self.index}"
 
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
-        low, high = self.support(spectrum)
-        return f"λ from {format_range(low, high, unit, -2, word='to')}"
+        (low, high), like = self.support(spectrum), float(spectrum.eigenvalues[-1])
+        return f"λ from {format_range(low, high, unit, -2, word='to', like=like)}"
 
     def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
         center = float(self.centers(spectrum)[self.column])
         start, end = self.support(spectrum)
         first, last = np.searchsorted(spectrum.eigenvalues, [start, end])
+        like = float(spectrum.eigenvalues[-1])  # as every λ of this spectrum
         facts = (
-            format_quantity(center, unit, -2),
+            format_eigenvalue(center, spectrum, unit),
             format_wavelength(center, unit),
-            format_range(start, end, unit, -2),
+            format_range(start, end, unit, -2, like=like),
             f"{last - first:,}",
         )
         return Reading(f"Band {self.column}", facts, *self._missing(spectrum, unit))

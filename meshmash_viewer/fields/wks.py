@@ -12,11 +12,10 @@ from meshmash_viewer.features.filter_responses import LogGaussianResponse, wave_
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Reading, Response
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, format_eigenvalue
 from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import (
     format_number,
-    format_quantity,
     format_range,
     named_quantity,
     power_unit,
@@ -46,7 +45,8 @@ class WaveKernelSignature(BankColumns):
 
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         energy = self.place(spectrum)
-        return f"ln λ = {format_number(energy)} (λ = {format_quantity(np.exp(energy), unit, -2)})"
+        written = format_eigenvalue(np.exp(energy), spectrum, unit)
+        return f"ln λ = {format_number(energy)} (λ = {written})"
 
     def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
         bands = self.bands(spectrum)
@@ -56,7 +56,7 @@ class WaveKernelSignature(BankColumns):
         )
         low, high = np.exp(bands.energies[[0, -1]])
         facts = (
-            format_quantity(float(np.exp(energy)), unit, -2),
+            format_eigenvalue(np.exp(energy), spectrum, unit),
             format_wavelength(float(np.exp(energy)), unit),
             format_number(width, 3),
             f"{last - first:,}",

@@ -14,7 +14,7 @@ from meshmash_viewer.features.filter_parameters import count_zeros, hks_time_ran
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
 from meshmash_viewer.spectral.certificate import Certificate, verify_pairs
-from meshmash_viewer.units import named_vertex
+from meshmash_viewer.units import format_quantity, named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -286,6 +286,12 @@ class _MappedRows:
     path: Any
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
+
+
+def format_eigenvalue(value: float, spectrum: Eigenpairs, unit: str, digits: int = 3) -> str:
+    """Write an eigenvalue in the unit of the largest, so that all are in the same."""
+    like = float(spectrum.eigenvalues[-1])
+    return format_quantity(float(value), unit, -2, digits, like=like)
 
 
 def first_nonzero(spectrum: Eigenpairs) -> int:

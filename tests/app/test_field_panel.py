@@ -86,6 +86,12 @@ def test_eigenfunctions_scroll_by_wheel_keys_and_number(panel: FieldPanel, docum
     assert document.display[Eigenfunctions].index == slider.value() == 42
     value = document.spectrum.eigenvalues[42]
     assert part(panel, "eigenvalue_label").text() == f"λ₄₂ = {format_quantity(value, 'nm', -2, 4)}"
+    largest, unit = document.spectrum.eigenvalues[-1], part(panel, "eigenvalue_label").text()[-3:]
+    document.display.change(Eigenfunctions, index=1)  # in the unit of the largest, as the plot
+    same = format_quantity(document.spectrum.eigenvalues[1], "nm", -2, 4, like=largest)
+    assert part(panel, "eigenvalue_label").text() == f"λ₁ = {same}"
+    assert same.endswith(unit)
+    document.display.change(Eigenfunctions, index=42)
     length = 2 * math.pi / math.sqrt(value)
     assert part(panel, "wavelength_label").text() == format_quantity(length, "nm")
     assert part(panel, "residual_label").text() == "3×10⁻¹²"
@@ -371,15 +377,21 @@ def test_colour_maps_suit_the_field_and_limits_follow_the_policy(panel: FieldPan
     maps, policies = part(panel, "colormap_combo"), part(panel, "limits_combo")
     assert maps.currentData() == "RdBu_r"
     assert part(panel, "limit_low_field").value == pytest.approx(limits[0])
+    engineered = format_quantity(limits[0], "nm⁻¹", digits=4)  # as on the colour bar
+    assert engineered.startswith(part(panel, "limit_low_field").text())
+    document.display.limits = LockedLimits(1.2345e-5, 1.2346e-5)
+    arrive()
+    ends = [part(panel, f"limit_{end}_field").text() for end in ("low", "high")]
+    assert ends == ["12.345", "12.346"], "digits that tell them apart, in mm⁻¹"
     policies.activated.emit(policies.findData("percentile"))
     assert document.display.limits == PercentileLimits()
     part(panel, "percentile_high_spin").setValue(90.0)
     assert document.display.limits == PercentileLimits(1.0, 90.0)
     arrive()
-    give(part(panel, "limit_high_field"), "5e-5")
+    give(part(panel, "limit_high_field"), "5e-5/nm")
     assert document.display.limits == LockedLimits(part(panel, "limit_low_field").value, 5e-5)
     assert policies.currentData() == "locked"
-    give(part(panel, "limit_high_field"), "-1")
+    give(part(panel, "limit_high_field"), "-1/nm")
     assert "below" in part(panel, "limits_fault").text()
     assert document.display.limits.high == 5e-5
     document.display.kind = "hks"

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from PySide6.QtCore import QMimeData, QPoint, QPointF, QRect, Qt, QUrl
+from PySide6.QtCore import QMimeData, QPoint, QPointF, QRect, QSize, Qt, QUrl
 from PySide6.QtGui import QDropEvent, QGuiApplication, QKeySequence
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -421,6 +421,23 @@ def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWi
     assert QGuiApplication.clipboard().text() == "It broke: do this.\n\nTraceback of it"
     QTest.mouseClick(bar.findChild(QAbstractButton, "dismiss_message"), LEFT)
     assert not bar.isVisible()
+
+
+def test_a_message_is_legible_over_a_narrow_render(window: MainWindow) -> None:
+    window.resize(900, 600)
+    bar = window.stage.message_bar
+    text = "Picture saved to /home/someone/pictures/cow.png."
+    window.document.notices.show(Notice(text, action=lambda: None, button="Show in folder"))
+    bar.keep_clear(QSize(160, 70), 90)  # a title, and a colour bar
+    QApplication.processEvents()
+    action = bar.findChild(QAbstractButton, "message_action")
+    assert action.width() >= action.sizeHint().width()
+    assert bar.findChild(QLabel, "message_text").width() >= 160
+    top = bar.y()
+    bar.keep_below(27)  # the line over each of two renders
+    assert bar.y() == top + 27
+    bar.keep_below(0)
+    bar.dismiss()
 
 
 def test_good_news_goes_and_what_can_be_undone_stays(

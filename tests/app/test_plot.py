@@ -14,7 +14,8 @@ from meshmash_viewer.app.plots.plot import Plot, ScientificAxis
     ("values", "spacing", "texts"),
     [
         ([0.0, 1e-8, 2e-8], 1e-8, ["0", "1×10⁻⁸", "2×10⁻⁸"]),
-        ([0.0, 5e-9, 1e-8, 1.5e-8], 5e-9, ["0", "5×10⁻⁹", "1×10⁻⁸", "1.5×10⁻⁸"]),
+        ([0.0, 5e-9, 1e-8, 1.5e-8], 5e-9, ["0", "0.5×10⁻⁸", "1×10⁻⁸", "1.5×10⁻⁸"]),
+        ([0.0, 5e-5, 1e-4], 5e-5, ["0", "0.5×10⁻⁴", "1×10⁻⁴"]),
         ([-1e-5, 0.0, 1e-5], 1e-5, ["−1×10⁻⁵", "0", "1×10⁻⁵"]),
         ([0.0, 50.0, 100.0], 50.0, ["0", "50", "100"]),
         ([0.0, 2e6], 2e6, ["0", "2×10⁶"]),
@@ -22,7 +23,9 @@ from meshmash_viewer.app.plots.plot import Plot, ScientificAxis
     ],
 )
 def test_ticks_are_powers_of_ten(qapp, values, spacing, texts) -> None:
-    assert ScientificAxis("left").tickStrings(values, 1.0, spacing) == texts
+    axis = ScientificAxis("left")
+    axis.setRange(min(values, default=0.0), max(values, default=1.0))
+    assert axis.tickStrings(values, 1.0, spacing) == texts
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
 from PySide6.QtGui import QGuiApplication, QIcon
-from PySide6.QtWidgets import QFrame, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
@@ -16,7 +16,9 @@ _STAY = 7000
 _WIDEST = 620
 _NARROWEST = 360
 #: With fewer pixels than this it rather covers the colour bar.
-_TIGHTEST = 140
+_TIGHTEST = 240
+#: With fewer pixels than this the buttons are below the text.
+_STACKED = 330
 
 
 class MessageBar(QFrame):
@@ -26,7 +28,7 @@ class MessageBar(QFrame):
         super().__init__(parent)
         theme.named(self, "message_bar", "Message")
         self.notice: Notice | None = None
-        self._title, self._bar = QSize(0, 0), 0
+        self._title, self._bar, self._head = QSize(0, 0), 0, 0
 
         plain = Qt.TextFormat.PlainText
         self._icon = make.label("message_icon")
@@ -47,16 +49,13 @@ class MessageBar(QFrame):
         self._dismiss = make.icon_button(
             "dismiss_message", "Dismiss the message", self.dismiss, tip="Dismiss", size=14
         )
-        line = row(
-            self._icon,
-            (self._text,),
-            self._action,
-            self._copy,
-            self._dismiss,
-            margins=(12, 8, 8, 8),
-        )
-        for widget in (self._icon, self._action, self._copy, self._dismiss):
-            line.setAlignment(widget, Qt.AlignmentFlag.AlignTop)
+        top = Qt.AlignmentFlag.AlignTop
+        self._middle = row((self._text,), self._action, self._copy)
+        for button in (self._action, self._copy):
+            self._middle.setAlignment(button, top | Qt.AlignmentFlag.AlignLeft)
+        line = row(self._icon, (self._middle,), self._dismiss, margins=(12, 8, 8, 8))
+        for widget in (self._icon, self._dismiss):
+            line.setAlignment(widget, top)
         self.setLayout(line)
 
         self._timer = QTimer(self, singleShot=True)
@@ -105,6 +104,12 @@ class MessageBar(QFrame):
             if self.isVisible():
                 self._place()
 
+    def keep_below(self, head: int) -> None:
+        """Leave the lines over two renders readable, and the title of each; 0 for one render."""
+        self._head = head
+        if self.isVisible():
+            self._place()
+
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Follow the size of the widget it floats over."""
         if watched is self.parent() and event.type() == QEvent.Type.Resize and self.isVisible():
@@ -118,13 +123,15 @@ class MessageBar(QFrame):
         margin = theme.MARGIN
         top, free, right = margin, room.width() - 2 * margin, room.width() - margin
         remaining = room.width() - self._title.width() - margin
-        if not self._title.isEmpty() and remaining >= _NARROWEST:
+        if not (self._title.isEmpty() or self._head) and remaining >= _NARROWEST:
             free = remaining
         elif not self._title.isEmpty():
-            top = self._title.height()
+            top = self._head + self._title.height()
             if free - self._bar >= _TIGHTEST:
                 free, right = free - self._bar, right - self._bar
         width = min(free, _WIDEST)
+        ways = QBoxLayout.Direction
+        self._middle.setDirection(ways.TopToBottom if width < _STACKED else ways.LeftToRight)
         self.ensurePolished()
         height = self.heightForWidth(width)
         if height < 0:

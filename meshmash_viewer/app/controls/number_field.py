@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QAbstractSpinBox
 from meshmash_viewer.app import theme
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number
-from meshmash_viewer.units import NO_BREAK, format_number, format_range, plain_number
+from meshmash_viewer.units import NO_BREAK, engineering, format_number, format_range, plain_number
 
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
 _LARGEST = 1e150
@@ -64,6 +64,9 @@ class NumberField(QAbstractSpinBox):
         self._whole, self._share = whole, share
         self._tipped = bool(tip)
         self._prefix = self._suffix = self._unit = ""
+        #: Unit of the number that is written, and the power of ten by which it is multiplied.
+        self._written, self._exponent = "", 0
+        self._digits = 4
         self._value: float | None = None
         self._given: float | None = None
         #: What to go back to: parts of the number that is typed may be numbers, too.
@@ -82,20 +85,41 @@ class NumberField(QAbstractSpinBox):
         """The number last shown or given."""
         return self._value
 
+    @property
+    def written_unit(self) -> str:
+        """The unit in which the number is written, and a number alone is read."""
+        return self._written
+
+    @property
+    def is_typed(self) -> bool:
+        """Whether someone is typing."""
+        return self.hasFocus() and self.lineEdit().isModified()
+
     def show_value(
-        self, value: float | None, unit: str = "", prefix: str = "", *, with_unit: bool = False
+        self,
+        value: float | None,
+        unit: str = "",
+        prefix: str = "",
+        *,
+        with_unit: bool = False,
+        like: float | None = None,
+        digits: int = 4,
     ) -> None:
         """Show what the model holds, unless someone is typing.
 
         `unit` may be typed behind a number, and is written there if asked for; `prefix` comes
-        before it, as "≈ " before an estimate.
+        before it, as "≈ " before an estimate. With `like`, the number is written, and read, in a
+        unit of this size, as numbers on the render are.
         """
         self._unit, self._prefix = unit, prefix
-        self._suffix = f"{NO_BREAK}{unit}" if with_unit and unit else ""
+        if not self.is_typed:
+            self._exponent, self._written = (0, unit) if like is None else engineering(like, unit)
+            self._digits = digits
+        self._suffix = f"{NO_BREAK}{self._written}" if with_unit and unit else ""
         if value is not None and not self._tipped:
             written = f"{plain_number(value, 10)}{NO_BREAK}{unit}"
             self.setToolTip(f"{self.accessibleName()}: {written}".rstrip())
-        if not (self.hasFocus() and self.lineEdit().isModified()):
+        if not self.is_typed:
             self._value = self._before = value
             self._write()
             if self._refused_at and self._refused_at != (value, unit, self.bounds):
@@ -153,7 +177,8 @@ class NumberField(QAbstractSpinBox):
 
     def _typed(self) -> float:
         """The number that is typed; `InputError` says why it is none."""
-        return parse_number(self.text(), self._unit, share=self._share, whole=self._whole)
+        number = parse_number(self.text(), self._written, share=self._share, whole=self._whole)
+        return float(f"{number * 10.0**-self._exponent:.15g}") if self._exponent else number
 
     def _problem(self, number: float) -> str:
         low, high = self.bounds
@@ -241,7 +266,8 @@ class NumberField(QAbstractSpinBox):
             text = f"{self._value:.0f}"
         elif self._value is not None:
             # what was typed stays as it was; what was computed is written as everywhere else
-            text = plain_number(self._value, 10 if self._value == self._given else 4)
+            digits = 10 if self._value == self._given else self._digits
+            text = plain_number(self._value * 10.0**self._exponent, digits)
         text = f"{self._prefix}{text}{self._suffix}"
         if text != self.text() or self.lineEdit().isModified():
             self.lineEdit().setText(text)

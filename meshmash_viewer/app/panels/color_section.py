@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from types import NoneType
 from typing import Any
@@ -27,6 +28,7 @@ from meshmash_viewer.model.limits import (
     PercentileLimits,
     SymmetricLimits,
 )
+from meshmash_viewer.units import distinct_digits
 
 #: Policies of the limits with their labels; None for `automatic_limits`.
 _POLICIES: dict[str, tuple[type[Any], str]] = {
@@ -127,6 +129,8 @@ class ColorSection(QWidget):
             field.edited.connect(self._lock)
             field.refused.connect(self.fault.setText)
         self.unit_label = make.muted()
+        # for any unit of its kind, so that nothing moves
+        self.unit_label.setMinimumWidth(self.unit_label.fontMetrics().horizontalAdvance("mm⁻²"))
         self.percentiles = QWidget()
         default = PercentileLimits()
         self.percent_low = self._percent_spin("Low percentile", default.low)
@@ -236,10 +240,17 @@ class ColorSection(QWidget):
         scales = [scale for scale, _ in _SCALES.values()]
         self.scale_combo.setCurrentIndex(scales.index(display.log_scale))
         # says what was chosen for this field
-        serves = "logarithmic" if limits is not None and limits.logarithmic else "linear"
+        logarithmic = limits is not None and limits.logarithmic
+        serves = "logarithmic" if logarithmic else "linear"
         self.scale_combo.setItemText(0, f"Automatic: {serves}")
-        for field, end in zip((self.low, self.high), limits or (None, None), strict=False):
-            field.show_value(end, self._unit)
+        low, high = (None, None) if limits is None else limits[:2]
+        ends = low or 0.0, high or 0.0
+        like = math.sqrt(ends[0] * ends[1]) if logarithmic else max(map(abs, ends))
+        digits = distinct_digits(*ends)
+        if not (self.low.is_typed or self.high.is_typed):
+            for field, end in ((self.low, low), (self.high, high)):
+                field.show_value(end, self._unit, like=like, digits=digits)
+        for field, end in ((self.low, low), (self.high, high)):
             field.setEnabled(end is not None)
-        self.unit_label.setText(self._unit)
+        self.unit_label.setText(self.low.written_unit)
         self.unit_label.setVisible(bool(self._unit))

@@ -18,8 +18,9 @@ from meshmash_viewer.app.plots.saving import PlotSaver
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.eigenpairs import format_eigenvalue
 from meshmash_viewer.spectral.weyl import format_wavelength
-from meshmash_viewer.units import format_quantity, subscript
+from meshmash_viewer.units import subscript
 
 
 class SpectrumPanel(PlotPanel):
@@ -154,7 +155,7 @@ class SpectrumPanel(PlotPanel):
         value = float(spectrum.eigenvalues[index])
         text = (
             f"λ{subscript(index)} {'=' if spectrum.is_exact(index) else '≈'} "
-            f"{format_quantity(value, unit, -2, 4)}, "
+            f"{format_eigenvalue(value, spectrum, unit, 4)}, "
             f"wavelength {format_wavelength(value, unit)}"
         )
         self.readout.setText(text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -25,9 +24,6 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.scale_marks import power_text
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.units import engineering, minus, named_quantity, superscript
-
-#: Exponent of a number, "e-08".
-_EXPONENT = re.compile(r"e([-+]\d+)")
 
 
 def color(name: str, alpha: float = 1.0) -> QColor:
@@ -163,9 +159,13 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             multiples = [(whole, round(10.0 ** (power - whole))) for whole, power in parts]
             return [power_text(*each) if each[1] in factors else None for each in multiples]
         texts: list[str] = super().tickStrings(values, scale, spacing)
-        return [
-            minus(_EXPONENT.sub(lambda found: f"×10{superscript(int(found[1]))}", t)) for t in texts
-        ]
+        largest = max(map(abs, self.range)) * scale
+        if not 1e-3 <= largest < 1e5:  # all with the power of the largest
+            power = math.floor(math.log10(largest or 1.0))
+            ten = f"×10{superscript(power)}"
+            texts = [f"{value * scale / 10.0**power:.4g}{ten}" for value in values]
+            texts = ["0" if text == f"0{ten}" else text for text in texts] if power else texts
+        return [minus(text) for text in texts]
 
     def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
         """Spacings of ticks, the largest first, each with an offset."""

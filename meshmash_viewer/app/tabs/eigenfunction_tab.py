@@ -20,9 +20,9 @@ from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.keys import native_text
 from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, format_eigenvalue
 from meshmash_viewer.spectral.weyl import format_wavelength
-from meshmash_viewer.units import counted, format_number, format_quantity, format_share, subscript
+from meshmash_viewer.units import counted, format_number, format_share, subscript
 
 _FACTS = {
     "wavelength_label": "Wavelength 2π/√λ",
@@ -123,7 +123,7 @@ class EigenfunctionTab(FamilyTab):
             unit, zeros = self._document.unit, first_nonzero(spectrum)
             value = 0.0 if index < zeros else float(spectrum.eigenvalues[index])
             exact = spectrum.is_exact(index)
-            written = format_quantity(value, unit, -2, 4) if value else "0"
+            written = format_eigenvalue(value, spectrum, unit, 4) if value else "0"
             title = f"λ{subscript(index)} {'=' if exact else '≈'} {written}"
             facts["wavelength_label"] = format_wavelength(value, unit)
             if exact and index < len(spectrum.residuals):
