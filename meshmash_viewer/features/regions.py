@@ -145,7 +145,8 @@ def regions(
             Length of the shortest cut that separates the far half of the region from the rest of
             the surface, see `meshmash_viewer.surface.necks`. NaN where it does not join any.
         ``lambda2``
-            The first eigenvalue above zero of the region with a free border, per squared unit.
+            The first eigenvalue above zero of the region with a free border, per squared unit. NaN
+            for faces without area.
         ``x``, ``y``, ``z``
             Mean position over the area.
         ``mean NAME``, ``min NAME``, ``max NAME``
@@ -230,9 +231,7 @@ def _label_map(mesh: Mesh, given: VertexMap | npt.ArrayLike) -> VertexMap:
 def _rows(mesh: Mesh, known: VertexMap) -> tuple[IntArray, IntArray]:
     """Find the row of each vertex, shape (n,), and the place of the label of each row."""
     places = np.nan_to_num(known.shown, nan=-1.0).astype(np.int64)
-    corners = places[mesh.faces]
-    whole = (corners[:, 0] >= 0) & (corners == corners[:, :1]).all(axis=1) & mesh.distinct_corners
-    faces = mesh.faces[whole]
+    faces = mesh.faces[_whole_faces(mesh, places)]
     if not len(faces):
         raise InputError(
             f"Map {known.name!r} has no face whose three corners have the same label: labels of"
@@ -273,7 +272,7 @@ def _extents(offsets: FloatArray, weights: FloatArray, of_row: IntArray, k: int)
 def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArray, IntArray]:
     """Volume of each row, closed by fans, and the number of loops that were closed."""
     k, n = len(centers), mesh.n_vertices
-    faces = _whole_faces(mesh, rows)
+    faces = mesh.faces[_whole_faces(mesh, rows)]
     of_face = rows[faces[:, 0]]
 
     def sixths(of: IntArray, *corners: FloatArray) -> FloatArray:
@@ -303,11 +302,11 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
     return volumes / 6.0, loops
 
 
-def _whole_faces(mesh: Mesh, rows: IntArray) -> IntArray:
-    """The faces of all regions, shape (m, 3)."""
-    corners = rows[mesh.faces]
-    whole = (corners[:, 0] >= 0) & (corners == corners[:, :1]).all(axis=1) & mesh.distinct_corners
-    return np.asarray(mesh.faces[whole])
+def _whole_faces(mesh: Mesh, numbers: IntArray) -> npt.NDArray[np.bool_]:
+    """Which faces have the same number at their corners, from 0, shape (m,)."""
+    corners = numbers[mesh.faces]
+    same = (corners[:, 0] >= 0) & (corners == corners[:, :1]).all(axis=1)
+    return np.asarray(same & mesh.distinct_corners)
 
 
 def _first_eigenvalues(
@@ -320,15 +319,17 @@ def _first_eigenvalues(
     """The first eigenvalue above zero of each row, with a free border."""
     from meshmash_viewer.spectral.eigensolver import solve
 
-    faces = _whole_faces(mesh, rows)
-    order = np.argsort(rows[faces[:, 0]], kind="stable")
-    ends = np.cumsum(np.bincount(rows[faces[:, 0]], minlength=k))
-    values = np.empty(k)
-    for row, own in enumerate(np.split(order, ends[:-1])):
+    faces = np.flatnonzero(_whole_faces(mesh, rows))
+    of_face = rows[mesh.faces[faces, 0]]
+    ends = np.cumsum(np.bincount(of_face, minlength=k))
+    values = np.full(k, np.nan)
+    for row, own in enumerate(np.split(faces[np.argsort(of_face, kind="stable")], ends[:-1])):
         check_cancelled(cancel)
         if progress is not None:
             progress(Progress("eigenvalues of regions", row / k))
-        used, corners = np.unique(faces[own], return_inverse=True)
+        if not mesh.face_areas[own].any():
+            continue
+        used, corners = np.unique(mesh.faces[own], return_inverse=True)
         alone = mesh.vertices[used], corners.reshape(-1, 3)
         pairs = solve(*cotangent_laplacian(alone, robust=True), 2, cancel=cancel)
         values[row] = pairs.eigenvalues[-1]

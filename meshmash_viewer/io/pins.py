@@ -129,7 +129,8 @@ def is_pin_table(path: str | Path) -> bool:
     except (OSError, csv.Error):
         return False
     placed = "index" in columns or columns.keys() >= set(_AXES)
-    return not is_label_set(names) and placed and ("name" in columns or "color" in columns)
+    labels = is_label_set(names) and not columns.keys() >= set(_AXES) and "index" not in names
+    return not labels and placed and ("name" in columns or "color" in columns)
 
 
 def _rows(path: Path) -> tuple[list[list[str]], str]:

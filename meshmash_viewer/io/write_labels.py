@@ -66,8 +66,8 @@ def write_labels(
 
     ``.label.gii`` and ``.npz`` hold all of it, ``.ply`` in comments. ``.csv`` has a row for each
     vertex with the columns ``vertex``, ``label``, ``name`` and ``color``, and so no label without a
-    vertex. ``.annot`` numbers labels by their places, and tells them apart by colour: those of
-    equal colours, and black ones, get a colour next to it. ``.label`` holds one label without name
+    vertex. ``.annot`` numbers labels by their places, and distinguishes them by colour: those of
+    equal colours, and black ones, get the next free one. ``.label`` holds one label without name
     and colour. PLY and NPZ contain the mesh; the others are for all vertices of its file.
 
     Parameters

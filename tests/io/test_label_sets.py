@@ -142,6 +142,8 @@ def test_tables_of_other_programs(tmp_path: Path) -> None:
     assert {(each.name, each.color) for each in found.labels} == {
         (str(key), "#aa0000") for key in (3, 7, 12)
     }
+    (tmp_path / "pins.csv").write_text("index,label,color\n3,soma,#aa0000\n", encoding="utf-8")
+    assert is_pin_table(tmp_path / "pins.csv")
     # numbers alone are values, as of a clustering
     np.savetxt(tmp_path / "plain.csv", VALUES, header="label", comments="", fmt="%d")
     assert mv.read_labels(tmp_path / "plain.csv", MESH).labels == ()
