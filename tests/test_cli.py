@@ -578,7 +578,16 @@ def test_maps_are_columns_and_pictures(
         assert archive["columns"].tolist()[3:] == ["height", "lh.more.npy"]
         np.testing.assert_array_equal(archive["features"][:, 3], mesh.vertices[:, 2])
         np.testing.assert_array_equal(archive["features"][:, 4], np.arange(mesh.n_vertices))
+    alone = ("features", held, "--kind", "maps", "-o", out)
+    status, text, err = run(capsys, *alone, "--map", more)
+    assert (status, text, err) == (0, f"{out}: 2 columns\n", "")
+    with np.load(out) as archive:
+        assert archive["columns"].tolist() == ["height", "lh.more.npy"]
+        np.testing.assert_array_equal(archive["features"][:, 0], mesh.vertices[:, 2])
     for arguments, pattern in (
+        ((*alone, "--t-min", 1), "--t-min is of --kind hks, not of maps"),
+        ((*alone, "--pieces", 2), "--kind maps is of the whole mesh"),
+        (("features", ball, *alone[2:]), "has no maps: name files"),
         (("features", held, ball, "--map", more, "-o", f"{tmp_path}/new/"), "--map is of one mesh"),
         (("features", held, "--kind", "eigenpairs", "--maps", "-o", out), "columns of features"),
         (("features", held, "--map", tmp_path / "no.npy", "-o", out), "does not exist"),

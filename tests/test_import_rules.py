@@ -64,7 +64,7 @@ KNOW_A_FAMILY = {
     "meshmash_viewer.fields.similarity": {"hks"},  # in which it measures before one chooses
 }
 #: The kinds that commands take by default or whose options they add to.
-NAMED_BY_THE_COMMAND_LINE = {"hks", "wks"}
+NAMED_BY_THE_COMMAND_LINE = {"hks", "map", "wks"}
 
 
 def layer(module: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from statistics import mode
 from typing import TYPE_CHECKING, NoReturn
@@ -36,6 +36,8 @@ _COMMANDS = {
 }
 COMMANDS = tuple(_COMMANDS)
 _DEFAULT_COUNT = 200
+#: What ``features --kind`` takes besides families: the maps alone.
+MAPS = "maps"
 #: What ``render --field`` takes besides families: the mesh alone.
 NO_FIELD = "none"
 _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
@@ -102,7 +104,12 @@ def command_parser() -> argparse.ArgumentParser:
     command("info", "say what a mesh is like", None)
 
     features = command("features", "compute features of meshes", None)
-    features.add_argument("--kind", choices=tuple(EXPORTS), default="hks", help="default: hks")
+    features.add_argument(
+        "--kind",
+        choices=(*EXPORTS, MAPS),
+        default="hks",
+        help=f"default: hks; {MAPS}: the values per vertex alone, of the mesh and of --map",
+    )
     _add_columns(features, f"number of columns, {_usual_counts(EXPORTS)}")
     _add_families(features, EXPORTS)
     features.add_argument(
@@ -472,6 +479,16 @@ def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
     return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
 
 
+def refuse_others(
+    options: argparse.Namespace, table: Mapping[str, type[Family]], own: Collection[str]
+) -> None:
+    """Raise `InputError` if an option of a family is given that is not among `own`."""
+    for kind, family in table.items():
+        for each in options_of(family).values():
+            if each.option not in own and getattr(options, each.option) is not None:
+                raise InputError(f"{each.flag} is of --kind {kind}, not of {options.kind}.")
+
+
 def chosen_family(
     options: argparse.Namespace, table: Mapping[str, type[Family]], least: int = 1
 ) -> Family:
@@ -482,10 +499,7 @@ def chosen_family(
     """
     chosen = table[options.kind]
     own = {name: each.option for name, each in options_of(chosen).items()}
-    for kind, family in table.items():
-        for each in options_of(family).values():
-            if each.option not in own.values() and getattr(options, each.option) is not None:
-                raise InputError(f"{each.flag} is of --kind {kind}, not of {options.kind}.")
+    refuse_others(options, table, own.values())
     if getattr(options, "tail", None) is not None:
         from meshmash_viewer.features.truncation import check_tail
 

@@ -8,7 +8,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from meshmash_viewer.cli.arguments import chosen_family, chosen_operator
+from meshmash_viewer.cli.arguments import MAPS, chosen_family, chosen_operator, refuse_others
 from meshmash_viewer.cli.batch import (
     Report,
     for_each,
@@ -33,7 +33,7 @@ from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.read import mesh_name
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.export import write_results
+from meshmash_viewer.model.export import maps_alone, write_results
 from meshmash_viewer.model.pieces import PiecesJob, described_seams
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
@@ -42,19 +42,26 @@ from meshmash_viewer.units import counted
 
 def features(options: Namespace) -> int:
     """Compute features of meshes, or eigenpairs, and write them."""
-    family = chosen_family(in_unit(options), EXPORTS)
+    if options.kind == MAPS:
+        refuse_others(options, EXPORTS, ())
+        featured = True
+    else:
+        featured = chosen_family(in_unit(options), EXPORTS).makes_features()
     _check_combination(options)
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
-    write = _write_whole if options.pieces is None else _write_in_pieces
+
+    def write(mesh: Mesh, at: int, own: Namespace) -> Report:
+        if options.kind == MAPS:
+            return _write_maps(mesh, outputs[at], own)
+        write = _write_whole if options.pieces is None else _write_in_pieces
+        return write(mesh, outputs[at], chosen_family(own, EXPORTS), own)
+
     folder = Path(options.output) if _is_folder(options.output) else None
     with made_folder(folder) if folder else contextlib.nullcontext():
         for path in outputs:
-            check_output(path, "features" if family.makes_features() else "eigenpairs")
-        return for_each(
-            options,
-            lambda mesh, at, own: write(mesh, outputs[at], chosen_family(own, EXPORTS), own),
-            repaired=False,  # both are needed to write results at all vertices
-        )
+            check_output(path, "features" if featured else "eigenpairs")
+        # as read: both are needed to write results at all vertices
+        return for_each(options, write, repaired=False)
 
 
 def _check_combination(options: Namespace) -> None:
@@ -66,13 +73,14 @@ def _check_combination(options: Namespace) -> None:
         )
     if options.map and len(options.mesh) > 1:
         raise InputError("--map is of one mesh: name one, or put the values into the mesh files.")
-    if (options.map or options.maps) and not EXPORTS[options.kind].makes_features():
+    family = EXPORTS.get(options.kind)  # None for maps alone
+    if (options.map or options.maps) and family is not None and not family.makes_features():
         raise InputError(f"--map and --maps are columns of features; {options.kind} have none.")
     of_whole_meshes = {
         "--tail": options.tail is not None,
         "--count auto": options.target is None,
         "--component-column": options.component_column,
-        f"--kind {options.kind}": EXPORTS[options.kind] not in FEATURES.values(),
+        f"--kind {options.kind}": family not in FEATURES.values(),
     }
     for name, given in of_whole_meshes.items():
         if given and options.pieces is not None:
@@ -137,6 +145,29 @@ def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) 
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
         report = job.write(bar, cancel)
     return report, f"{path}: {described_seams(report)}"
+
+
+def _write_maps(raw: Mesh, path: Path, options: Namespace) -> Report:
+    """Write the maps of a mesh and of files, without features."""
+    mesh = with_maps(prepared(raw, options), options.map)
+    if not mesh.maps:
+        raise InputError(f"{mesh.name} has no maps: name files of them with --map.")
+    found = maps_alone(mesh)
+    if options.component_column:
+        found = found.with_components(mesh)
+    operator, repairs, whole = chosen_operator(options), options.repair, options.whole_mesh
+    made = export_options(
+        MAPS, operator, options.target, "", repairs, whole_mesh=whole, mask=options.mask
+    )
+    write_results(path, found, mesh, raw if whole else None, None, made)
+    report = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "kind": MAPS,
+        "n_vertices": mesh.n_file_vertices if whole else mesh.n_vertices,
+        "n_features": len(found.columns),
+    }
+    return report, f"{path}: {counted(len(found.columns), 'column')}"
 
 
 def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:
