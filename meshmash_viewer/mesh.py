@@ -442,6 +442,10 @@ class Mesh:
             )
         return self if len(faces) == self.n_faces else replace(self, faces=faces)
 
+    def like(self, whole: Mesh) -> Mesh:
+        """The same part of a mesh (`masked`) with its present maps, unit and name."""
+        return self._but(maps=whole.maps, unit=whole.unit, name=whole.name)
+
     def _but(self, **attributes: Any) -> Mesh:
         """Another one with some attributes that nothing is derived from."""
         mesh = object.__new__(Mesh)

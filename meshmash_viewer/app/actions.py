@@ -49,8 +49,8 @@ class Command:
     `shortcuts` are portable, the first one is shown, and those of the operating system
     (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
     `icons.PATHS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
-    "small components" or "second mesh" (`Commands.there`), `does` the name and the argument of the
-    method, if it is not the one of this `name`.
+    "small components", "second mesh", "selection" or "part" (`Commands.there`), `does` the name and
+    the argument of the method, if it is not the one of this `name`.
     """
 
     name: str
@@ -129,6 +129,11 @@ COMMANDS: tuple[Command, ...] = (
             ("Ctrl+Shift+Z", "Ctrl+Y")),
     Command("compute", "Compute eigenpairs", "Edit", "Decompose the mesh as the Mesh panel says",
             ("Ctrl+Return",), separated=True, needs="mesh"),
+    Command("compute_selection", "Compute on the selection", "Edit",
+            "Compute eigenpairs on the selected vertices alone, as if the rest were cut off",
+            needs="selection"),
+    Command("compute_whole", "Compute on the whole mesh", "Edit",
+            "Use the eigenpairs of the whole mesh again", needs="part"),
     Command("compute_in_pieces", "Compute in pieces…", "Edit",
             "Compute features in overlapping pieces, for a mesh too large to be solved whole",
             needs="render"),

@@ -79,6 +79,10 @@ class Commands:
             "undo": document.history.undo,
             "redo": document.history.redo,
             "compute": document.solve.compute,
+            "compute_selection": lambda: document.take_part(
+                document.selection.mask, then_compute=True
+            ),
+            "compute_whole": partial(document.take_part, None),
             "cancel": document.work.cancel,
             "clear_pins": document.pins.clear,
         }
@@ -123,6 +127,8 @@ class Commands:
             "spectrum": some,
             "small components": ready is not None and ready.small is not None,
             "second mesh": self._opening.pair is not None,
+            "selection": self._document.selection.mask is not None,
+            "part": self._document.part_mesh is not None,
         }
         return {name for name, known_now in known.items() if known_now}
 

@@ -34,7 +34,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     """
     mesh, ready, pins = document.mesh, document.ready, document.pins.placed
     assert mesh is not None and ready is not None  # noqa: PT018  one has the other
-    selected = document.selection.mask
+    selected, part = document.selection.mask, document.part_mesh
     second = None if pair is None or pair.second.path is None else pair.second
     return Session(
         mesh_path=str(document.path or ""),
@@ -52,6 +52,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         pin_names=[pin.name for pin in pins],
         pin_colors=[pin.own_color for pin in pins],
         selection=packed_mask(None if selected is None else mask_in_file(mesh, selected)),
+        part=packed_mask(None if part is None else mask_in_file(mesh, part.referenced)),
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
@@ -176,6 +177,9 @@ class Restoration:
                 f"{self._path.name} has display.{place} = {index}, which {document.path}"
                 " does not have: it is left out."
             )
+        part = self._mask(session.part, "part")
+        if part is not None:
+            document.take_part(part)
         document.maps.open([Path(each) for each in session.maps], shown=False)
         self.done = True
         self.restored.emit()

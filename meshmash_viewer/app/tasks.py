@@ -10,15 +10,14 @@ from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.saved import saved_notice
 from meshmash_viewer.app.view.geometry import geometry_of
-from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob, PinExportJob
 from meshmash_viewer.model.failure import Failure
-from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
+from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pieces import PiecesJob
-from meshmash_viewer.model.results import MapGrew, MeshReady, Written
+from meshmash_viewer.model.results import MapGrew, MeshReady, PartReady, Written
 from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -112,15 +111,10 @@ class Tasks(QObject):
 
     def _on_mesh_changed(self) -> None:
         """Stop a decomposition of a mesh that is no longer shown, as after an undo."""
-        job = self.job
-        kinds = DecomposeJob | PreviewJob | PiecesJob
-        if isinstance(job, kinds) and not self._is_shown(job.mesh):
+        job, document = self.job, self._document
+        solves = isinstance(job, DecomposeJob | PreviewJob) and not document.is_solved(job.mesh)
+        if solves or (isinstance(job, PiecesJob) and not document.is_shown(job.mesh)):
             self.worker.cancel()
-
-    def _is_shown(self, mesh: Mesh) -> bool:
-        """Whether it is the document's mesh, possibly in another unit."""
-        shown = self._document.mesh
-        return shown is not None and shown.vertices is mesh.vertices and shown.faces is mesh.faces
 
     def _on_progressed(self, progress: Progress) -> None:
         self._document.work.progressed(progress)
@@ -129,7 +123,7 @@ class Tasks(QObject):
         job = self.job
         if isinstance(message, MapGrew) and isinstance(job, PiecesJob):
             self._document.maps.grow(job.mesh, message)
-        elif isinstance(job, DecomposeJob | PreviewJob) and self._is_shown(job.mesh):
+        elif isinstance(job, DecomposeJob | PreviewJob) and self._document.is_solved(job.mesh):
             if isinstance(message, Eigenpairs):
                 self._document.accept_spectrum(message)
             elif isinstance(message, str):
@@ -149,16 +143,20 @@ class Tasks(QObject):
             self._document.accept_mesh(result)
             if is_worthwhile(result):
                 self._queue.append(PreviewJob(result.mesh, self._document.solve.operator))
-            return Notice(result.remark, Severity.WARNING) if result.remark else None, False
-        if isinstance(result, Written):
+        elif isinstance(result, PartReady):
+            if isinstance(self.job, PartJob) and self._document.is_shown(self.job.mesh):
+                self._document.accept_part(result)
+        elif isinstance(result, Written):
             written = f"{result.description} written to {result.path}."
             if result.remark:
                 written += f" {result.remark}."
             warns = bool(result.remark) and result.warns
             severity = Severity.WARNING if warns else Severity.INFORMATION
             return saved_notice(self._document, written, result.path, severity), True
-        self._on_sent(result)
-        return None, False
+        else:
+            self._on_sent(result)
+            return None, False
+        return Notice(result.remark, Severity.WARNING) if result.remark else None, False
 
     def _on_failed(self, failure: Failure) -> None:
         self._end(notice_of(failure))

@@ -18,13 +18,13 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.history import History, Step
-from meshmash_viewer.model.jobs import InspectJob, JobState, ReadJob, RepairJob, ScaleJob
+from meshmash_viewer.model.jobs import InspectJob, JobState, PartJob, ReadJob, RepairJob, ScaleJob
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices
 from meshmash_viewer.model.open_mesh import OpenMesh, Shown
 from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.results import MeshReady, PartReady
 from meshmash_viewer.model.selection import Selection, followed_mask
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
 from meshmash_viewer.model.work import Work
@@ -80,6 +80,8 @@ class Document(OpenMesh):
             signal.connect(self.notices.review)
         #: Whether a mesh is computed again that the last step needs to be undone.
         self._undoing = False
+        #: Whether a part is decomposed once it is there.
+        self._computes_part = False
         #: The mesh before a repair after which the repaired one is decomposed.
         self._computes_after: MeshReady | None = None
         self._file_mesh: Mesh | None = None
@@ -147,6 +149,34 @@ class Document(OpenMesh):
             self._computes_after = self.ready if then_compute else None
             self.work.request(RepairJob(ready.mesh, name, ready.path, operator, ready.repairs))
 
+    def take_part(self, mask: npt.NDArray[np.bool_] | None, *, then_compute: bool = False) -> None:
+        """Request the eigenpairs of the vertices of a mask, shape (n,); of all again with None.
+
+        Faces with a corner outside are left out, see `Mesh.masked`. Without `then_compute` those in
+        the store are used.
+        """
+        if self.ready is not None:
+            self._computes_part = then_compute
+            self.work.request(PartJob(self._settled().mesh, mask, self.solve.operator))
+
+    def accept_part(self, result: PartReady) -> None:
+        """Show the eigenpairs of a part, or of the whole again; later computed ones are added."""
+        self.history.record("part that is computed", "mesh", "signs", "rotation", "selection")
+        with self.history.paused():
+            if self._computes_part:
+                self.selection.put(None)  # which would cover the field
+            self._take_part(replace(self._settled(), part=result.part), result.known)
+
+    def _take_part(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
+        self.take(ready, spectrum)
+        self._preview = None
+        components = (ready.part or ready).health.n_components
+        families = self.display.fields.values()
+        self.display.put(*(each.for_other_mesh(components) for each in families))
+        if self.spectrum is not None and self.spectrum.complete:
+            self._go_within(self.spectrum)
+        self._emit_all()
+
     def _settled(self) -> MeshReady:
         shown = self.maps.settled()
         assert shown is not None
@@ -194,6 +224,10 @@ class Document(OpenMesh):
             return
         if shown.ready.mesh.vertices is not now.vertices:
             self._show(shown.ready, shown.spectrum, now)
+            return
+        solved = shown.ready.part or shown.ready
+        if not self.is_solved(solved.mesh):
+            self._take_part(shown.ready, shown.spectrum)
             return
         self.take(shown.ready, self.spectrum)
         if shown.ready.mesh.unit != now.unit:
@@ -267,6 +301,9 @@ class Document(OpenMesh):
         if repaired and not self.repairs:
             self._file_mesh = before
         label = "repair" if repaired else "change of unit"
+        if self.part_mesh is not None:
+            text = f"The {label} needs eigenpairs of the whole mesh; Undo brings the part back."
+            self.notices.say(text)
         self.history.record(label, *self.history.read())  # signs, too: of other eigenfunctions
         with self.history.paused():
             self._show(ready, ready.known, before)
@@ -353,6 +390,10 @@ class Document(OpenMesh):
         if isinstance(job.job, RepairJob):
             before, self._computes_after = self._computes_after, None
             if before is not None and self.ready is not before:
+                self.solve.compute()
+        elif isinstance(job.job, PartJob):
+            computes, self._computes_part = self._computes_part, False
+            if computes and self.solve.can_compute:
                 self.solve.compute()
 
     # -- the displayed family ----------------------------------------------------------------

@@ -70,6 +70,8 @@ class ExportJob:
     maps: bool = False
     #: The mesh before its repairs, to write the results at all its vertices, NaN at removed ones.
     file_mesh: Mesh | None = None
+    #: The part of the mesh that eigenpairs are of, if that is not all: NaN at other vertices.
+    part: Mesh | None = None
 
     @property
     def label(self) -> str:
@@ -82,15 +84,16 @@ class ExportJob:
         file cannot be written; `Cancelled` if the user cancelled.
         """
         pairs, proof, known_to = None, "", None
+        solved = self.part or self.mesh
         if self.family is None:
             return self._write(maps_alone(self.mesh), None, "", "maps")
         if self.family.of_pairs:
-            pairs = stored_pairs(self.mesh, self.operator, self.n_pairs, channel)
+            pairs = stored_pairs(solved, self.operator, self.n_pairs, channel)
             proof, known_to = pairs.proof(self.mesh.unit), pairs.known_to or None
         results: Features | Eigenpairs | None = pairs
         if self.family.makes_features():
             channel.report(Progress("features", message="Computing features"))
-            results = self.family.compute_features(pairs, self.mesh, known_to=known_to)
+            results = self.family.compute_features(pairs, solved, known_to=known_to)
             if channel.cancelled():
                 raise Cancelled
             if self.maps:
@@ -168,6 +171,8 @@ class PinExportJob:
     families: tuple[Family, ...]
     #: Number of leading eigenpairs to use.
     n_pairs: int
+    #: The part of the mesh that eigenpairs are of, if that is not all.
+    part: Mesh | None = None
 
     @property
     def label(self) -> str:
@@ -194,11 +199,11 @@ class PinExportJob:
         for each in named_apart(mesh.maps, tuple(columns)):
             columns[each.name] = each.values[vertices].tolist()
         if any(family.of_pairs for family in self.families):
-            pairs = stored_pairs(mesh, self.operator, self.n_pairs, channel)
+            pairs = stored_pairs(self.part or mesh, self.operator, self.n_pairs, channel)
         for family in self.families:
             channel.report(Progress("features", message=f"Computing {family.label}"))
             known_to = {} if pairs is None else {"known_to": pairs.known_to or None}
-            features = family.compute_features(pairs, mesh, **known_to)
+            features = family.compute_features(pairs, self.part or mesh, **known_to)
             columns |= zip(features.columns, features.values[vertices].T.tolist(), strict=True)
             missing += [features.missing] if features.missing else []
             if channel.cancelled():

@@ -368,7 +368,7 @@ def request_of(document: Document) -> FieldRequest | None:
     spectrum, display, ready = document.known, document.display, document.ready
     if ready is None:
         return None
-    assert spectrum is not None  # it comes with the mesh
+    assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  it comes with the mesh
     chosen = shown_family(display)
     if chosen.needs_pairs and not len(spectrum):
         return None
@@ -378,7 +378,7 @@ def request_of(document: Document) -> FieldRequest | None:
         ready.mesh.unit,
         chosen.resolved(spectrum, display.fields),
         sample=ready.sample,
-        places=ready.mesh.vertices,
+        places=spectrum.mesh.vertices,
         hidden=document.hidden,
         hides=document.hidden is not None,
         pin="" if pin is None else pin.name,

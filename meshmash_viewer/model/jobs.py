@@ -14,11 +14,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
+import numpy.typing as npt
+
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.results import MeshReady, PartReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -139,6 +142,24 @@ class RepairJob(_OnMesh):
 
 
 @dataclass(frozen=True, eq=False)
+class PartJob(_OnMesh):
+    """Take the part of a mesh with some vertices, or the whole; returns `PartReady`."""
+
+    #: Shape (n,); None for the whole.
+    mask: npt.NDArray[np.bool_] | None = None
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
+
+    doing: ClassVar[str] = "Taking a part of"
+
+    def run(self, channel: Channel) -> PartReady:
+        if self.mask is None:
+            known, remark = _stored(self.mesh, self.operator, channel)
+            return PartReady(None, known, remark)
+        part = _inspect(self.mesh.masked(self.mask), self.operator, channel)
+        return PartReady(part, part.known, part.remark)
+
+
+@dataclass(frozen=True, eq=False)
 class PreviewJob(_OnMesh):
     """Approximate the first eigenfunctions within seconds; returns `Eigenpairs` or None."""
 
@@ -230,14 +251,11 @@ def _inspect(
     path: Path | None = None,
 ) -> MeshReady:
     """Measure a mesh, and look up its eigenpairs in the store."""
-    from meshmash_viewer.io.spectrum import find_eigenpairs
-
     channel.report(Progress("inspecting", message="Looking for faults of the mesh"))
     health = mesh_health(mesh)
     channel.report(Progress("preparing", message="Preparing the render"))
     normals = mesh.vertex_normals
-    channel.report(Progress("checking", message="Checking the stored eigenpairs"))
-    known, remark = find_eigenpairs(mesh, operator, cancel=channel.cancelled)
+    known, remark = _stored(mesh, operator, channel)
     sample, small = mesh.area_sample(), mesh.small_components
     return MeshReady(
         mesh,
@@ -249,3 +267,13 @@ def _inspect(
         sample=sample,
         small=small if small.any() else None,
     )
+
+
+def _stored(
+    mesh: Mesh, operator: OperatorOptions, channel: Channel
+) -> tuple[Eigenpairs | None, str]:
+    """Look up the eigenpairs of a mesh in the store."""
+    from meshmash_viewer.io.spectrum import find_eigenpairs
+
+    channel.report(Progress("checking", message="Checking the stored eigenpairs"))
+    return find_eigenpairs(mesh, operator, cancel=channel.cancelled)

@@ -63,14 +63,33 @@ class OpenMesh:
         return self.ready.repairs if self.ready else ()
 
     @property
+    def solved(self) -> MeshReady | None:
+        """What eigenpairs are computed on: the open mesh, or a part of it."""
+        return self.ready if self.ready is None or self.ready.part is None else self.ready.part
+
+    @property
+    def part_mesh(self) -> Mesh | None:
+        """The part of the mesh that eigenpairs are computed on; None if that is the whole."""
+        return None if self.ready is None or self.ready.part is None else self.ready.part.mesh
+
+    def is_shown(self, mesh: Mesh) -> bool:
+        """Whether a mesh is the open one, possibly in another unit."""
+        return self.ready is not None and _same(self.ready.mesh, mesh)
+
+    def is_solved(self, mesh: Mesh) -> bool:
+        """Whether eigenpairs of a mesh, possibly in another unit, are those that are shown."""
+        return self.solved is not None and _same(self.solved.mesh, mesh)
+
+    @property
     def spectrum(self) -> Eigenpairs | None:
-        """The eigenpairs of the open mesh; None while there are none."""
+        """The eigenpairs of the open mesh, or of a part of it; None while there are none."""
         return self._spectrum
 
     @spectrum.setter
     def spectrum(self, spectrum: Eigenpairs | None) -> None:
-        if spectrum is not None and spectrum.mesh is not self.mesh:
-            spectrum = replace(spectrum, mesh=self.mesh)
+        solved = None if self.solved is None else self.solved.mesh
+        if spectrum is not None and spectrum.mesh is not solved:
+            spectrum = replace(spectrum, mesh=solved)
         self._spectrum = spectrum
 
     @property
@@ -93,6 +112,13 @@ class OpenMesh:
 
     def take(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
         """Replace mesh and spectrum; the caller emits the signals."""
+        if ready.part is not None:
+            part = replace(ready.part, mesh=ready.part.mesh.like(ready.mesh))
+            ready = replace(ready, part=part)
         self.ready = ready
-        self._bare = Eigenpairs.without_pairs(ready.mesh)
+        self._bare = Eigenpairs.without_pairs((ready.part or ready).mesh)
         self.spectrum = spectrum
+
+
+def _same(mesh: Mesh, other: Mesh) -> bool:
+    return mesh.vertices is other.vertices and mesh.faces is other.faces

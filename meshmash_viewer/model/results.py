@@ -41,6 +41,19 @@ class MeshReady:
     source: str = ""
     #: Whether its repairs were repeated because they had been made last time.
     unasked: bool = False
+    #: The mesh of a part of its vertices (`Mesh.masked`), if eigenpairs are computed on that part.
+    part: MeshReady | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PartReady:
+    """The part of a mesh on which eigenpairs are computed, with those in the store."""
+
+    #: The mesh of the part; None for the whole.
+    part: MeshReady | None
+    known: Eigenpairs | None
+    #: A sentence for the message bar, or "".
+    remark: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,12 @@ from typing import NamedTuple
 from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.io.session import packed_mask
 from meshmash_viewer.model.display import FEWEST_PAIRS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, request_of
 from meshmash_viewer.model.pair import MATCHED_IN, Pair
+from meshmash_viewer.model.selection import mask_in_file
 
 
 class Exported(NamedTuple):
@@ -49,6 +51,8 @@ def reproduction_script(
         lines = ["", "folder = Path()  # of the results", *lines]
     if any("np." in line for line in lines):
         imports += ["import numpy as np", ""]
+    if any("zlib." in line for line in lines):
+        imports = ["import base64", "import zlib", *imports]
     return "\n".join([*imports, "import meshmash_viewer as mv", *lines, ""])
 
 
@@ -134,8 +138,17 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
 
 
 def _decomposition(document: Document, n_pairs: int) -> list[str]:
+    lines, of, part, mesh = list[str](), "mesh", document.part_mesh, document.mesh
+    if part is not None and mesh is not None:
+        of, packed = "part", packed_mask(mask_in_file(mesh, part.referenced))
+        lines = [
+            f"packed = zlib.decompress(base64.b64decode({packed!r}))",
+            f"mask = np.unpackbits(np.frombuffer(packed, np.uint8), count={mesh.n_file_vertices})",
+            "part = mesh.masked(mask.astype(bool)[mesh.file_indices])",
+        ]
     return [
-        f"laplacian, mass = mv.cotangent_laplacian(mesh, {_operator(document)})",
+        *lines,
+        f"laplacian, mass = mv.cotangent_laplacian({of}, {_operator(document)})",
         f"decomposition = mv.solve(laplacian, mass, {n_pairs})",
         "print(decomposition.proof(mesh.unit))",
     ]

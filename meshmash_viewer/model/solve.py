@@ -57,10 +57,10 @@ class Solve:
     def translation(self) -> Translation:
         """Return the conversion of targets for the open mesh; for unit area without a mesh."""
         opened = self._opened
-        if opened.ready is None:
+        if opened.solved is None:
             return Translation(1.0)
-        health = opened.ready.health
-        n_vertices = health.n_vertices - health.unreferenced_vertices
+        health = opened.solved.health
+        n_vertices = self.n_vertices
         spectrum = None if opened.spectrum is None else opened.spectrum.exact
         if spectrum is None or not len(spectrum) or spectrum.operator != self._operator:
             return Translation(health.area, n_vertices=n_vertices)
@@ -84,27 +84,33 @@ class Solve:
         waits = self._work.job is None or isinstance(self._work.job.job, PreviewJob)
         return self._opened.ready is not None and waits and not self.is_computed
 
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices with a face, of the mesh or of the part that is computed."""
+        solved = self._opened.solved
+        health = None if solved is None else solved.health
+        return 0 if health is None else health.n_vertices - health.unreferenced_vertices
+
     def compute(self) -> None:
         """Request the decomposition of the open mesh."""
-        ready = self._opened.ready
-        if ready is not None:
+        solved = self._opened.solved
+        if solved is not None:
             target = self.target
             if target.kind == "time":
                 # at most the whole spectrum
                 n_vertices = int(self.translation().n_vertices)
-                target = sufficient_target(target.value, ready.health.area, n_vertices)
-            self._work.request(DecomposeJob(ready.mesh, self.operator, target))
+                target = sufficient_target(target.value, solved.health.area, n_vertices)
+            self._work.request(DecomposeJob(solved.mesh, self.operator, target))
 
     def expected_seconds(self, target: Target) -> float:
         """Estimate the seconds that a decomposition of the open mesh takes."""
-        assert self._opened.ready is not None
         pairs = self.translation().count(target)[0]
-        n_vertices = self._opened.ready.health.n_vertices
+        n_vertices = self.n_vertices
         return decomposition_seconds(n_vertices, pairs, self.seconds_rate)
 
     def expected_of(self, job: Job) -> float | None:
         """Return the seconds that a job is expected to take; None if that is not estimated."""
-        if isinstance(job, DecomposeJob) and job.mesh is self._opened.mesh:
+        if isinstance(job, DecomposeJob) and self._opened.is_solved(job.mesh):
             return self.expected_seconds(job.target)
         return None
 

@@ -14,8 +14,8 @@ from meshmash_viewer.units import counted
 
 def written_cost(document: Document, target: Target) -> str:
     """Estimate what a decomposition takes: "about 1.2 GB of memory and 12 s"."""
-    assert document.ready is not None
-    health, (pairs, _) = document.ready.health, document.solve.translation().count(target)
+    assert document.solved is not None
+    health, (pairs, _) = document.solved.health, document.solve.translation().count(target)
     n_bytes = cost.decomposition_bytes(health.n_vertices, pairs, health.n_components)
     time = cost.written_duration(document.solve.expected_seconds(target))
     return f"about {cost.written_bytes(n_bytes)} of memory and {time}"

@@ -46,6 +46,7 @@ SYNONYMS = {
     "quit": "exit close",
     "undo": "revert back",
     "redo": "again repeat",
+    "compute_selection": "mask part region submesh medial wall",
     "compute": "solve decompose run start eigenfunctions spectrum",
     "compute_in_pieces": "large stitch split",
     "cancel": "stop abort interrupt",

@@ -130,6 +130,7 @@ class ExportDialog(SaveDialog):
             keyboardTracking=True,
         )
         self.maps_check = make.check("", "export_maps_check", "Own maps as more columns")
+        self._part = document.part_mesh
         self._whole = self._document.file_mesh
         if self._whole is not None and self._whole.n_vertices == self._mesh.n_vertices:
             self._whole = None
@@ -227,6 +228,7 @@ class ExportDialog(SaveDialog):
             self._document.repairs,
             self.maps_check.isChecked(),
             self._whole if self.whole_check.isChecked() else None,
+            self._part,
         )
 
     def _chosen_maps(self) -> tuple[VertexMap, ...]:
@@ -383,7 +385,9 @@ class ExportDialog(SaveDialog):
         if not family.makes_features():
             return names, about
         if isinstance(family, BankFamily):
-            shares = used.missing_shares(family.bank(used.eigenvalues), self._mesh.area)
+            shares = used.missing_shares(
+                family.bank(used.eigenvalues), (self._part or self._mesh).area
+            )
             if sentence := missing_sentence(tuple(names), shares):
                 self._missing = f"{sentence}: the file will say so."
         values = family.describe(used, unit).unit(unit)

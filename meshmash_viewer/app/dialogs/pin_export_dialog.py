@@ -25,6 +25,7 @@ class PinExportDialog(SaveDialog):
         mesh, known = document.mesh, document.known
         assert mesh is not None and known is not None  # noqa: PT018  pins are on a mesh
         self._document, self._mesh, self._spectrum = document, mesh, known.exact
+        self._part = document.part_mesh
         path = folder / f"{mesh.name or 'mesh'}_pins.csv"
         super().__init__("pins", "Export pins", FileRow(path, "Table (*.csv)", ".csv"), parent)
         maps = f", {counted(len(mesh.maps), 'own map')}" if mesh.maps else ""
@@ -63,6 +64,7 @@ class PinExportDialog(SaveDialog):
             self._document.pins.placed,
             tuple(family for check, (family, _) in self._checks.items() if check.isChecked()),
             len(self._spectrum),
+            self._part,
         )
 
     def _prepared(self, kind: type[Family]) -> tuple[Family, tuple[str, ...], str]:

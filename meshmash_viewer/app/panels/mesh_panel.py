@@ -71,6 +71,7 @@ class MeshPanel(QWidget):
                 *self._build_facts(),
                 self._heading("Decomposition"),
                 self.target_box,
+                self._build_part(),
                 self.cost_label,
                 self._heading("Health", self.undo_button),
                 self.health,
@@ -92,7 +93,9 @@ class MeshPanel(QWidget):
         signals = document.mesh_changed, document.solve.changed, document.spectrum_changed
         follow(signals, self._refresh_cost)
         follow((*signals, document.work.changed), self._refresh_job)
+        follow((*signals, document.selection.changed, document.work.changed), self._refresh_part)
         self._refresh_facts()
+        self._refresh_part()
         self._refresh_operator()
         self._refresh_undo()
         self._refresh_cost()
@@ -167,6 +170,44 @@ class MeshPanel(QWidget):
         for label in self._facts.values():
             label.setToolTip(label.text())
 
+    # -- the part that is computed ------------------------------------------------------------
+
+    def _build_part(self) -> QHBoxLayout:
+        document = self._document
+        self.part_label = make.label("part_label", "Vertices that are computed", role="muted")
+        self.selection_button = make.button(
+            "Compute on the selection",
+            "compute_selection_button",
+            "Compute eigenpairs on the selected vertices",
+            lambda: document.take_part(document.selection.mask, then_compute=True),
+            role="link",
+            tip="As if the rest were cut off: the boundary is free, and all else has no value",
+        )
+        self.whole_button = make.button(
+            "On the whole mesh",
+            "compute_whole_button",
+            "Use the eigenpairs of the whole mesh again",
+            lambda: document.take_part(None),
+            role="link",
+        )
+        return row((self.part_label,), self.selection_button, self.whole_button)
+
+    def _refresh_part(self) -> None:
+        document = self._document
+        part, selected, idle = document.part_mesh, document.selection.mask, not document.work.job
+        count = (
+            f"On {document.solve.n_vertices:,} of {counted(part.n_vertices, 'vertex')}"
+            if part
+            else ""
+        )
+        self.part_label.setText(count)
+        self.part_label.setVisible(part is not None)
+        self.whole_button.setVisible(part is not None)
+        other = selected is not None and (part is None or (selected != part.referenced).any())
+        self.selection_button.setVisible(bool(other))
+        for button in (self.whole_button, self.selection_button):
+            button.setEnabled(idle)
+
     # -- the Laplacian ------------------------------------------------------------------------
 
     def _build_operator(self) -> QHBoxLayout:
@@ -207,7 +248,7 @@ class MeshPanel(QWidget):
     # -- cost, progress and proof -------------------------------------------------------------
 
     def _refresh_cost(self) -> None:
-        ready, target = self._document.ready, self._document.solve.target
+        ready, target = self._document.solved, self._document.solve.target
         if ready is None or not ready.health.area > 0.0:
             self.cost_label.setText("")
             return

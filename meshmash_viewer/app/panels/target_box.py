@@ -143,7 +143,7 @@ class TargetBox(QWidget):
 
     def refresh(self) -> None:
         """Show the document's target, and its translations where there is a mesh."""
-        target, ready = self._document.solve.target, self._document.ready
+        target, ready = self._document.solve.target, self._document.solved
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
         self.keep_button.setVisible(False)
@@ -187,7 +187,7 @@ class TargetBox(QWidget):
         left = health.n_vertices - health.unreferenced_vertices - health.largest_component
         what = f"{counted(others, 'component')} with {counted(left, 'vertex')}"
         self.keep_button.setToolTip(f"Drops {what}, and computes the rest; can be undone")
-        offered = others > 0 and others >= _MANY_ZEROS * count
+        offered = self._document.part_mesh is None and others > 0 and others >= _MANY_ZEROS * count
         self.keep_button.setVisible(offered and left < health.largest_component)
         self.keep_button.setEnabled(self._document.work.job is None)
 
@@ -202,10 +202,7 @@ class TargetBox(QWidget):
     @property
     def _most(self) -> int:
         """Number of eigenpairs that there are."""
-        ready = self._document.ready
-        if ready is None:
-            return _MOST
-        return max(ready.health.n_vertices - ready.health.unreferenced_vertices, 1)
+        return _MOST if self._document.ready is None else max(self._document.solve.n_vertices, 1)
 
     def _fault(self, kind: str, number: float) -> str:
         """Return why this mesh cannot have the typed value."""

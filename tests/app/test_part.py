@@ -1,0 +1,156 @@
+"""Eigenpairs of the selected vertices, computed in the window."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+import shapes
+from closed_form import part
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.sessions import session_of
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.io.session import write_session
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.spectral.weyl import Target
+
+PATIENCE = 60_000
+N = 12
+
+
+def eigenvalues_of(mesh: shapes.Mesh, mask: np.ndarray) -> np.ndarray:
+    """The lowest eigenvalues of a part, by dense matrices of it alone."""
+    faces = mesh.faces[mask[mesh.faces].all(axis=1)]
+    used, compact = np.unique(faces, return_inverse=True)
+    laplacian, mass = cotangent_laplacian((mesh.vertices[used], compact.reshape(faces.shape)))
+    dense = laplacian.toarray(), np.diag(mass.diagonal())
+    return scipy.linalg.eigh(*dense, eigvals_only=True)[:N]
+
+
+@pytest.fixture
+def solved(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> MainWindow:
+    """A window with a solved sphere, and its upper half selected."""
+    ball = shapes.icosphere(3)
+    path = tmp_path / "ball.npz"
+    np.savez(path, vertices=ball.vertices, faces=ball.faces)
+    document = window.document
+    document.solve.target = Target("count", N)
+    window.open_mesh(path, "nm")
+    qtbot.waitUntil(lambda: document.mesh is not None and not document.work.job, timeout=PATIENCE)
+    document.solve.compute()
+    wait_for_pairs(qtbot, window)
+    document.selection.set(document.mesh.vertices[:, 2] >= -1e-9)
+    catch_up()
+    return window
+
+
+def wait_for_pairs(qtbot: QtBot, window: MainWindow) -> None:
+    document = window.document
+
+    def rests() -> bool:
+        spectrum = document.spectrum
+        complete = spectrum is not None and spectrum.complete
+        return complete and document.work.job is None and window.controller.idle
+
+    qtbot.waitUntil(rests, timeout=PATIENCE)
+
+
+def click(window: MainWindow, name: str) -> None:
+    QTest.mouseClick(part(window, name), Qt.MouseButton.LeftButton)
+
+
+def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    document, mesh = solved.document, solved.document.mesh
+    mask, whole = document.selection.mask, document.spectrum.eigenvalues
+    assert whole[1] == pytest.approx(2.0, rel=0.02)
+    click(solved, "compute_selection_button")
+    qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    found, truth = document.spectrum.eigenvalues, eigenvalues_of(mesh, mask)
+    assert np.allclose(found, truth, rtol=1e-9, atol=1e-9 * truth[-1])
+    assert document.spectrum.complete
+    catch_up()
+    assert f"{mask.sum():,} of {mesh.n_vertices:,}" in part(solved, "part_label").text()
+    assert not part(solved, "compute_selection_button").isVisible()  # it is computed
+    # NaN outside, on the render and in a file, which has the whole mesh
+    assert solved.scene.mesh is mesh
+    assert np.array_equal(~np.isnan(solved.controller.field.values), mask)
+    family, operator = HeatKernelSignature().exported(4), document.solve.operator
+    job = ExportJob(mesh, operator, tmp_path / "h.npz", family, N, part=document.part_mesh)
+    document.work.request(job)
+    qtbot.waitUntil(lambda: job.path.exists() and not document.work.job, timeout=PATIENCE)
+    with np.load(job.path) as written:
+        assert np.array_equal(~np.isnan(written["features"]).any(axis=1), mask)
+        assert np.array_equal(written["faces"], mesh.faces)
+    # undone, redone, and the whole by the button
+    document.history.undo()
+    assert np.array_equal(document.spectrum.eigenvalues, whole)
+    assert document.part_mesh is None
+    assert np.array_equal(document.selection.mask, mask)
+    document.history.redo()
+    assert document.selection.mask is None
+    assert np.allclose(document.spectrum.eigenvalues, truth, atol=1e-9 * truth[-1])
+    catch_up()
+    click(solved, "compute_whole_button")
+    qtbot.waitUntil(lambda: document.part_mesh is None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    assert np.allclose(document.spectrum.eigenvalues, whole, atol=1e-9 * whole[-1])
+
+
+def test_a_part_stays_with_its_maps_and_unit_and_goes_by_a_repair(
+    solved: MainWindow, qtbot: QtBot, tmp_path: Path
+) -> None:
+    document = solved.document
+    mask = document.selection.mask
+    click(solved, "compute_selection_button")
+    qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    document.set_unit("um")
+    assert document.spectrum.mesh.unit == "µm"
+    solved.add_map("height", document.mesh.vertices[:, 2])
+    assert [each.name for each in document.spectrum.mesh.maps] == ["height"]
+    assert np.array_equal(document.part_mesh.referenced, mask)
+    # the script computes the same
+    document.display.show(Eigenfunctions(index=3))
+    solved.commands.copy_script()
+    script = tmp_path / "script.py"
+    script.write_text(QApplication.clipboard().text() + "\nprint(decomposition.eigenvalues[1])")
+    command = [sys.executable, script.name]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=240)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout.split()[-1]) == pytest.approx(document.spectrum.eigenvalues[1])
+    document.repair("drop_unreferenced_vertices")
+    qtbot.waitUntil(lambda: document.part_mesh is None, timeout=PATIENCE)
+    document.history.undo()
+    assert np.array_equal(document.part_mesh.referenced, mask)
+
+
+def test_a_session_has_the_part(
+    solved: MainWindow, qtbot: QtBot, tmp_path: Path, open_window: Callable[..., MainWindow]
+) -> None:
+    document = solved.document
+    click(solved, "compute_selection_button")
+    qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    path = tmp_path / "ball.meshmash.json"
+    write_session(path, session_of(document, solved.scene.camera()))
+    other = open_window()
+    other.opening.open_path(path)
+    qtbot.waitUntil(lambda: other.document.part_mesh is not None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, other)
+    same = other.document.spectrum.eigenvalues == document.spectrum.eigenvalues
+    assert same.all()
+    assert (other.document.part_mesh.referenced == document.part_mesh.referenced).all()
