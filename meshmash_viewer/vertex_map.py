@@ -23,7 +23,8 @@ COLOR = re.compile("#[0-9a-fA-F]{6}")
 _LONGEST = 60
 #: Labels that a message names.
 _NAMED = 12
-#: Share of the largest magnitude that is passed on both sides of zero by signed values.
+#: Share of the largest magnitude that signed values pass on both sides of zero, at this share of
+#: the vertices where they pass it.
 _WITHIN = 0.01
 
 
@@ -118,14 +119,17 @@ class VertexMap:
         """Number of vertices that have a value, or a label."""
         return int(np.count_nonzero(~np.isnan(self.shown)))
 
-    @property
+    @cached_property
     def signed(self) -> bool:
         """Whether zero is within the values rather than at their end.
 
         A few values below zero, such as those of an interpolated thickness, are at their end.
         """
-        low, high = self.range
-        return not self.labels and min(-low, high) > _WITHIN * max(-low, high)
+        if self.labels:
+            return False
+        bound = _WITHIN * max(abs(each) for each in self.range)
+        sides = np.count_nonzero(self.values < -bound), np.count_nonzero(self.values > bound)
+        return bool(min(sides) > _WITHIN * sum(sides))
 
     @cached_property
     def shown(self) -> npt.NDArray[np.float32]:

@@ -136,6 +136,27 @@ def test_one_of_several_maps_is_named(tmp_path: Path) -> None:
         mv.read_mask(file, mesh)
 
 
+def test_a_condition_on_values_is_a_mask(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh, file, height = shapes.blob(2), tmp_path / "body.npz", tmp_path / "height.npy"
+    x, _, z = mesh.vertices.T
+    np.savez(file, vertices=mesh.vertices, faces=mesh.faces)
+    np.save(height, np.where(x > 1.0, np.nan, z))
+    np.savez(tmp_path / "maps.npz", left=x, top=z)
+    inside = x <= 1.0
+    for how, expected in ((">0", z > 0.0), ("<= -1e-1", z <= -0.1), (">=.25", z >= 0.25)):
+        found = mv.read_mask(f"{height}{how}", mesh)
+        np.testing.assert_array_equal(found, expected & inside)
+        np.testing.assert_array_equal(mv.read_mask(f"{tmp_path}/maps.npz:top{how}", mesh), expected)
+    given, out = f"{height}>0.1", str(tmp_path / "out.npz")
+    asked = ["features", str(file), "--kind", "hks", "--count", "9", "-o", out, "--mask"]
+    assert main([*asked, given]) == 0
+    assert "orthonormality" in (said := capsys.readouterr().out)
+    assert f" · on the mask {given} only" in said
+    assert main([*asked, f"{height}>"]) == 2
+
+
 def test_features_on_a_mask_from_the_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,7 +7,7 @@ import json
 import time
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import written_whole
 from meshmash_viewer.io.session import SESSION_ENDING, Session, read_session, write_session
-from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
@@ -30,6 +29,15 @@ _DELAY = 700
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
 _MAPS_ENDING = ".maps.npz"
+
+
+@dataclass(eq=False)
+class _Kept:
+    """The maps of a document that are in no other file, as they were written last."""
+
+    maps: tuple[VertexMap, ...] = ()
+    #: Name of the file in which they are; "" without any.
+    file: str = ""
 
 
 class LastSession(QObject):
@@ -52,11 +60,11 @@ class LastSession(QObject):
     ) -> None:
         super().__init__(parent)
         self._document, self._folder, self._look = document, folder, look
+        self._kept = _Kept()
         self._second: Document | None = None
-        #: The maps that have been written.
-        self._written: tuple[VertexMap, ...] = ()
-        #: Name of the file in which they are; "" without any.
-        self._maps_file = ""
+        self._kept_of_second = _Kept()
+        #: The file of the second mesh, and its session as it was found or written last.
+        self._known_of_second: tuple[Path, Session | None] = Path(), None
         self._pool = QThreadPool(self, maxThreadCount=1)
         self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
         self._timer = QTimer(self, singleShot=True, interval=_DELAY)
@@ -77,10 +85,13 @@ class LastSession(QObject):
         self._rest.start()
 
     def watch(self, document: Document | None) -> None:
-        """Save unit and repairs of a second document, too, until it is closed (None)."""
-        self._second = document
+        """Save unit, repairs and kept maps of a second document, too, until it is closed (None)."""
+        self._save_second()
+        self._second, self._kept_of_second = document, _Kept()
+        self._known_of_second = Path(), None
         if document is not None:
-            listen(document.mesh_changed, self._keep_second)
+            listen(document.mesh_changed, self._save_second)
+            listen(document.history.changed, self.changed)
 
     def stored(self, mesh_path: Path) -> Session | None:
         """Return the session of a mesh file; None if there is none that can be read."""
@@ -115,16 +126,17 @@ class LastSession(QObject):
         """Write the session now; a failure is shown in the message bar."""
         self._timer.stop()
         self._rest.stop()
+        self._save_second()
         document = self._document
         if document.path is None or document.mesh is None:
             return
-        mesh, path = document.mesh, self.path(document.path)
+        path = self.path(document.path)
         camera, pair = self._look()
         if not camera:  # the render is still being loaded, and what was saved not yet restored
             return
-        maps = self._new_maps(mesh)
-        session = replace(session_of(document, camera, pair), kept_maps=self._maps_file)
-        about = {"mesh": mesh.content_hash, "edited": sorted(document.maps.edited)}
+        maps = self._new_maps(document, self._kept)
+        session = replace(session_of(document, camera, pair), kept_maps=self._kept.file)
+        about = _about_maps(document)
         self._pool.start(lambda: self._write(path, session, about, maps))
 
     def close(self) -> None:
@@ -141,7 +153,11 @@ class LastSession(QObject):
 
     def restore_maps(self, name: str) -> int:
         """Add the kept maps in a file of this name to the mesh again, and return their number."""
-        document = self._document
+        return self._restore_maps(self._document, self._kept, name)
+
+    # -- details ------------------------------------------------------------------------------
+
+    def _restore_maps(self, document: Document, kept: _Kept, name: str) -> int:
         mesh = document.mesh
         if mesh is None or document.path is None or not name:
             return 0
@@ -165,42 +181,49 @@ class LastSession(QObject):
             document.notices.say(text, Severity.WARNING)
             return 0
         document.maps.restore(mesh, maps, about.get("edited", ()))
-        self._written, self._maps_file = tuple(maps), name
+        kept.maps, kept.file = tuple(maps), name
         return len(maps)
 
-    # -- details ------------------------------------------------------------------------------
-
-    def _keep_second(self) -> None:
-        document = self._second
-        if document is not None and document.path is not None:
-            now = session_of(document, {}, None)
+    def _save_second(self) -> None:
+        """Write the session of the second mesh; once it is open, restore the maps kept of it."""
+        document, kept = self._second, self._kept_of_second
+        if document is None or document.path is None or document.mesh is None:
+            return
+        path, known = self._known_of_second
+        if path != document.path:
             known = self.stored(document.path)
-            if known is not None:
-                now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
-            path = self.path(document.path)
-            self._pool.start(lambda: self._write(path, now, {}, None))
+            self._known_of_second = document.path, known
+            self._restore_maps(document, kept, "" if known is None else known.kept_maps)
+        now, maps = session_of(document, {}, None), self._new_maps(document, kept)
+        if known is not None:
+            now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
+        now, about = replace(now, kept_maps=kept.file), _about_maps(document)
+        if now != known:
+            self._known_of_second = document.path, now
+            file = self.path(document.path)
+            self._pool.start(lambda: self._write(file, now, about, maps))
 
-    def _new_maps(self, mesh: Mesh) -> tuple[VertexMap, ...] | None:
+    def _new_maps(self, document: Document, kept: _Kept) -> tuple[VertexMap, ...] | None:
         """Return the maps that are in no file; None if they have been written."""
-        path = self._document.path
-        assert path is not None  # without one nothing is saved
-        key = _key(self.path(path))
-        if not self._maps_file.startswith(key):  # of another file
-            self._written, self._maps_file = (), ""
-        maps = self._document.maps
-        kept = tuple(
+        assert document.path is not None  # without one nothing is saved
+        assert document.mesh is not None
+        key = _key(self.path(document.path))
+        if not kept.file.startswith(key):  # of another file
+            kept.maps, kept.file = (), ""
+        edited, in_file = document.maps.edited, document.maps.in_file
+        maps = tuple(
             each
-            for each in mesh.maps
-            if each.name in maps.edited or not (each.path or each.name in maps.in_file)
+            for each in document.mesh.maps
+            if each.name in edited or not (each.path or each.name in in_file)
         )
-        if len(kept) == len(self._written) and all(
+        if len(maps) == len(kept.maps) and all(
             (one.values is other.values, one.labels) == (True, other.labels)
-            for one, other in zip(kept, self._written, strict=True)
+            for one, other in zip(maps, kept.maps, strict=True)
         ):
             return None
-        self._written = kept
-        self._maps_file = f"{key}.{time.time_ns():x}{_MAPS_ENDING}" if kept else ""
-        return kept
+        kept.maps = maps
+        kept.file = f"{key}.{time.time_ns():x}{_MAPS_ENDING}" if maps else ""
+        return maps
 
     def _write(
         self,
@@ -237,7 +260,7 @@ class LastSession(QObject):
             self._failed.emit(str(fault))
 
     def _say_failed(self, fault: str) -> None:
-        self._written, self._maps_file = (), ""  # to be tried again
+        self._kept, self._kept_of_second = _Kept(), _Kept()  # to be tried again
         text = f"What you made could not be saved for the next time: {fault}"
         self._document.notices.say(text, Severity.WARNING)
 
@@ -247,6 +270,12 @@ class LastSession(QObject):
         )
         for old in sessions[:-_KEPT]:
             _delete(old)
+
+
+def _about_maps(document: Document) -> dict[str, Any]:
+    """What is written with kept maps: their mesh, and which of files were edited."""
+    assert document.mesh is not None
+    return {"mesh": document.mesh.content_hash, "edited": sorted(document.maps.edited)}
 
 
 def _delete_maps(session: Path, but: str = "") -> None:

@@ -90,6 +90,9 @@ class SecondView(QWidget):
         follow(document.work.changed, self._on_job_changed)  # its notice goes first
         self.scene.vertex_clicked.connect(pair.pin_second)
         self.scene.click_revoked.connect(pair.revoke_pin_second)
+        self.scene.movable_pins = True
+        self.scene.pin_dragged.connect(pair.drag_second)
+        self.scene.pin_dropped.connect(pair.drop_second)
         self.scene.stepped.connect(self._step)
         self.scene.camera_changed.connect(self._turned)
         self._first_scene.camera_changed.connect(self._turn_second)

@@ -372,7 +372,8 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         "--mask",
         metavar="FILE[:LABEL]",
         help="solve on these vertices only, NaN elsewhere: those of a label, of all others after -"
-        " (lh.aparc.annot:-unknown), or with a value but zero",
+        " (lh.aparc.annot:-unknown), with a value but zero, or that meet a condition"
+        " ('lh.thickness>0.5', in quotes)",
     )
 
 

@@ -184,7 +184,11 @@ def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
         )
     if remark:
         say(remark)
-    return pairs
+    if options.mask is None:
+        return pairs
+    known = pairs.certificate
+    parts = [known.remark, f"on the mask {options.mask} only"]
+    return replace(pairs, certificate=replace(known, remark=" · ".join(filter(None, parts))))
 
 
 def progress_bar(mesh: Mesh) -> contextlib.AbstractContextManager[ProgressBar | None]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+import re
 import warnings
 from pathlib import Path
 
@@ -38,6 +40,11 @@ _READERS: dict[str, Reader] = {
 }
 #: Of a FreeSurfer subject, after "lh" or "rh": one number a vertex.
 _VALUES = (".curv", ".thickness", ".sulc", ".area", ".volume", ".avg_curv", ".jacobian_white")
+#: A condition on the values of a map, after its name.
+_CONDITION = re.compile(r"(?P<file>.+?)\s*(?P<how>[<>]=?)\s*(?P<limit>[-+]?[\d.]+(e[-+]?\d+)?)")
+_COMPARED = {
+    ">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le,
+}  # fmt: skip
 _GIFTI_MAPS = (".func.gii", ".shape.gii", ".label.gii")
 
 #: Endings that say that a file holds maps and no mesh; others may turn out to hold both.
@@ -119,7 +126,8 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     given : str or Path
         The file, of any format of `read_maps`. After a colon labels may follow, see
         `VertexMap.mask`: "lh.aparc.annot:cuneus,lingual", "lh.aparc.annot:-unknown"; or the name
-        of one of several maps: "maps.npz:thickness".
+        of one of several maps: "maps.npz:thickness". A condition on the values may come last:
+        "lh.thickness>0.5", "maps.npz:thickness<=2", with >, >=, < or <=; NaN does not meet it.
     mesh : MeshLike
         The mesh that it is for.
 
@@ -140,7 +148,8 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     ...     int(mv.read_mask(folder + "/cap.npy", ball).sum())
     165
     """
-    path, named = _divided(given)
+    condition = None if Path(given).exists() else _CONDITION.fullmatch(str(given))
+    path, named = _divided(given if condition is None else condition["file"])
     maps, faults = read_maps(path, mesh), list[str]()
     chosen = tuple(each for each in maps if each.name == named)
     if chosen:
@@ -149,7 +158,8 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
         raise _several(path, maps)
     for each in maps:
         try:
-            return as_mesh(mesh).with_maps(each).maps[-1].mask(named)
+            found = as_mesh(mesh).with_maps(each).maps[-1]
+            return found.mask(named) if condition is None else _meeting(condition, found, named)
         except InputError as fault:
             faults.append(str(fault))
     raise InputError(f"{path}: {faults[0]}")
@@ -194,6 +204,14 @@ def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
     if len(found) != 1:
         raise _several(path, maps)
     return as_mesh(mesh).with_maps(found[0]).maps[-1]
+
+
+def _meeting(condition: re.Match[str], found: VertexMap, named: str) -> npt.NDArray[np.bool_]:
+    """Return which vertices of a map meet a condition on its values."""
+    if named or found.labels:
+        what = f"has no map {named!r}" if named else f"{found.name!r} has labels"
+        raise InputError(f"{what}, and a condition is on the values of a map.")
+    return np.asarray(_COMPARED[condition["how"]](found.values, float(condition["limit"])))
 
 
 def _divided(given: str | Path) -> tuple[Path, str]:

@@ -96,6 +96,14 @@ _CAMERA = Record(
         "half_size": Number(1e-30, 1e30),
     }
 )
+_MATCH = Record(
+    {
+        "feature": Text(100),
+        "refined": Flag(),
+        "carried": Flag(),
+        "pinned": Listing(Listing(Whole(), 2, 2), 10_000),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -150,10 +158,9 @@ class Session(Parameters):
     second_repairs: list[str] = parameter(list, _REPAIRS)
     #: The active links between both meshes.
     links: list[str] = parameter(list, Listing(Text(100), 100, different=True))
-    #: How vertices are matched: the feature, whether refined, whether colours are carried.
-    match: dict[str, Any] = parameter(
-        dict, Record({"feature": Text(100), "refined": Flag(), "carried": Flag()})
-    )
+    #: How vertices are matched: the feature, whether refined, whether colours are carried, and the
+    #: numbers of pins with the index of the vertex where they were set on the second mesh.
+    match: dict[str, Any] = parameter(dict, _MATCH)
 
 
 def write_session(path: str | Path, session: Session) -> None:

@@ -171,7 +171,8 @@ class Field:
     def as_map(self) -> VertexMap:
         """Return the values as a map of the mesh, named as they are on the render."""
         is_map = self.family.own and not self.family.of_pairs
-        name = self.title if is_map else plain_text(f"{self.title} {self.quantity}")
+        quantity = self.quantity.partition(": ")[0]  # without a share of the whole
+        name = self.title if is_map else plain_text(f"{self.title} {quantity}")
         if not self.labels:
             return VertexMap(name, self.values, unit=self.unit)
         labels = tuple(replace(each, key=at) for at, each in enumerate(self.labels))

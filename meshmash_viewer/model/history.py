@@ -38,6 +38,7 @@ class _Part:
     read: Callable[[], Any]
     restore: Callable[[Any], None]
     is_ready: Callable[[Any], bool]
+    alongside: str
 
 
 class History:
@@ -47,6 +48,8 @@ class History:
     """
 
     changed = Signal()
+    #: All changes were forgotten, as another mesh was opened.
+    started = Signal()
 
     def __init__(self) -> None:
         self._parts: dict[str, _Part] = {}
@@ -60,13 +63,23 @@ class History:
         read: Callable[[], Any],
         restore: Callable[[Any], None],
         is_ready: Callable[[Any], bool] = lambda _: True,
+        *,
+        alongside: str = "",
     ) -> None:
         """Declare a part of the state, whose values are immutable.
 
         `read` returns its value and `restore` sets it. `is_ready` returns False for a value that
-        must be computed first; what computes it calls `undo` again.
+        must be computed first; what computes it calls `undo` again. A part `alongside` another one
+        is recorded, and restored, after that.
         """
-        self._parts[part] = _Part(read, restore, is_ready)
+        self._parts[part] = _Part(read, restore, is_ready, alongside)
+
+    def forget(self, *parts: str) -> None:
+        """Remove parts of the state, and the changes of nothing else."""
+        for part in parts:
+            self._parts.pop(part, None)
+        self.past, self.future = _without(self.past, parts), _without(self.future, parts)
+        self.changed.emit()
 
     def read(self, parts: Iterable[str] | None = None) -> dict[str, Any]:
         """Return the values of some parts of the state, by default of all."""
@@ -87,7 +100,8 @@ class History:
         """Record a change. Call it before the parts change, or give their former values."""
         if self._paused:
             return
-        state = dict(before or {}) | self.read(parts)
+        alongside = (name for name, each in self._parts.items() if each.alongside in parts)
+        state = dict(before or {}) | self.read((*parts, *alongside))
         now = time.monotonic()
         last = self.past[-1] if self.past else None
         if (
@@ -105,6 +119,7 @@ class History:
     def start(self, *steps: Step) -> None:
         """Forget all changes; `steps` can be undone from now on."""
         self.past, self.future = steps, ()
+        self.started.emit()
         self.changed.emit()
 
     def complete(self, state: Mapping[str, Any]) -> None:
@@ -143,3 +158,15 @@ class History:
             for part, value in step.state.items():
                 self._parts[part].restore(value)
         return Step(step.label, here)
+
+
+def _without(steps: tuple[Step, ...], parts: Iterable[str]) -> tuple[Step, ...]:
+    """Return steps without what they changed of some parts."""
+    gone = frozenset(parts)
+    kept = (
+        step
+        if gone.isdisjoint(step.state)
+        else replace(step, state={at: step.state[at] for at in step.state if at not in gone})
+        for step in steps
+    )
+    return tuple(step for step in kept if step.state)

@@ -37,7 +37,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.history import Step
 from meshmash_viewer.model.limits import Limits
-from meshmash_viewer.model.pins import Pin
+from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
@@ -80,10 +80,13 @@ class ComparisonRequest:
 
     def equals(self, other: ComparisonRequest) -> bool:
         """Whether another request has the same answer."""
-        if self.first.rows is not other.first.rows or self.second.rows is not other.second.rows:
-            return False
         how = self.matched_in, self.refined, self.landmarks
-        return how == (other.matched_in, other.refined, other.landmarks)
+        same = how == (other.matched_in, other.refined, other.landmarks)
+        return same and self.same_pairs(other)
+
+    def same_pairs(self, other: ComparisonRequest) -> bool:
+        """Whether another request compares the same eigenpairs."""
+        return self.first.rows is other.first.rows and self.second.rows is other.second.rows
 
     def answered(self, cancel: CancelCallback | None = None) -> Comparison:
         """Compute the comparison; raise `InputError` where there are too few pairs."""
@@ -124,13 +127,19 @@ class Pair:
         self._matched_in = next(iter(MATCHED_IN))
         self._refined = False
         self._request: ComparisonRequest | None = None
+        #: The request that `comparison` answers.
+        self._answered: ComparisonRequest | None = None
         self._asked: tuple[Any, Any] = None, None
         #: Families of the first that were last applied to the second.
         self._applied: dict[str, Family] = {}
         #: By pin number: vertices that were pinned on the second, as their index in its file.
         self._pinned: dict[int, int] = {}
-        #: The history of the first, and `_pinned`, before the last vertex was pinned on the second.
-        self._before: tuple[tuple[Step, ...], dict[int, int]] = ((), {})
+        #: The history of the first before the last vertex was pinned on the second.
+        self._before: tuple[Step, ...] = ()
+        self._dragging = False
+        #: The history of the second, whose changes are changes in the history of the first.
+        self._second_past = second.history.past
+        self._keep_second()
         events = first.display.events
         self._connections = [
             *((getattr(events, name), self._follow_display) for name in (
@@ -143,6 +152,8 @@ class Pair:
             (second.mesh_changed, self._follow_mesh),
             (second.work.changed, self._follow_job),
             (second.display.events.kind, self._follow_second),
+            (second.history.changed, self._record_second),
+            (second.history.started, self._keep_second),
         ]  # fmt: skip
         for signal, slot in self._connections:
             signal.connect(slot)
@@ -152,6 +163,36 @@ class Pair:
         """Disconnect from both documents."""
         for signal, slot in self._connections:
             signal.disconnect(slot)
+        self.first.history.forget("second pins", "second mesh")
+
+    # -- history ------------------------------------------------------------------------------
+
+    def _keep_second(self) -> None:
+        """Declare what of the second is part of the history, from its present state on."""
+        history, self._second_past = self.first.history, self.second.history.past
+        history.forget("second mesh")
+        history.keep("second mesh", lambda: len(self._second_past), self._restore_second)
+        history.keep("second pins", lambda: self._pinned.copy(), self._put_pinned, alongside="pins")
+
+    def _put_pinned(self, pinned: dict[int, int]) -> None:
+        self._pinned = dict(pinned)
+        self._follow_first_pins()
+
+    def _record_second(self) -> None:
+        """Record a change of the second mesh, or what was undone of it alone."""
+        past, known = self.second.history.past, self._second_past
+        self._second_past = past
+        changes = past[len(known) :] or known[len(past) :]
+        if changes:
+            label = f"{changes[0].label} of the second mesh"
+            self.first.history.record(label, before={"second mesh": len(known)})
+
+    def _restore_second(self, steps: int) -> None:
+        """Undo or redo changes of the second mesh until as many are left."""
+        history, before = self.second.history, -1
+        while len(history.past) not in (steps, before):  # a mesh may have to be computed first
+            before = len(history.past)
+            (history.undo if before > steps else history.redo)()
 
     # -- choices ------------------------------------------------------------------------------
 
@@ -215,11 +256,12 @@ class Pair:
 
     @property
     def match(self) -> dict[str, Any]:
-        """How vertices are matched, and whether colours are carried, for a session."""
+        """How vertices are matched, and pinned on the second, for a session."""
         return {
             "feature": self._matched_in,
             "refined": self._refined,
             "carried": self.carries,
+            "pinned": [list(each) for each in self._pinned.items()],
         }
 
     @match.setter
@@ -228,6 +270,7 @@ class Pair:
             self._matched_in = stored["feature"]
         self._refined = stored.get("refined", False)
         self.carries = stored.get("carried", False)
+        self._pinned = dict(stored.get("pinned", ()))
         self._follow_spectra()
 
     @property
@@ -242,33 +285,44 @@ class Pair:
 
     def pin_second(self, vertex: int) -> None:
         """Pin a vertex of the second and its best match on the first, or remove both pins."""
-        self._before = self.first.history.past, dict(self._pinned)
+        history, pins = self.first.history, self.first.pins
+        self._before = history.past
         there = {pin.vertex: pin.number for pin in self.second.pins.placed}
         match = -1 if self.comparison is None else int(self.comparison.back.indices[vertex])
         if vertex in there:
-            taken = next(pin for pin in self.first.pins.placed if pin.number == there[vertex])
-            self.first.pins.toggle(taken.vertex)
+            pins.toggle(next(p.vertex for p in pins.placed if p.number == there[vertex]))
         elif match >= 0:
-            mine = {pin.vertex: pin.number for pin in self.first.pins.placed}
+            mine = {pin.vertex: pin.number for pin in pins.placed}
+            number = mine.get(match) or 1 + max(mine.values(), default=0)
             assert self.second.mesh is not None
-            index = self.second.mesh.file_index(vertex)
-            if match in mine:
-                self._pinned[mine[match]] = index
-                self._follow_pins()
-            else:
-                number = 1 + max((pin.number for pin in self.first.pins.placed), default=0)
-                self._pinned[number] = index
-                self.first.pins.toggle(match, number)
+            history.record("pin", "pins")
+            with history.paused():
+                self._pinned[number] = self.second.mesh.file_index(vertex)
+                if match in mine:
+                    self._follow_first_pins()
+                else:
+                    pins.toggle(match, number)
 
     def revoke_pin_second(self) -> None:
         """Take back the last `pin_second`, unless something else was changed after it."""
-        past, pinned = self._before
-        now = self.first.history.past
-        if now[: len(past)] == past and len(now) <= len(past) + 1:
-            self._pinned = pinned
-            if len(now) > len(past):
-                self.first.history.undo()
+        past = self.first.history.past
+        if past and past[:-1] == self._before:
+            self.first.history.undo()
+
+    def drag_second(self, vertex: int, to: int) -> None:
+        """Move the pin of a vertex of the second; all moves until `drop_second` are one change."""
+        pin, mesh = pin_at(self.second.pins.placed, vertex), self.second.mesh
+        if pin is not None and mesh is not None:
+            if not self._dragging:
+                self._dragging = True
+                self.first.history.record("move of a pin", "second pins")
+            self._pinned[pin.number] = mesh.file_index(to)
             self._follow_pins()
+
+    def drop_second(self) -> None:
+        """End the change that `drag_second` began; the pin is a landmark where it is now."""
+        self._dragging = False
+        self._follow_first_pins()
 
     def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the field that the second shows, and colour limits for both fields.
@@ -330,12 +384,12 @@ class Pair:
     @property
     def comparing(self) -> bool:
         """Whether a comparison is being computed."""
-        return self._request is not None and self.comparison is None
+        return self._request is not None and self._request is not self._answered
 
     def accept(self, request: ComparisonRequest, comparison: Comparison) -> None:
         """Store a comparison, if it answers the last request."""
         if request is self._request:
-            self.comparison = comparison
+            self.comparison, self._answered = comparison, request
             spectrum = self.second.spectrum
             if comparison.given and spectrum is not None and spectrum.rows is request.second.rows:
                 rotations = comparison.functions.rotations
@@ -348,7 +402,7 @@ class Pair:
     def give_up(self, request: ComparisonRequest) -> None:
         """Record that a comparison has failed."""
         if request is self._request:
-            self._request = None
+            self._request = self.comparison = None
             self.changed.emit()
 
     def write_match(self, path: Path) -> None:
@@ -357,7 +411,7 @@ class Pair:
         May be called from any thread. `InputError` is raised if there is nothing to write, or the
         file cannot be written.
         """
-        found, request = self.comparison, self._request
+        found, request = self.comparison, self._answered
         if found is None or request is None:
             raise InputError("There is no match to write: wait until the meshes are compared.")
         first, second = request.first, request.second
@@ -413,7 +467,10 @@ class Pair:
             landmarks = self.landmarks if self._refined else ()
             request = ComparisonRequest(first, second, self._matched_in, self._refined, landmarks)
         if before is None or request is None or not before.equals(request):
-            self._request, self.comparison = request, None
+            self._request = request
+            known = self._answered
+            if request is None or known is None or not known.same_pairs(request):
+                self.comparison = None  # else it stays until the next one replaces it
             if request is not None:
                 self.comparison_requested.emit(request)
         self._apply_display(everything=True)
@@ -443,6 +500,10 @@ class Pair:
 
     def _apply_display(self, *, everything: bool = False) -> None:
         """Apply what has changed of the display of the first to the second, as far as linked."""
+        with self.second.history.paused():  # these are changes of the first
+            self._copy_display(everything=everything)
+
+    def _copy_display(self, *, everything: bool) -> None:
         mine, other, to = self.first.display, self.second.display, self.correspondence
         known = self.first.known
         if known is None:

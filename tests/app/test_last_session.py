@@ -269,3 +269,37 @@ def test_label_sets_are_there_as_they_were_changed(
     made = sets(again)
     again.close()
     assert sets(opened(open_window(), path, qtbot)) == made
+
+
+def test_pins_and_maps_of_the_second_mesh_are_there_again(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path, other = two_balls(folder / "balls.npz"), two_balls(folder / "other.npz", 2.0)
+    window = opened(open_window(), path, qtbot)
+    window.document.solve.compute()
+    window.opening.open_second(other)
+
+    def compared(window: MainWindow) -> bool:
+        pair = window.opening.pair
+        return pair is not None and pair.comparison is not None
+
+    qtbot.waitUntil(lambda: compared(window), timeout=PATIENCE)
+    pair = window.opening.pair
+    assert pair is not None
+    pair.pin_second(180)
+    pair.drag_second(180, 185)
+    pair.drop_second()
+    assert pair.best_matches(window.document.pins.placed[0].vertex)[0][0] == 180
+    mesh = pair.second.mesh
+    assert isinstance(mesh, Mesh)
+    pair.second.maps.add(mesh, [VertexMap("height", mesh.vertices[:, 2], unit="nm")])
+    window.close()
+
+    window = opened(open_window(), path, qtbot)
+    qtbot.waitUntil(lambda: compared(window), timeout=PATIENCE)
+    pair = window.opening.pair
+    assert pair is not None and pair.second.mesh is not None  # noqa: PT018  the same
+    assert [pin.vertex for pin in pair.second.pins.placed] == [185]
+    (kept,) = pair.second.mesh.maps
+    assert kept.name == "height"
+    np.testing.assert_array_equal(kept.values, mesh.vertices[:, 2])

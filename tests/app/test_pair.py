@@ -487,6 +487,50 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     assert window.document.pins.placed == ()
 
 
+def test_what_is_made_on_the_second_is_undone_and_redone_in_its_place(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second = beside(window, folder / "other.npz", monkeypatch)
+    wait_for(lambda: second.scene.can_pick)
+    at, canvas = second.scene.rect().center(), second.scene.plotter
+    QTest.mouseClick(canvas, LEFT, pos=at)
+    (first,), (clicked,) = window.document.pins.placed, second.document.pins.placed
+    assert clicked.vertex == second.scene.vertex_at(at.x(), at.y())
+    rest(window)
+    at = second.scene.display_point(clicked.vertex)
+    QTest.mousePress(canvas, LEFT, pos=at)
+    for step in (10, 20, 30):
+        QTest.mouseMove(canvas, at + QPoint(step, step // 2))
+        QTest.qWait(20)
+    QTest.mouseRelease(canvas, LEFT, pos=at + QPoint(30, 15))
+    (dragged,) = second.document.pins.placed
+    assert dragged.vertex != clicked.vertex
+    assert window.document.pins.placed == (first,)
+    before = len(second.document.mesh.maps)
+    QTest.mouseClick(part(window, QPushButton, "pair_keep_button"), LEFT)
+    rest(window)
+
+    def state() -> tuple[object, ...]:
+        mesh, pins = second.document.mesh, second.document.pins.placed
+        return len(mesh.maps) - before, [pin.vertex for pin in pins]
+
+    states = [(1, [dragged.vertex]), (0, [dragged.vertex]), (0, [clicked.vertex]), (0, [])]
+    assert state() == states[0]
+    assert window.actions_["undo"].text() == "Undo new map of the second mesh"
+    window.stage.setFocus()
+    control = Qt.KeyboardModifier.ControlModifier
+    for expected in states[1:]:
+        QTest.keyClick(window, Qt.Key.Key_Z, control)
+        assert state() == expected
+        catch_up()
+    for expected in reversed(states[:-1]):
+        QTest.keyClick(window, Qt.Key.Key_Z, control | Qt.KeyboardModifier.ShiftModifier)
+        assert state() == expected
+        catch_up()
+    window.opening.end_comparison()
+    assert "second" not in "".join(step.label for step in window.document.history.past)
+
+
 def test_a_pin_has_its_match_and_colours_are_carried(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -641,7 +685,8 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     wait_for(lambda: bar.notice is not None and "short.npy" in bar.notice.text)
     assert bar.notice.text.startswith("Second mesh: ")
     assert "Traceback" not in bar.notice.text
-    assert [each.name for each in opened.document.mesh.maps] == ["height.npy"]
+    assert opened.document.mesh.maps[-1].name == "height.npy"
+    assert sum(each.name == "height.npy" for each in opened.document.mesh.maps) == 1
     assert opened.controller.field.title == "height.npy"
     # on the first it is the first's, by the button the second's
     drop(window, folder / "height.npy", share=0.25)

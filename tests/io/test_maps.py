@@ -306,5 +306,8 @@ def test_a_map_is_of_its_mesh() -> None:
     assert VertexMap("a", np.arange(3)).values.dtype == np.float64
     assert not VertexMap("a", np.arange(3)).signed
     assert not VertexMap("thickness", np.array([-0.003, 0.0, 4.7])).signed  # interpolated
+    smoothed = np.append(np.linspace(0.5, 4.0, 500), [-0.3, -0.1])
+    assert not VertexMap("thickness of few pairs", smoothed).signed  # as it overshoots
+    assert VertexMap("few", np.append(np.zeros(500), [-3.0, 4.0])).signed
     assert VertexMap("curv", np.array([-0.4, 0.0, 0.3])).signed
     assert not VertexMap("parts", np.arange(-1, 2), (Label(-1, "a", "#000000"),)).signed

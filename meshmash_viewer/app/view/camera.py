@@ -10,6 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.structures import brain_side
+
+#: Up in the coordinates of brains.
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -141,8 +145,12 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
     Meshes that fill little of their box (neurons) have their longest principal axis along the
     width of the picture and their shortest towards the eye. Others have y up as in graphics, or z
     up where the unit is that of medical images or the mesh stands tall on a flat base, and are
-    rotated by 30 degrees to show depth. `points` are its `sampled_points`.
+    rotated by 30 degrees to show depth; a hemisphere of a brain is seen from outside. `points` are
+    its `sampled_points`.
     """
+    if hemisphere := brain_side(mesh.structure, mesh.name):
+        outside = np.array([1.0 if hemisphere == "right" else -1.0, 0.0, 0.0])
+        return np.array([np.cross(_UP, outside), _UP, outside])
     points = sampled_points(mesh) if points is None else points
     if mesh.unit in ("nm", "µm") or _compactness(mesh) < 0.01:
         centred = points - points.mean(axis=0)

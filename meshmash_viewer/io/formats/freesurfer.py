@@ -29,6 +29,8 @@ FREESURFER_ENDINGS = (
 )
 #: What FreeSurfer surfaces begin with: triangles, and the two kinds of quadrangles.
 _TRIANGLES, _QUADS, _SHORT_QUADS = b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff"
+#: Units of the values in files of one number a vertex, by ending.
+_UNITS = {".thickness": "mm", ".curv": "mm⁻¹", ".area": "mm²", ".volume": "mm³"}
 #: Colour of a label that has none of its own.
 _INSIDE = "#d55e00"
 #: Version of tables of labels that have numbers of their own.
@@ -42,7 +44,8 @@ def freesurfer_values(path: Path) -> RawMesh:
     if freesurfer_kind(path) != "values":
         raise InputError("does not begin like a FreeSurfer file of one number a vertex")
     read: Any = read_morph_data
-    return maps_alone([RawMap("", np.asarray(read(str(path)), dtype=np.float32))])
+    unit = _UNITS.get(path.suffix.lower(), "")
+    return maps_alone([RawMap("", np.asarray(read(str(path)), dtype=np.float32), unit=unit)])
 
 
 def freesurfer_label(path: Path) -> RawMesh:

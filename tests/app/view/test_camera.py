@@ -7,6 +7,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.app.view.camera import Margins, View, default_axes, fitted_view
+from meshmash_viewer.app.view.standard_views import view_axes
 from meshmash_viewer.mesh import Mesh
 
 AXES = np.linalg.qr(np.array([[1.0, 2.0, 0.5], [0.3, 1.0, -2.0], [1.0, 0.0, 1.0]]))[0]
@@ -101,6 +102,8 @@ def test_a_body_stands_upright() -> None:
     axes = default_axes(brain)
     assert axes[1, 2] > 0.9  # z up
     assert axes[2, 0] < -0.7  # the left hemisphere shows its outer side
+    named = Mesh(brain.vertices + 30.0, brain.faces, "mm", name="lh.pial")
+    np.testing.assert_array_equal(default_axes(named), view_axes("lateral", named))
 
 
 def test_one_point_is_no_trouble() -> None:
