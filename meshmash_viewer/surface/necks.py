@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,7 +54,7 @@ def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
         faces = mesh.faces[touched & joined[of_corners].any(axis=1)]
         parts = np.where(joined[parts], parts, -1)
         near = _near(mesh, faces, parts)
-        values = _harmonic(replace(mesh, faces=faces, maps=()), parts, near)
+        values = _harmonic(mesh, faces[near[faces].any(axis=1)], parts, near)
         lengths = _cut_lengths(mesh.vertices, faces, parts, values, n_parts)
         widths[joined[:-1]] = lengths[joined[:-1]]
     return widths
@@ -87,18 +86,22 @@ def _near(mesh: Mesh, faces: IntArray, parts: IntArray) -> npt.NDArray[np.bool_]
     total = np.bincount(of_part, areas)
     before = np.cumsum(total) - total
     near = np.zeros(n, dtype=np.bool_)
-    near[order] = np.cumsum(areas) - before[of_part] <= _NEAR * total[of_part]
+    nearest_half = np.cumsum(areas) - before[of_part] <= _NEAR * total[of_part]
+    near[order] = nearest_half & (areas > 0.0)  # faces without area have no Laplacian
     return near
 
 
-def _harmonic(mesh: Mesh, parts: IntArray, near: npt.NDArray[np.bool_]) -> FloatArray:
+def _harmonic(
+    mesh: Mesh, faces: IntArray, parts: IntArray, near: npt.NDArray[np.bool_]
+) -> FloatArray:
     """Solve for the values at the near vertices of all parts; 0 at the others, shape (n,)."""
     from scipy.sparse.linalg import cg
 
     values = np.zeros(mesh.n_vertices)
     unknown = np.flatnonzero(near)
     if len(unknown):
-        rows = cotangent_laplacian(mesh, robust=True)[0].tocsr()[unknown].tocoo()
+        around = mesh.vertices, faces
+        rows = cotangent_laplacian(around, robust=True)[0].tocsr()[unknown].tocoo()
         other = parts[unknown[rows.row]] != parts[rows.col]
         known = -np.bincount(rows.row[other], rows.data[other], len(unknown))
         place = np.full(mesh.n_vertices, -1)
