@@ -86,6 +86,27 @@ def test_maps_labels_and_features_are_carried() -> None:
     assert found.carry(np.stack([heights, heights], axis=1)).shape == (643, 2)
 
 
+def test_maps_of_compared_shapes_are_carried_both_ways() -> None:
+    mesh = shapes.blob(3)
+    copy, there = shapes.moved_copy(mesh)
+    back = np.argsort(there)
+    loose = mv.Mesh(np.vstack([mesh.vertices, [[9.0, 9.0, 9.0]]]), mesh.faces)
+    names = (mv.Label(3, "top", "#4477aa"), mv.Label(0, "bottom", "#ee6677"))
+    high, low = loose.vertices[:, 2] > 0.2, loose.vertices[:, 2] < 0.0
+    part = mv.VertexMap("part", np.where(high, 3, np.where(low, 0, 7)), labels=names)
+    width = mv.VertexMap("width", loose.vertices[:, 0], unit="mm")
+    found = mv.compare_shapes(pairs_of(copy, 40), pairs_of(loose, 40), refine=True)
+    carried, x, score = found.carried((part, width))
+    np.testing.assert_array_equal(carried.values, part.values[back])
+    assert carried.labels == names
+    np.testing.assert_allclose(x.values, loose.vertices[back, 0])
+    assert (x.name, x.unit) == ("width", "mm")
+    np.testing.assert_array_equal(score.values, found.forth.scores)
+    again, _ = found.carried([carried], back=True)
+    np.testing.assert_array_equal(again.values[:-1], part.values[:-1])
+    assert again.values[-1] == carried.no_label  # the loose vertex
+
+
 def test_what_cannot_be_mapped_is_refused() -> None:
     pairs = pairs_of(shapes.blob(2), 12)
     start = mv.functional_map(pairs, pairs, n_functions=6)

@@ -7,6 +7,7 @@ features are those of the two shapes scaled to an area of 1.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,6 +30,7 @@ from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted
+from meshmash_viewer.vertex_map import VertexMap
 
 #: Squared correlation above which eigenfunctions correspond: only one pair can exceed it.
 _SAME = 0.5
@@ -133,6 +135,39 @@ class Comparison:
     def mutual_share(self) -> float:
         """Share of the matched vertices of the first that have a mutual match."""
         return float(self.mutual.sum() / max(np.count_nonzero(self.forth.indices >= 0), 1))
+
+    def carried(self, maps: Sequence[VertexMap], *, back: bool = False) -> tuple[VertexMap, ...]:
+        """Carry maps of the second to the first, or with `back` those of the first to the second.
+
+        Each vertex gets the value or the label of its match, and none without a match.
+
+        Parameters
+        ----------
+        maps : sequence of VertexMap
+        back : bool
+
+        Returns
+        -------
+        tuple of VertexMap
+            The carried maps, and last one with the scores of the matches: distances in the space
+            that they were found in, so that small ones are to be trusted.
+
+        Examples
+        --------
+        >>> found = mv.compare_shapes(pairs, pairs)
+        >>> height = mv.VertexMap("height", ball.vertices[:, 2])
+        >>> carried, score = found.carried([height])
+        >>> score.name, float(score.values.max())
+        ('match score', 0.0)
+        """
+        matches = self.back if back else self.forth
+        at, missing = matches.indices, matches.indices < 0
+        carried = []
+        for known in maps:
+            values = known.values[at]
+            values[missing] = known.no_label if known.labels else np.nan
+            carried.append(VertexMap(known.name, values, known.labels, known.unit))
+        return (*carried, VertexMap("match score", matches.scores))
 
     def match_table(self, second_name: str, second: Mesh | None = None) -> Features:
         """Return match, score and mutuality of each vertex of the first, shape (n, 3).
