@@ -21,7 +21,18 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.mesh import SMALL
 
 #: Menus in their order.
-MENUS = ("File", "Edit", "View", "Field", "Inspect", "Help")
+MENUS = ("File", "Edit", "View", "Select", "Field", "Inspect", "Help")
+
+#: Modes of the *Select* tool: their texts, and what a stroke does.
+SELECT_MODES: dict[str, tuple[str, str]] = {
+    "brush": ("Brush", "Paint along the surface, only what is visible"),
+    "lasso": ("Lasso", "Draw a line around vertices"),
+    "disc": ("Disc", "Drag the geodesic radius from the middle"),
+    "component": ("Component", "Click a connected component of the mesh"),
+    "part": ("Part of a label", "Click a connected part of a label of the displayed map"),
+    "value": ("By value", "Select a range of the displayed field"),
+    "alike": ("Alike", "Select what is like the pinned vertex, by the distance in features"),
+}
 
 #: What the mouse does over the render, for the help.
 MOUSE_HELP: tuple[tuple[str, str], ...] = (
@@ -35,6 +46,8 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),
     ("Drag a pin", "Move it along the surface"),
+    ("Drag with Select on", "Select; with Shift in addition, with Alt take away"),
+    ("Middle button with Select on, or Ctrl + drag", "Turn"),
     ("Right click", "Everything that can be done at a vertex, a pin or next to the mesh"),
     ("Drop a file", "Open it, or add its values per vertex to the mesh"),
     ("Drop a mesh on the right half of the window", "Compare it with the open one"),
@@ -137,7 +150,8 @@ COMMANDS: tuple[Command, ...] = (
     Command("compute_in_pieces", "Compute in pieces…", "Edit",
             "Compute features in overlapping pieces, for a mesh too large to be solved whole",
             needs="render"),
-    Command("cancel", "Cancel", "Edit", "Stop what runs; eigenpairs that have converged stay",
+    Command("cancel", "Cancel", "Edit",
+            "Stop what runs; eigenpairs that have converged stay. Else clear the selection",
             ("Esc",)),
     Command("clear_cache", "Clear stored eigenpairs…", "Edit",
             "Delete the eigenpairs kept on disk for meshes opened before", separated=True),
@@ -172,6 +186,26 @@ COMMANDS: tuple[Command, ...] = (
     Command("full_screen", "Full screen", "View", "Fill the screen with the window", ("F11",),
             checkable=True, standard=QKeySequence.StandardKey.FullScreen),
     Command("reset_layout", "Reset layout", "View", "Put the panels back where they were"),
+    # -- Select
+    Command("select", "Select vertices", "Select",
+            "Select with the left button instead of turning; Shift adds, Alt takes away", ("W",),
+            checkable=True, toolbar="Select", icon="select", needs="render"),
+    *(
+        Command(f"select_{mode}", f"{text}", "Select", tip, needs="render",
+                separated=at == 0, does=("select_with", mode))
+        for at, (mode, (text, tip)) in enumerate(SELECT_MODES.items())
+    ),
+    Command("grow_selection", "Grow", "Select", "Select the neighbours of the selected vertices",
+            ("+",), needs="selection", separated=True),
+    Command("shrink_selection", "Shrink", "Select", "Leave out the border of the selection",
+            ("-",), needs="selection"),
+    Command("fill_selection", "Fill holes", "Select",
+            "Select what the selection separates from the largest part outside",
+            needs="selection"),
+    Command("invert_selection", "Invert", "Select", "Select the other vertices", ("Ctrl+I",),
+            needs="render"),
+    Command("clear_selection", "Clear", "Select", "Select nothing, as Esc does",
+            needs="selection"),
     # -- Field
     Command("play", "Play", "Field", "Step through eigenfunctions, times or columns by itself",
             ("Space",), checkable=True, toolbar="Play", icon="play", needs="spectrum"),

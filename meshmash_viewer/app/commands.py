@@ -33,6 +33,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+    from meshmash_viewer.app.select_tool import SelectTool
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 #: Keys that a focused field uses itself.
@@ -64,6 +65,8 @@ class Commands:
         self.pictures.scenes = lambda: opening.scenes
         self.pins = PinCommands(window, document, settings, actions, background_io)
         opening.pins_requested.connect(self.pins.read)
+        #: Made with the render.
+        self.select_tool: SelectTool | None = None
         display = document.display
         #: The commands that are a call of something else.
         self._calls: dict[str, Callable[..., object]] = {
@@ -83,13 +86,23 @@ class Commands:
                 document.selection.mask, then_compute=True
             ),
             "compute_whole": partial(document.take_part, None),
-            "cancel": document.work.cancel,
             "clear_pins": document.pins.clear,
+            "grow_selection": document.selection.grow,
+            "shrink_selection": document.selection.shrink,
+            "invert_selection": document.selection.invert,
+            "clear_selection": document.selection.clear,
         }
         for each in COMMANDS:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)
             )
+
+    def cancel(self) -> None:
+        """Stop what runs; where nothing does, clear the selection."""
+        if self._document.work.job is not None:
+            self._document.work.cancel()
+        else:
+            self._document.selection.clear()
 
     def step(self, steps: int) -> None:
         """Show the field that is so many columns or positions on."""
@@ -110,7 +123,7 @@ class Commands:
 
     def method(self, name: str) -> Callable[..., object]:
         """Return the method of a command."""
-        owners = (self, self._opening, self.pictures, self.pins, self._document)
+        owners = (self, self.select_tool, self._opening, self.pictures, self.pins, self._document)
         return self._calls.get(name) or next(
             getattr(owner, name) for owner in owners if hasattr(owner, name)
         )
@@ -138,7 +151,9 @@ class Commands:
         actions.enable(self.there())
         running = document.work.job is not None
         actions["compute"].setEnabled(document.solve.can_compute)
-        actions["cancel"].setEnabled(running)
+        actions["cancel"].setEnabled(running or document.selection.mask is not None)
+        tool = self.select_tool
+        actions["select"].setChecked(tool is not None and tool.on)
         history = document.history
         for name, label in (("undo", history.undo_label), ("redo", history.redo_label)):
             actions[name].setEnabled(bool(label))

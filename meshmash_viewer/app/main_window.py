@@ -180,8 +180,10 @@ class MainWindow(ScriptedWindow):
         from meshmash_viewer.app.panels.label_panel import LabelPanel
         from meshmash_viewer.app.panels.pair_panel import PairPanel
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
+        from meshmash_viewer.app.panels.select_bar import SelectBar
         from meshmash_viewer.app.panels.shape_panel import ShapePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
+        from meshmash_viewer.app.select_tool import SelectTool
         from meshmash_viewer.app.shape_source import ShapeSource
         from meshmash_viewer.app.view.mesh_view import MeshView
 
@@ -201,6 +203,12 @@ class MainWindow(ScriptedWindow):
         self.controller = Controller(self.document, self.scene, self)
         self.controller.drawn.connect(self._on_drawn)
         self.label_borders = LabelBorders(self.document, self.scene, self)
+        self.select_tool = SelectTool(self.document, self.scene, self.controller, self)
+        self.commands.select_tool = self.select_tool
+        self.select_tool.changed.connect(self._refresh_actions)
+        self.select_bar = SelectBar(self.document, self.select_tool, self.actions_)
+        self.addToolBarBreak()
+        self.addToolBar(self.select_bar)
         self.shape_source = ShapeSource(self.document, self)
         self.shape_source.shape_ready.connect(self._show_shape)
         self.shape_source.failed.connect(self.commands.say_failed)
@@ -246,6 +254,7 @@ class MainWindow(ScriptedWindow):
             document.mesh_changed, document.spectrum_changed, document.solve.changed,
             document.history.changed, document.pins.changed, document.work.changed,
             events.nodal_lines, events.label_borders, events.playing, events.kind,
+            document.selection.changed,
         )  # fmt: skip
         follow(needs, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)
@@ -436,6 +445,7 @@ class MainWindow(ScriptedWindow):
             self.background_io.close()
             if self.loaded:
                 self.opening.end_comparison()
+                self.select_tool.close()
                 self.controller.close()
                 self.shape_source.close()
                 self.profile_panel.close()

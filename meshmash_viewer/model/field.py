@@ -259,17 +259,17 @@ class Field:
             return "no value"
         if self.labels:
             return self.labels[int(value)].name
-        return format_quantity(value, self.unit, 1, digits, like=self._size)
+        return format_quantity(value, self.unit, 1, digits, like=self.size)
 
     @cached_property
-    def _size(self) -> float:
+    def size(self) -> float:
         """Largest magnitude of the values, which chooses the unit they are written in."""
         return max(map(abs, self._extremes))
 
     @property
     def written_unit(self) -> str:
         """The unit that `value_text` writes."""
-        return engineering(self._size, self.unit)[1]
+        return engineering(self.size, self.unit)[1]
 
     @property
     def spacing_text(self) -> str:

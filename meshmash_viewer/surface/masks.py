@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.edges import connected
 
 #: Which vertices, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
@@ -30,17 +29,9 @@ def shrunk(mesh: Mesh, mask: Mask) -> Mask:
 
 def parts(mesh: Mesh, mask: Mask) -> IntArray:
     """Number the connected parts of a mask from 0, shape (n,); -1 outside."""
-    faces = mesh.faces
-    sides = [(faces[:, at], faces[:, (at + 1) % 3]) for at in range(3)]
-    within = [mask[tail] & mask[tip] for tail, tip in sides]
-    tails, tips = (
-        np.concatenate([side[at][inside] for side, inside in zip(sides, within, strict=True)])
-        for at in range(2)
-    )
-    number = np.cumsum(mask) - 1  # of each vertex within the mask
-    result = np.full(mesh.n_vertices, -1, dtype=np.int64)
-    result[mask] = connected(number[tails], number[tips], int(mask.sum()))
-    return result
+    from meshmash_viewer.surface.kernels import parts_of
+
+    return np.asarray(parts_of(mesh.faces, mask))
 
 
 def filled(mesh: Mesh, mask: Mask) -> Mask:

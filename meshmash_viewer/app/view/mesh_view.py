@@ -20,11 +20,12 @@ from meshmash_viewer.app.view.frames import Frames
 from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
-from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
+from meshmash_viewer.app.view.render_widget import Outline, RenderWidget, Ring
 from meshmash_viewer.app.view.standard_views import view_axes
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.surface.lasso import Projection
 from meshmash_viewer.surface.rays import RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
@@ -81,6 +82,7 @@ class MeshView(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.plotter)
         self._ring = Ring(self.plotter)
+        self.outline = Outline(self.plotter)
         #: Whether the camera has been moved since `reset_camera`.
         self.turned_by_hand = False
         #: Whether pins can be dragged, and the vertex of the one that is: -1 where the drag turns
@@ -399,6 +401,34 @@ class MeshView(QWidget):
 
     def _note_camera(self) -> None:
         self.turned_by_hand = True
+
+    # -- strokes ----------------------------------------------------------------------------
+
+    def take_strokes(self, taken: bool) -> None:
+        """Let the left button draw strokes, see `RenderWidget.strokes`, or turn the mesh."""
+        self.plotter.strokes = taken
+        self.plotter.setCursor(Qt.CursorShape.CrossCursor if taken else Qt.CursorShape.ArrowCursor)
+        self.outline.show_line([])
+
+    @property
+    def unit_per_pixel(self) -> float:
+        """Length in the mesh's unit that a pixel of Qt spans; 0 without a mesh."""
+        (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
+        return 0.0 if view is None else ratio * view.length_per_pixel(width, height)
+
+    def projection(self) -> Projection | None:
+        """The drawn vertices and how they are seen; None without a mesh."""
+        drawing, view = self.renderer, self.renderer.view
+        if drawing.mesh is None or view is None:
+            return None
+        width, height, _ = self.plotter.pixels()
+        return Projection(
+            *drawing.drawn,
+            view.axes,
+            view.focus - drawing.centre,
+            view.length_per_pixel(width, height),
+            (width / 2.0, height / 2.0),
+        )
 
     # -- the mouse --------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from PySide6.QtGui import (
     QPainter,
     QPaintEvent,
     QPen,
+    QPolygonF,
     QResizeEvent,
     QWheelEvent,
 )
@@ -48,6 +50,10 @@ class RenderWidget(QtInteractor):
     middle_clicked = Signal(QPointF)
     right_clicked = Signal(QPointF)
     pointer_moved = Signal()
+    #: Where `strokes`: the left button was pressed, with these modifiers, moved, and released.
+    stroke_begun = Signal(QPointF, object)
+    stroke_moved = Signal(QPointF)
+    stroke_ended = Signal()
 
     def __init__(self, parent: QWidget) -> None:
         self._drawing, self._stale = False, True
@@ -68,6 +74,9 @@ class RenderWidget(QtInteractor):
         self.pressed: QPointF | None = None
         self._last = QPointF()
         self._button, self._double = Qt.MouseButton.NoButton, False
+        #: Whether the left button draws strokes; the middle one, or Ctrl with the left, turns then.
+        self.strokes = False
+        self._stroke = False
         self._step_rest = 0
 
     @property
@@ -169,6 +178,11 @@ class RenderWidget(QtInteractor):
         self._end_drag()
         self.pressed = self._last = event.position()
         self._button, self._double = event.button(), False
+        left = self._button == Qt.MouseButton.LeftButton
+        turns = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+        self._stroke = self.strokes and left and not turns
+        if self._stroke:
+            self.stroke_begun.emit(event.position(), event.modifiers())
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         """Begin the second click of a double click, or a drag."""
@@ -182,6 +196,9 @@ class RenderWidget(QtInteractor):
             self._point_at(at)
             return
         self.pointer = at
+        if self._stroke:
+            self.stroke_moved.emit(at)
+            return
         if not self.dragging:
             moved = (at - self.pressed).manhattanLength()
             if moved < QApplication.startDragDistance() / 2:
@@ -190,12 +207,15 @@ class RenderWidget(QtInteractor):
             self.pointer_moved.emit()
         delta, self._last = at - self._last, at
         modifiers = event.modifiers()
-        if (
+        turns = bool(modifiers & Qt.KeyboardModifier.ControlModifier)
+        if self.strokes and (turns or self._button == Qt.MouseButton.MiddleButton):
+            how = "turn"
+        elif (
             self._button != Qt.MouseButton.LeftButton
             or modifiers & Qt.KeyboardModifier.ShiftModifier
         ):
             how = "shift"
-        elif modifiers & Qt.KeyboardModifier.ControlModifier:
+        elif turns:
             how = "roll"
         else:
             how = "turn"
@@ -206,7 +226,10 @@ class RenderWidget(QtInteractor):
         if event.button() != self._button or self.pressed is None:
             return
         pressed, self.pressed = self.pressed, None
-        if self.dragging:
+        if self._stroke:
+            self._stroke = False
+            self.stroke_ended.emit()
+        elif self.dragging:
             self._end_drag()
         elif self._button == Qt.MouseButton.LeftButton:
             (self.double_clicked if self._double else self.clicked).emit(pressed)
@@ -249,6 +272,42 @@ class RenderWidget(QtInteractor):
     def keyReleaseEvent(self, event: QKeyEvent) -> None:
         """Pass keys on to the window."""
         event.ignore()
+
+
+class Outline(QWidget):
+    """Draws the line of a lasso, or the circle of a brush, without a new frame."""
+
+    def __init__(self, canvas: RenderWidget) -> None:
+        super().__init__(canvas)
+        self.setObjectName("stroke_outline")
+        self.setAccessibleName("Outline of the stroke")
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._canvas, self._shape = canvas, QPolygonF()
+        self.hide()
+
+    def show_line(self, points: Sequence[QPointF]) -> None:
+        """Draw a closed line through positions of the canvas; none for no points."""
+        self._shape = QPolygonF(points)
+        self.setGeometry(self._canvas.rect())
+        self.setVisible(bool(points))
+        super().update()
+
+    def show_circle(self, middle: QPointF | None, radius: float = 0.0) -> None:
+        """Draw a circle, or none."""
+        if middle is None:
+            self.show_line([])
+            return
+        around = 2.0 * np.pi * np.arange(48) / 48.0
+        x, y = middle.x() + radius * np.cos(around), middle.y() + radius * np.sin(around)
+        self.show_line([QPointF(*each) for each in np.stack([x, y], axis=1).tolist()])
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw a white line with dark edges."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for color, width in (("#14181d", 3.5), ("#ffffff", 1.5)):
+            painter.setPen(QPen(QColor(color), width))
+            painter.drawPolygon(self._shape)
 
 
 class Ring(QWidget):

@@ -1,0 +1,125 @@
+"""The bar of the *Select* tool: its mode and what belongs to that, and what is selected."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QSlider, QToolBar, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.actions import SELECT_MODES, Actions
+from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.select_tool import SelectTool
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.units import counted, format_quantity
+
+#: Commands at the end of the bar.
+_COMMANDS = (
+    "grow_selection", "shrink_selection", "fill_selection", "invert_selection", "clear_selection",
+)  # fmt: skip
+_STEPS = 1000
+#: What the label of the selection has room for, so that the commands rarely move.
+_LONGEST = " 888,888 vertices · 88.8 µm² "
+
+
+class SelectBar(QToolBar):
+    """Controls of the tool, below the toolbar while the tool is on."""
+
+    def __init__(self, document: Document, tool: SelectTool, actions: Actions) -> None:
+        super().__init__("Select")
+        theme.named(self, "select_bar", "Selecting vertices")
+        self.setMovable(False)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.PreventContextMenu)
+        self.setIconSize(QSize(1, 1))
+        self.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextOnly)
+        self._document, self._tool = document, tool
+        modes = {mode: text for mode, (text, _) in SELECT_MODES.items()}
+        self.mode_combo = make.combo("select_mode", "How to select", tool.select_with, modes)
+        self.addWidget(self.mode_combo)
+        self.radius = NumberField("select_radius", "Radius of the brush", step=_scaled)
+        self.radius.edited.connect(tool.set_radius)
+        self.radius.setFixedWidth(110)
+        self.through = make.check(
+            "Through", "select_through", "Select hidden vertices, too",
+            lambda on: setattr(tool, "through", on),
+            tip="Select what is behind, too",
+        )  # fmt: skip
+        self.low, self.high = (
+            _handle(f"select_{name}", f"{text} end of the range")
+            for name, text in (("low", "Lower"), ("high", "Upper"))
+        )
+        for slider in (self.low, self.high):
+            slider.valueChanged.connect(self._give_range)
+        self.range_label = make.label("select_range", "The range", role="muted")
+        self.connected = make.check(
+            "Connected", "select_connected", "Only what is connected with the pin",
+            tool.set_connected,
+            tip="Select only what is connected with the pinned vertex",
+        )  # fmt: skip
+        #: For each mode the controls that belong to it.
+        self._of_modes: dict[str, tuple[QWidget, ...]] = {
+            "brush": (make.muted(" Radius "), self.radius),
+            "lasso": (self.through,),
+            "value": (self.low, self.high, self.range_label),
+            "alike": (self.high, self.connected, self.range_label),
+        }
+        shown = dict.fromkeys(each for group in self._of_modes.values() for each in group)
+        self._places: dict[QWidget, QAction] = {each: self.addWidget(each) for each in shown}
+        self.count_label = make.label("select_count", "What is selected", selectable=True)
+        self.count_label.setMinimumWidth(self.fontMetrics().horizontalAdvance(_LONGEST))
+        self.addWidget(self.count_label)
+        self.addSeparator()
+        for name in _COMMANDS:
+            self.addAction(actions[name])
+        tool.changed.connect(self._refresh)
+        tool.changed.connect(self._count)
+        follow((document.selection.changed, document.mesh_changed), self._count)
+        self._refresh()
+        self._count()
+
+    def _refresh(self) -> None:
+        """Show the controls of the mode, and what the tool holds."""
+        tool = self._tool
+        self.setVisible(tool.on)
+        self.mode_combo.setCurrentIndex(self.mode_combo.findData(tool.mode))
+        self.mode_combo.setToolTip(SELECT_MODES[tool.mode][1])
+        for widget, place in self._places.items():
+            place.setVisible(widget in self._of_modes.get(tool.mode, ()))
+        self.radius.bounds = 0.0, math.inf
+        self.radius.show_value(tool.radius, self._document.unit, with_unit=True)
+        for slider, share in zip((self.low, self.high), tool.range, strict=True):
+            slider.blockSignals(True)
+            slider.setValue(round(_STEPS * share))
+            slider.blockSignals(False)
+        self.range_label.setText(f" {tool.range_text} ")
+
+    def _give_range(self) -> None:
+        self._tool.set_range(self.low.value() / _STEPS, self.high.value() / _STEPS)
+
+    def _count(self) -> None:
+        """Show number and area of the selected vertices."""
+        mesh, mask = self._document.mesh, self._document.selection.mask
+        if not self._tool.on:
+            return
+        if mesh is None or mask is None:
+            self.count_label.setText(" Nothing selected ")
+            return
+        texts = [counted(int(mask.sum()), "vertex")]
+        if self._tool.prepared:
+            texts.append(format_quantity(float(mesh.vertex_areas @ mask), mesh.unit, 2))
+        self.count_label.setText(f" {' · '.join(texts)} ")
+
+
+def _handle(name: str, spoken: str) -> QSlider:
+    made = theme.named(QSlider(Qt.Orientation.Horizontal), name, spoken)
+    made.setRange(0, _STEPS)
+    made.setFixedWidth(110)
+    return made
+
+
+def _scaled(value: float, steps: int) -> float:
+    return float(value * 1.1**steps)

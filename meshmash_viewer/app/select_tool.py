@@ -1,0 +1,404 @@
+"""The *Select* tool: strokes on the render, and ranges of the field, become the selection."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
+
+from meshmash_viewer.app.actions import SELECT_MODES
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import listen
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.selection import How, combined
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.surface.geodesics import Geodesics
+from meshmash_viewer.surface.masks import Mask, filled
+from meshmash_viewer.surface.picks import (
+    between,
+    component,
+    disc,
+    lasso,
+    prepared,
+    same_label,
+)
+from meshmash_viewer.units import format_quantity
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.controller import Controller
+    from meshmash_viewer.app.view.mesh_view import MeshView
+
+#: Modes in which the left button draws strokes; in the others it turns the mesh.
+_STROKES = ("brush", "lasso", "disc", "component", "part")
+#: Radius of the brush at first, as a share of the diagonal of the mesh.
+_BRUSH = 0.01
+#: Most places of a brush between two events of the mouse.
+_BETWEEN = 6
+#: Milliseconds after a change of a range with which one change ends.
+_REST = 500
+
+#: Computes a mask in a thread.
+_Work: TypeAlias = Callable[[], Mask]
+
+
+@dataclass(frozen=True, eq=False)
+class _Live:
+    """A mask that follows a drag, and how it changes the selection before that."""
+
+    work: _Work
+    before: Mask | None
+    how: How
+    label: str
+    #: Whether the drag has ended.
+    last: bool
+
+
+class SelectTool(QObject):
+    """Selects vertices of the first mesh in the mode of `SELECT_MODES` that is chosen.
+
+    Shift adds to the selection, Alt takes away from it. What takes more than a few milliseconds is
+    computed in threads: single steps in their order (`_jobs`), and of the masks that follow a drag
+    the newest (`_live`).
+    """
+
+    #: Whether the tool is on, its mode, or what its controls show has changed.
+    changed = Signal()
+
+    def __init__(
+        self, document: Document, scene: MeshView, controller: Controller, parent: QObject
+    ) -> None:
+        super().__init__(parent)
+        self._document, self._scene, self._controller = document, scene, controller
+        self.on = False
+        self.mode = next(iter(SELECT_MODES))
+        #: Radius of the brush, in the mesh's unit.
+        self.radius = 0.0
+        #: Whether a lasso takes hidden vertices, too, and whether alike ones are connected.
+        self.through = self.connected = False
+        #: Ends of the range as shares of the colour bar.
+        self.range = (0.0, 1.0)
+        self._geodesics: tuple[Mesh, Geodesics] | None = None
+        self._how: How = "replace"
+        self._line: list[QPointF] = []
+        self._before: Mask | None = None
+        self._stroke: Mask | None = None
+        self._front: Mask | None = None
+        self._centre = -1
+        self._queue: deque[tuple[_Work, How, str, str]] = deque()
+        self._preparing: LatestThread[Mesh] = LatestThread(
+            _prepared, self._take_prepared, parent=self
+        )
+        self._jobs: LatestThread[_Work] = LatestThread(_call, self._take_job, parent=self)
+        self._live: LatestThread[_Live] = LatestThread(_call_live, self._take_live, parent=self)
+        self._rest = QTimer(self, singleShot=True, interval=_REST)
+        self._rest.timeout.connect(document.selection.finish)
+        canvas = scene.plotter
+        canvas.stroke_begun.connect(self._begin)
+        canvas.stroke_moved.connect(self._move)
+        canvas.stroke_ended.connect(self._end)
+        canvas.pointer_moved.connect(self._show_circle)
+        listen(document.mesh_changed, self._on_mesh_changed)
+        self._on_mesh_changed()
+
+    def close(self) -> None:
+        """Wait for the threads."""
+        self._rest.stop()
+        for thread in (self._preparing, self._jobs, self._live):
+            thread.close()
+
+    @property
+    def prepared(self) -> bool:
+        """Whether strokes can begin, and areas are known."""
+        mesh, known = self._document.mesh, self._geodesics
+        return mesh is not None and known is not None and known[0].vertices is mesh.vertices
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is being computed."""
+        return not (
+            self._queue or self._preparing.working or self._jobs.working or self._live.working
+        )
+
+    # -- choices ------------------------------------------------------------------------------
+
+    def select(self, on: bool) -> None:
+        """Switch the tool on or off."""
+        self.on = on
+        self._document.selection.finish()
+        self._scene.take_strokes(on and self.mode in _STROKES)
+        self._prepare()
+        self.changed.emit()
+
+    def select_with(self, mode: str) -> None:
+        """Switch the tool on in a mode."""
+        self.mode, self.range = mode, (0.0, 1.0)
+        self.select(True)
+        if mode == "alike" and self._document.display.family.required != "vertex":
+            if self._document.pins.placed and self._document.spectrum is not None:
+                self._document.similar()
+            else:
+                self._say("Compute eigenpairs and pin a vertex: what is like it is selected then.")
+
+    def set_radius(self, radius: float) -> None:
+        """Set the radius of the brush."""
+        self.radius = radius
+        self.changed.emit()
+
+    def set_range(self, low: float, high: float) -> None:
+        """Select the values between two shares of the colour bar."""
+        self.range = min(low, high), max(low, high)
+        field = self._controller.field
+        if field is None or self._document.mesh is None:
+            self._say("There is no field whose values could be selected: choose one first.")
+            return
+        vertex = getattr(field.family, "vertex", None) if self.mode == "alike" else None
+        if self.mode == "alike" and vertex is None:
+            self._say("Pin a vertex and choose Similar: what is like it is selected then.")
+            return
+        joined = vertex if self.connected else None
+        work = partial(between, self._document.mesh, field.values, *self.ends, joined)
+        self._live.ask(_Live(work, None, "replace", "selection by value", last=False))
+        self._rest.start()
+        self.changed.emit()
+
+    def set_connected(self, connected: bool) -> None:
+        """Select only what is connected with the pinned vertex, or all that is alike."""
+        self.connected = connected
+        if self.range != (0.0, 1.0):
+            self.set_range(*self.range)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The range of values; infinite where a handle is at the end of the colour bar."""
+        field = self._controller.field
+        if field is None:
+            return -np.inf, np.inf
+        limits, _ = field.colors(self._document.display)
+        shares = np.array(self.range)
+        if limits.logarithmic:
+            values = limits.low * (limits.high / limits.low) ** shares
+        else:
+            values = limits.low + (limits.high - limits.low) * shares
+        low = -np.inf if shares[0] <= 0.0 else float(values[0])
+        return low, np.inf if shares[1] >= 1.0 else float(values[1])
+
+    @property
+    def range_text(self) -> str:
+        """The range of values, "up to 12 mm⁻²"."""
+        field, ends = self._controller.field, self.ends
+        if field is None:
+            return ""
+        low, high = (
+            format_quantity(end, field.unit, like=field.size) if np.isfinite(end) else ""
+            for end in ends
+        )
+        if low and high:
+            return f"{low} to {high}"
+        return f"from {low}" if low else f"up to {high}" if high else "all values"
+
+    def fill_selection(self) -> None:
+        """Select what the selection encloses."""
+        mesh, mask = self._document.mesh, self._document.selection.mask
+        if mesh is not None and mask is not None:
+            self._run(partial(filled, mesh, mask), "replace", "filling of holes")
+
+    # -- strokes ------------------------------------------------------------------------------
+
+    def _begin(self, at: QPointF, modifiers: Qt.KeyboardModifier) -> None:
+        """Begin a stroke: what it does depends on the keys that are held."""
+        mesh = self._document.mesh
+        if mesh is None or self._scene.mesh is not mesh:
+            return
+        keys = Qt.KeyboardModifier
+        self._how = "replace"
+        if modifiers & keys.ShiftModifier:
+            self._how = "add"
+        elif modifiers & keys.AltModifier:
+            self._how = "remove"
+        self._before = self._document.selection.mask
+        self._line, self._stroke = [at], None
+        if self.mode == "brush":
+            self._begin_brush(mesh)
+            self._brush(at)
+        elif self.mode == "disc":
+            self._centre = self._scene.vertex_near(at.x(), at.y())
+
+    def _move(self, at: QPointF) -> None:
+        if not self._line:
+            return
+        if self.mode == "brush":
+            self._brush(at)
+            self._line = [at]
+            self._show_circle()
+        elif self.mode == "lasso":
+            self._line.append(at)
+            self._scene.outline.show_line(self._line)
+        elif self.mode == "disc":
+            self._disc(at, last=False)
+
+    def _end(self) -> None:
+        line, self._line = self._line, []
+        if not line:
+            return
+        if self.mode == "brush":
+            self._document.selection.finish()
+        elif self.mode == "lasso":
+            self._scene.outline.show_line([])
+            self._lasso(line)
+        elif self.mode == "disc":
+            self._line = line
+            self._disc(self._scene.plotter.pointer or line[0], last=True)
+            self._line = []
+        else:
+            self._click(line[0])
+
+    def _begin_brush(self, mesh: Mesh) -> None:
+        """Note what the brush can reach: what faces the eye and is not hidden."""
+        projection, hidden = self._scene.projection(), self._document.hidden
+        if self._ready() and projection is not None:
+            self._front = projection.facing > 0.0
+            if hidden is not None:
+                self._front &= ~hidden
+            kept = None if self._how == "replace" else self._before
+            self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
+
+    def _brush(self, at: QPointF) -> None:
+        """Select along the way of the pointer since the last event."""
+        if self._stroke is None or self._geodesics is None:
+            return
+        start = self._line[-1]
+        way = at - start
+        step = max(0.5 * self.radius / max(self._scene.unit_per_pixel, 1e-300), 2.0)
+        count = min(int(np.hypot(way.x(), way.y()) / step) + 1, _BETWEEN)
+        places = [start + way * (k / count) for k in range(1, count + 1)]
+        under = {self._scene.vertex_at(place.x(), place.y()) for place in places} - {-1}
+        if under:
+            sources = np.array(sorted(under))
+            reached, _ = self._geodesics[1].within(sources, self.radius, self._front)
+            self._stroke[reached] = self._how != "remove"
+            self._document.selection.draw(self._stroke, "brush")
+
+    def _disc(self, at: QPointF, *, last: bool) -> None:
+        """Select within the dragged distance from where the stroke began."""
+        mesh, start = self._document.mesh, self._line[0]
+        if mesh is None or self._centre < 0 or not self._ready():
+            return
+        assert self._geodesics is not None
+        pixels = float(np.hypot(at.x() - start.x(), at.y() - start.y()))
+        radius = pixels * self._scene.unit_per_pixel
+        work = partial(disc, self._geodesics[1], mesh, self._centre, radius)
+        self._live.ask(_Live(work, self._before, self._how, "disc", last))
+
+    def _lasso(self, line: list[QPointF]) -> None:
+        projection, mesh = self._scene.projection(), self._document.mesh
+        if projection is None or mesh is None:
+            return
+        polygon = np.array([self._scene.plotter.to_pixels(at.x(), at.y()) for at in line])
+        hidden = self._document.hidden
+        work = partial(lasso, mesh, projection, polygon, hidden, self.through)
+        what = "vertex" if self.through else "visible vertex"
+        self._run(work, self._how, "lasso", f"There is no {what} in the lasso.")
+
+    def _click(self, at: QPointF) -> None:
+        """Select the component, or the connected part of a label, that was clicked."""
+        mesh, vertex = self._document.mesh, self._scene.vertex_near(at.x(), at.y())
+        if mesh is None or vertex < 0:
+            return
+        if self.mode == "component":
+            self._run(partial(component, mesh, vertex), self._how, "component")
+            return
+        field = self._controller.field
+        if field is None or not field.labels:
+            self._say("Show a map of labels first: the part of the clicked label is selected then.")
+            return
+        self._run(partial(same_label, mesh, field.values, vertex), self._how, "part of a label")
+
+    def _ready(self) -> bool:
+        """Whether distances can be found; if not, say so."""
+        if self.prepared:
+            return True
+        self._say("The brush is being prepared for this mesh: try again in a moment.")
+        return False
+
+    def _show_circle(self) -> None:
+        """Show the size of the brush around the pointer."""
+        if self.on and self.mode == "brush":
+            pixel = self._scene.unit_per_pixel
+            radius = self.radius / pixel if pixel else 0.0
+            self._scene.outline.show_circle(self._scene.plotter.pointer, radius)
+
+    # -- threads ------------------------------------------------------------------------------
+
+    def _prepare(self) -> None:
+        mesh = self._document.mesh
+        if self.on and mesh is not None and not self.prepared:
+            self._preparing.ask(mesh)
+
+    def _take_prepared(self, mesh: Mesh, made: Geodesics | Exception) -> None:
+        if isinstance(made, Exception):
+            raise made
+        if mesh is self._document.mesh:
+            self._geodesics = mesh, made
+            self.changed.emit()
+
+    def _run(self, work: _Work, how: How, label: str, nothing: str = "") -> None:
+        """Select what is computed in a thread; `nothing` is said where that is no vertex."""
+        self._queue.append((work, how, label, nothing))
+        if len(self._queue) == 1:
+            self._jobs.ask(work)
+
+    def _take_job(self, work: _Work, mask: Mask | Exception) -> None:
+        if not self._queue or self._queue[0][0] is not work:
+            return  # of a mesh that is closed
+        _, how, label, nothing = self._queue.popleft()
+        if self._queue:
+            self._jobs.ask(self._queue[0][0])
+        if isinstance(mask, Exception):
+            raise mask
+        if nothing and not mask.any():
+            self._say(f"{nothing} The selection stays as it is.")
+        else:
+            self._document.selection.take(mask, how, label)
+
+    def _take_live(self, request: _Live, mask: Mask | Exception) -> None:
+        if isinstance(mask, Exception):
+            raise mask
+        mesh, selection = self._document.mesh, self._document.selection
+        if mesh is not None and len(mask) == mesh.n_vertices:
+            selection.draw(combined(request.before, mask, request.how), request.label)
+        if request.last:
+            selection.finish()
+
+    def _on_mesh_changed(self) -> None:
+        """Begin with a brush of a size that suits the mesh."""
+        mesh, known = self._document.mesh, self._geodesics
+        if mesh is None or (known is not None and known[0] is mesh):
+            return
+        self._queue.clear()
+        self._live.drop()
+        self._line, self._stroke = [], None
+        self.radius = _BRUSH * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._prepare()
+        self.changed.emit()
+
+    def _say(self, text: str) -> None:
+        self._document.notices.say(text, Severity.INFORMATION)
+
+
+def _prepared(mesh: Mesh, _cancel: CancelCallback) -> Geodesics:
+    return prepared(mesh)
+
+
+def _call(work: _Work, _cancel: CancelCallback) -> Mask:
+    return work()
+
+
+def _call_live(request: _Live, _cancel: CancelCallback) -> Mask:
+    return request.work()

@@ -1,0 +1,236 @@
+"""The *Select* tool, by the mouse and keys on a ball and a dumbbell of two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import shapes
+from closed_form import part
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.vertex_map import Label, VertexMap
+
+PATIENCE = 15_000
+LEFT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.MiddleButton
+NONE, SHIFT, ALT = (
+    Qt.KeyboardModifier.NoModifier,
+    Qt.KeyboardModifier.ShiftModifier,
+    Qt.KeyboardModifier.AltModifier,
+)
+
+SIDES = (Label(1, "left", "#4477aa"), Label(2, "right", "#ee6677"))
+
+
+class Hand:
+    """A window with two balls one behind the other, seen from above, and the mouse over it."""
+
+    def __init__(self, window: MainWindow, qtbot: QtBot) -> None:
+        self.window, self.qtbot, self.document = window, qtbot, window.document
+        self.mesh: Mesh = window.document.mesh  # type: ignore[assignment]
+        self.canvas = window.scene.plotter
+        self.tool = window.select_tool
+
+    def key(self, key: Qt.Key, modifiers: Qt.KeyboardModifier = NONE) -> None:
+        QTest.keyClick(self.window, key, modifiers)
+        self.wait()
+
+    def wait(self) -> None:
+        self.qtbot.waitUntil(lambda: self.tool.idle, timeout=PATIENCE)
+        self.qtbot.wait(1)
+        catch_up()
+
+    def drag(
+        self,
+        *places: QPoint,
+        keys: Qt.KeyboardModifier = NONE,
+        button: Qt.MouseButton = LEFT,
+    ) -> None:
+        QTest.mousePress(self.canvas, button, keys, places[0])
+        for place in places[1:]:
+            QTest.mouseMove(self.canvas, place)
+        QTest.mouseRelease(self.canvas, button, keys, places[-1])
+        self.wait()
+
+    def at(self, x: float, y: float, z: float) -> QPoint:
+        """Where the vertex nearest to a position is on the canvas."""
+        away = np.linalg.norm(self.mesh.vertices - [x, y, z], axis=1)
+        return self.window.scene.display_point(int(away.argmin()))
+
+    def choose(self, mode: str) -> None:
+        combo = part(self.window, "select_mode")
+        row = combo.findData(mode)
+        combo.setCurrentIndex(row)
+        combo.activated.emit(row)
+        self.wait()
+
+    @property
+    def chosen(self) -> np.ndarray:
+        mask = self.document.selection.mask
+        return np.zeros(self.mesh.n_vertices, dtype=np.bool_) if mask is None else mask
+
+
+@pytest.fixture
+def hand(open_window: Callable[..., MainWindow], qtbot: QtBot) -> Hand:
+    ball = shapes.icosphere(4)
+    mesh = Mesh(
+        np.concatenate([ball.vertices, 0.5 * ball.vertices + np.array([0.0, 0.0, -3.0])]),
+        np.concatenate([ball.faces, ball.faces + ball.n_vertices]),
+        unit="nm",
+        maps=(
+            VertexMap("height", np.concatenate([ball.vertices[:, 2]] * 2).astype(np.float32)),
+            VertexMap("hemisphere", np.tile(ball.vertices[:, 0] > 0.0, 2) + 1.0, SIDES),
+        ),
+    )
+    document = Document()
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    window = open_window(document, (1200, 800))
+    window.wait()
+    window.scene.look_from("dorsal")
+    qtbot.waitUntil(lambda: window.scene.can_pick, timeout=PATIENCE)
+    made = Hand(window, qtbot)
+    made.key(Qt.Key.Key_W)
+    qtbot.waitUntil(lambda: made.tool.prepared, timeout=PATIENCE)
+    return made
+
+
+def angles(hand: Hand) -> np.ndarray:
+    """Of each vertex of the front ball to the pole that faces the eye."""
+    return np.arccos(np.clip(hand.mesh.vertices[:2562, 2], -1.0, 1.0))
+
+
+def test_a_brush_paints_what_is_visible_and_is_one_change(hand: Hand) -> None:
+    assert part(hand.window, "select_bar").isVisible()
+    hand.tool.set_radius(0.3)
+    before = hand.window.scene.camera()
+    pole = hand.at(0.0, 0.0, 1.0)
+    hand.drag(pole)
+    near = angles(hand) < 0.28
+    assert hand.chosen[:2562][near].all()
+    assert not hand.chosen[:2562][angles(hand) > 0.32].any()
+    painted = hand.chosen.copy()
+    image = hand.canvas.image
+    hand.drag(pole, pole + QPoint(30, 0), hand.at(0.9, 0.0, 0.4), keys=SHIFT)
+    assert hand.chosen[painted].all()
+    assert hand.chosen.sum() > painted.sum()
+    assert not hand.chosen[:2562][hand.mesh.vertices[:2562, 2] < -0.1].any()  # faces away
+    assert not np.array_equal(hand.canvas.image, image)
+    hand.drag(pole, keys=ALT)
+    assert not hand.chosen[:2562][near].any()
+    assert hand.window.scene.camera() == before
+    assert [step.label for step in hand.document.history.past] == ["brush"] * 3
+    assert hand.document.pins.placed == ()
+    for _ in range(2):
+        hand.key(Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert np.array_equal(hand.chosen, painted)
+    assert "vertices" in part(hand.window, "select_count").text()
+    assert "nm²" in part(hand.window, "select_count").text()
+
+
+def test_a_lasso_takes_the_visible_or_what_is_behind_too(hand: Hand) -> None:
+    hand.choose("lasso")
+    corners = [(-1.2, -1.2), (1.2, -1.2), (1.2, 1.2), (-1.2, 1.2)]
+    pole, edge = hand.at(0.0, 0.0, 1.0), hand.at(1.0, 0.0, 0.0)
+    size = edge.x() - pole.x()
+    around = [pole + QPoint(round(x * size), round(y * size)) for x, y in corners]
+    hand.drag(*around)
+    front = hand.mesh.vertices[:, 2] > 0.0
+    assert (hand.chosen != front).sum() < 0.01 * front.sum()
+    through = part(hand.window, "select_through")
+    QTest.mouseClick(through, LEFT, NONE, QPoint(8, through.height() // 2))
+    hand.drag(*around)
+    assert hand.chosen.all()
+    kept = hand.chosen.copy()
+    corner = QPoint(4, 4)
+    hand.drag(corner, corner + QPoint(9, 0), corner + QPoint(9, 9))
+    assert np.array_equal(hand.chosen, kept)
+    notice = hand.window.stage.message_bar.notice
+    assert notice is not None
+    assert notice.text == "There is no vertex in the lasso. The selection stays as it is."
+    hand.key(Qt.Key.Key_Escape)
+    assert not hand.chosen.any()
+
+
+def test_a_disc_grows_with_the_drag_around_the_back(hand: Hand) -> None:
+    hand.choose("disc")
+    pole, edge = hand.at(0.0, 0.0, 1.0), hand.at(1.0, 0.0, 0.0)
+    size = edge.x() - pole.x()
+    hand.drag(pole, pole + QPoint(size, 0), pole + QPoint(2 * size, 0))
+    true = angles(hand)
+    assert hand.chosen[:2562][true < 1.95].all()
+    assert not hand.chosen[:2562][true > 2.05].any()
+    assert [step.label for step in hand.document.history.past] == ["disc"]
+
+
+def test_components_growing_and_inverting(hand: Hand) -> None:
+    hand.choose("component")
+    hand.drag(hand.at(0.0, 0.0, 1.0))
+    first = np.arange(hand.mesh.n_vertices) < 2562
+    assert np.array_equal(hand.chosen, first)
+    hand.key(Qt.Key.Key_I, Qt.KeyboardModifier.ControlModifier)
+    assert np.array_equal(hand.chosen, ~first)
+    hand.document.selection.set(np.arange(len(first)) == 5)
+    hand.key(Qt.Key.Key_Plus)
+    ring = hand.chosen.sum()
+    assert 6 <= ring <= 7
+    hand.key(Qt.Key.Key_Minus)
+    assert np.flatnonzero(hand.chosen).tolist() == [5]
+
+
+def test_a_range_of_values_follows_the_handle(hand: Hand) -> None:
+    hand.document.display.kind = OwnMaps.name
+    hand.window.wait()
+    hand.choose("value")
+    low = part(hand.window, "select_low")
+    low.setFocus()
+    QTest.keyClick(low, Qt.Key.Key_PageUp)
+    for _ in range(3):
+        QTest.keyClick(low, Qt.Key.Key_PageUp)
+    hand.wait()
+    field = hand.window.controller.field
+    assert field is not None
+    assert np.array_equal(hand.chosen, field.values >= hand.tool.ends[0])
+    hand.qtbot.wait(600)
+    assert [step.label for step in hand.document.history.past] == ["selection by value"]
+
+
+def test_the_connected_part_of_a_label(hand: Hand) -> None:
+    hand.choose("part")
+    hand.drag(hand.at(0.5, 0.0, 0.8))
+    assert not hand.chosen.any()
+    hand.document.display.change(OwnMaps, chosen="hemisphere")
+    hand.document.display.kind = OwnMaps.name
+    hand.window.wait()
+    hand.drag(hand.at(0.5, 0.0, 0.8))
+    right = (hand.mesh.vertices[:, 0] > 0.0) & (np.arange(hand.mesh.n_vertices) < 2562)
+    assert np.array_equal(hand.chosen, right)
+
+
+def test_the_middle_button_turns_and_without_the_tool_a_click_pins(hand: Hand) -> None:
+    before = hand.window.scene.camera()
+    pole = hand.at(0.0, 0.0, 1.0)
+    hand.drag(pole, pole + QPoint(40, 0), pole + QPoint(80, 0), button=MIDDLE)
+    assert hand.window.scene.camera() != before
+    assert not hand.chosen.any()
+    hand.key(Qt.Key.Key_W)
+    assert not part(hand.window, "select_bar").isVisible()
+    QTest.mouseClick(hand.canvas, LEFT, NONE, hand.at(0.0, 0.0, 1.0))
+    assert len(hand.document.pins.placed) == 1
+    assert not hand.chosen.any()
+
+
+def test_alike_needs_a_pin(hand: Hand) -> None:
+    hand.choose("alike")
+    notice = hand.window.stage.message_bar.notice
+    assert notice is not None
+    assert "pin a vertex" in notice.text

@@ -1,0 +1,93 @@
+"""Distances within a radius: on a plane, a sphere, around a slit; and lassos of known shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.geodesics import Geodesics
+from meshmash_viewer.surface.lasso import visible, within_polygon
+
+
+def test_a_disc_of_a_plane_is_exact() -> None:
+    plane = shapes.rectangle(40, 30)
+    centre = int(np.linalg.norm(plane.vertices - plane.vertices.mean(axis=0), axis=1).argmin())
+    true = np.linalg.norm(plane.vertices - plane.vertices[centre], axis=1)
+    vertices, distances = Geodesics(plane.vertices, plane.faces).within(np.array([centre]), 0.5)
+    assert np.array_equal(np.sort(vertices), np.flatnonzero(true <= 0.5))
+    np.testing.assert_allclose(distances, true[vertices], atol=1e-6)
+
+
+@pytest.mark.parametrize("radius", [0.3, 1.0, 2.5])
+def test_a_disc_of_a_sphere(radius: float) -> None:
+    ball = shapes.icosphere(4)
+    true = np.arccos(np.clip(ball.vertices @ ball.vertices[0], -1.0, 1.0))
+    vertices, distances = Geodesics(ball.vertices, ball.faces).within(np.array([0]), radius)
+    assert np.abs(distances - true[vertices]).max() < 0.01 * radius
+    differing = np.setxor1d(vertices, np.flatnonzero(true <= radius))
+    assert (np.abs(true[differing] - radius) < 0.01 * radius).all()
+
+
+def test_what_cannot_be_passed_is_gone_around() -> None:
+    plane = shapes.rectangle(41, 31, 2.0, 1.5)
+    x, y = plane.vertices[:, 0] - 1.0, plane.vertices[:, 1] - 0.75
+    wall = (np.abs(x) < 0.03) & (y < 0.5)
+    source = int(np.hypot(x + 0.25, y).argmin())
+    reach = Geodesics(plane.vertices, plane.faces)
+    vertices, _ = reach.within(np.array([source]), 0.5, ~wall)
+    assert (x[vertices] < 0.0).all()
+    vertices, _ = reach.within(np.array([source]), 1.5, ~wall)
+    assert (x[vertices] > 0.0).any()
+
+
+def seen_of(mesh: Mesh, scale: float = 100.0) -> np.ndarray:
+    return (scale * mesh.vertices).astype(np.float32)
+
+
+def box(size: float) -> np.ndarray:
+    return size * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+def test_a_polygon_takes_what_is_inside_to_a_pixel() -> None:
+    points = np.random.default_rng(0).uniform(-60.0, 60.0, (5000, 2))
+    triangle = np.array([[-50.0, -40.0], [45.0, -20.0], [0.0, 50.0]])
+    turned = np.roll(triangle, -1, axis=0) - triangle
+    away = points[:, None] - triangle
+    cross = turned[:, 0] * away[..., 1] - turned[:, 1] * away[..., 0]
+    depth = (cross / np.linalg.norm(turned, axis=1)).min(axis=1)  # in pixels, inside positive
+    inside = within_polygon(points, triangle)
+    sure = np.abs(depth) > 1.0
+    assert np.array_equal(inside[sure], depth[sure] > 0.0)
+    assert not within_polygon(points, triangle + 500.0).any()
+    assert not within_polygon(points, np.array([[1000.0, 0.0]])).any()
+
+
+def test_only_the_front_of_a_ball_is_visible() -> None:
+    ball = shapes.icosphere(4)
+    seen, chosen = seen_of(ball), np.ones(ball.n_vertices, dtype=np.bool_)
+    found = visible(seen, ball.faces, ball.vertices[:, 2], chosen)
+    assert np.array_equal(found, ball.vertices[:, 2] > 0.0)
+
+
+@pytest.mark.parametrize("subdivisions", [0, 4])
+def test_a_ball_behind_another_is_hidden(subdivisions: int) -> None:
+    """Also behind one of few large faces, whose corners are far apart."""
+    back, front = shapes.icosphere(4), shapes.icosphere(subdivisions, radius=2.0)
+    both = Mesh(
+        np.concatenate([back.vertices, front.vertices + np.array([0.0, 0.0, 6.0])]),
+        np.concatenate([back.faces, front.faces + back.n_vertices]),
+    )
+    chosen = within_polygon(seen_of(both), box(110.0))
+    facing = both.vertex_normals[:, 2]
+    assert chosen[: back.n_vertices].all()
+    assert not visible(seen_of(both), both.faces, facing, chosen)[: back.n_vertices].any()
+    beside = both.vertices + np.where(np.arange(both.n_vertices) < back.n_vertices, 4.0, 0.0)[
+        :, None
+    ] * [1.0, 0.0, 0.0]
+    seen = (100.0 * beside).astype(np.float32)
+    chosen = within_polygon(seen, box(110.0) + np.array([400.0, 0.0]))
+    found = visible(seen, both.faces, facing, chosen)[: back.n_vertices]
+    differing = found != (facing[: back.n_vertices] > 0.0)
+    assert (np.abs(facing[: back.n_vertices][differing]) < 1e-6).all()  # on the silhouette
