@@ -26,8 +26,9 @@ _FIELD_WIDTH = 316
 _PLOT_WIDTH = 130
 #: Below this width of the window the two plots share one place, as tabs.
 _NARROW = 1240
-#: Below this width Field shares the place of the left panels while two meshes are compared.
-_NARROW_PAIR = 1100
+#: Below these widths Field shares the place of the left panels, which leaves room for a render,
+#: and for two where meshes are compared.
+_NARROW_ONE, _NARROW_PAIR = 1000, 1100
 #: Panels that share one place, as tabs.
 _LEFT = ("mesh", "shape", "pair", "label")
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
@@ -163,21 +164,33 @@ class Arrangement:
             self.docks["pair"].show()
             self.docks["pair"].raise_()
 
+    def show_field(self) -> None:
+        """Bring Field to the front where it shares a place."""
+        if self._field_aside:
+            self.docks["field"].raise_()
+
+    @property
+    def _is_field_aside(self) -> bool:
+        return self._window.width() < (_NARROW_PAIR if self._comparing else _NARROW_ONE)
+
     def _fit_field(self) -> None:
-        """Put Field with the panels at the left while two renders would be narrower than it."""
-        window, field = self._window, self.docks["field"]
-        aside = self._comparing and window.width() < _NARROW_PAIR
+        """Put Field with the panels at the left while renders would be narrower than it."""
+        window, field, aside = self._window, self.docks["field"], self._is_field_aside
         if aside == self._field_aside or field.isFloating() or field.isHidden():
             return
+        left = (self.docks[name] for name in reversed(_LEFT))
+        there = next((dock for dock in left if not (dock.isHidden() or dock.isFloating())), None)
+        if aside and there is None:
+            return
         self._field_aside = aside
-        if aside:
-            window.tabifyDockWidget(self.docks["pair"], field)
-            self.docks["pair"].raise_()
+        if aside and there is not None:
+            window.tabifyDockWidget(there, field)
         else:
             window.removeDockWidget(field)
             window.addDockWidget(Qt.DockWidgetArea.RightDockWidgetArea, field)
             field.show()
             window.resizeDocks([field], [330], Qt.Orientation.Horizontal)
+        self.docks["pair" if self._comparing else "mesh"].raise_()
 
     @staticmethod
     def _show(dock: Dock, shown: bool) -> None:
@@ -192,3 +205,5 @@ class Arrangement:
         """Restore stored geometry and state."""
         self._window.restoreGeometry(layout[0])
         self._window.restoreState(layout[1], _VERSION)
+        beside = self._window.tabifiedDockWidgets(self.docks["field"])
+        self._field_aside = self._is_field_aside and self.docks["mesh"] in beside

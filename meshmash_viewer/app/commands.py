@@ -120,6 +120,8 @@ class Commands:
             act(given)
         else:
             act()
+        if name in ("show_kind", "similar"):
+            self._arrangement.show_field()
 
     def method(self, name: str) -> Callable[..., object]:
         """Return the method of a command."""

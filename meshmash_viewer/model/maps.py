@@ -19,6 +19,9 @@ from meshmash_viewer.model.results import MapGrew
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import VertexMap
 
+#: Maps of which a message has the names.
+_NAMED = 4
+
 
 class Maps:
     """Adds maps to the open mesh and removes them; ``requested`` asks that files are read."""
@@ -66,8 +69,10 @@ class Maps:
             self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
             self._take(more)
             self.show(more.maps[-1].name)
-            names = ", ".join(each.name for each in more.maps[len(now.maps) :])
-            self._notices.say(f"Added {counted(len(maps), 'map')}: {names}.")
+            names = [each.name for each in more.maps[len(now.maps) :]]
+            rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+            said = ", ".join(names[:_NAMED])
+            self._notices.say(f"Added {counted(len(names), 'map')}: {said}{rest}.")
         self._opened.spectrum_changed.emit()
 
     def change(self, label: str, changed: VertexMap) -> None:

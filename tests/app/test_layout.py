@@ -89,6 +89,21 @@ def test_a_small_window_has_room_for_what_matters(
         assert below + tall + 22 * ratio < quantity - 12, "the colour bar begins below the title"
 
 
+def test_a_narrow_window_leaves_room_for_the_render(qtbot: QtBot, window: MainWindow) -> None:
+    field, mesh = window.field_panel, window.mesh_panel
+    for _ in range(2):
+        window.resize(900, 600)
+        qtbot.waitUntil(lambda: window.scene.width() > 560, timeout=PATIENCE)
+        assert mesh.visibleRegion().boundingRect() == mesh.rect()
+        QTest.keyClick(window, Qt.Key.Key_2)
+        qtbot.waitUntil(lambda: not field.visibleRegion().isEmpty(), timeout=PATIENCE)
+        assert mesh.visibleRegion().isEmpty()
+        assert part(window, "hks_time_slider").isVisible()
+        window.resize(1440, 900)
+        qtbot.waitUntil(lambda: not mesh.visibleRegion().isEmpty(), timeout=PATIENCE)
+        assert field.mapTo(window, QPoint(0, 0)).x() > window.width() / 2
+
+
 @pytest.mark.parametrize("size", [(900, 600), (1000, 700), (1440, 900)])
 def test_the_first_thing_one_sees_is_not_cut_off(
     qtbot: QtBot, open_window: Callable[..., MainWindow], size: tuple[int, int]
