@@ -334,6 +334,10 @@ class Mesh:
         """The same mesh without the map of a name."""
         return self._but(maps=tuple(each for each in self.maps if each.name != name))
 
+    def with_only_maps(self, *maps: VertexMap) -> Mesh:
+        """The same mesh with these maps, and none of its own."""
+        return self._but(maps=()).with_maps(*maps)
+
     def with_changed_map(self, changed: VertexMap) -> Mesh:
         """The same mesh with another map in the place of the one of its name."""
         maps = (changed if each.name == changed.name else each for each in self.maps)

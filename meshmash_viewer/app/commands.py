@@ -228,7 +228,7 @@ class Commands:
             text = "The shape was not saved: its mesh is not open any more."
             self._document.notices.say(text, Severity.WARNING)
             return
-        self._write(path, shape_writer(self._document, path), "Shape")
+        self.write(path, shape_writer(self._document, path), "Shape")
 
     def keep_match(self) -> None:
         """Keep the field of the first mesh, by the match, as a map of the second."""
@@ -239,9 +239,10 @@ class Commands:
     def save_match(self, path: Path) -> None:
         """Save the match of the vertices of both meshes."""
         if (pair := self._opening.pair) is not None:
-            self._write(path, lambda: pair.write_match(path), "Match")
+            self.write(path, lambda: pair.write_match(path), "Match")
 
-    def _write(self, path: Path, work: Callable[[], object], what: str) -> None:
+    def write(self, path: Path, work: Callable[[], object], what: str) -> None:
+        """Write a file in the background, and say so."""
         written = f"{what} written to {path}."
         self._background_io.run(
             f"Writing {path.name}", work, lambda _: say_saved(self._document, written, path)

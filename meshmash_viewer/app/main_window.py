@@ -214,7 +214,8 @@ class MainWindow(ScriptedWindow):
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
         self.opening.scene, self.opening.controller = self.scene, self.controller
-        self.mesh_panel.health.scene = self.scene
+        self.mesh_panel.health.scene = self.label_panel.scene = self.scene
+        self.label_panel.write_requested.connect(self.commands.write)
         self.pair_panel.open_requested.connect(self.opening.compare_with)
         self.pair_panel.close_requested.connect(self.opening.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
@@ -298,6 +299,7 @@ class MainWindow(ScriptedWindow):
         self.profile_panel.table.set_field(field)
         self.shape_source.set_field(field)
         self.shape_panel.set_field(field)
+        self.label_panel.set_field(field)
         if field is not None:
             self.spectrum_panel.follow_field()
         signed = None if field is None else field.signed

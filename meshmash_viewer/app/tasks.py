@@ -14,10 +14,10 @@ from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob, PinExportJob
 from meshmash_viewer.model.failure import Failure
-from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob
+from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob, RegionsJob
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pieces import PiecesJob
-from meshmash_viewer.model.results import MapGrew, MeshReady, PartReady, Written
+from meshmash_viewer.model.results import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -25,7 +25,7 @@ from meshmash_viewer.units import counted
 from meshmash_viewer.work import Job
 
 #: Jobs that wait for others, and for which others wait.
-_EXPORTS = ExportJob, PinExportJob
+_EXPORTS = ExportJob, PinExportJob, RegionsJob
 
 
 class Tasks(QObject):
@@ -146,6 +146,8 @@ class Tasks(QObject):
         elif isinstance(result, PartReady):
             if isinstance(self.job, PartJob) and self._document.is_shown(self.job.mesh):
                 self._document.accept_part(result)
+        elif isinstance(result, RegionsReady) and isinstance(self.job, RegionsJob):
+            self._document.labels.accept_regions(self.job, result)
         elif isinstance(result, Written):
             written = f"{result.description} written to {result.path}."
             if result.remark:

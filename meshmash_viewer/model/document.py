@@ -69,7 +69,7 @@ class Document(OpenMesh):
         self.pins = Pins(self, self.history)
         self.selection = Selection(self, self.history)
         self.maps = Maps(self, self.display, self.history, self.notices)
-        self.labels = Labels(self, self.maps, self.selection, self.display, self.notices)
+        self.labels = Labels(self, self.maps, self.selection, self.display, self.notices, self.work)
         self.solve = Solve(self, self.work)
         self.work.finished.connect(self._on_finished)
         self.work.requested.connect(self.notices.begin_turn)

@@ -21,12 +21,13 @@ from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import MeshReady, PartReady
+from meshmash_viewer.model.results import MeshReady, PartReady, RegionsReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import NO_VOXEL, Voxel
+from meshmash_viewer.vertex_map import VertexMap
 from meshmash_viewer.work import Channel, Job
 
 
@@ -97,6 +98,31 @@ class InspectJob(_OnMesh):
 
     def run(self, channel: Channel) -> MeshReady:
         return _inspect(self.mesh, self.operator, channel)
+
+
+@dataclass(frozen=True, eq=False)
+class RegionsJob(_OnMesh):
+    """Measure the regions of a label set, see `regions`; returns `RegionsReady`."""
+
+    labels: VertexMap
+    maps: tuple[VertexMap, ...] = ()
+    lambda2: bool = False
+
+    doing: ClassVar[str] = "Measuring the regions of"
+
+    def run(self, channel: Channel) -> RegionsReady:
+        from meshmash_viewer.features.regions import regions
+
+        channel.report(Progress("regions", message=self.label))
+        found = regions(
+            self.mesh,
+            self.labels,
+            self.maps,
+            lambda2=self.lambda2,
+            progress=channel.report,
+            cancel=channel.cancelled,
+        )
+        return RegionsReady(found.columns, found.rows, found.remarks)
 
 
 @dataclass(frozen=True, eq=False)

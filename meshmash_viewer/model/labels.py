@@ -14,13 +14,17 @@ from psygnal import Signal
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.jobs import RegionsJob
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
+from meshmash_viewer.model.results import RegionsReady
 from meshmash_viewer.model.selection import Selection
+from meshmash_viewer.model.work import Work
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -56,11 +60,16 @@ class Labels:
         selection: Selection,
         display: Display,
         notices: Notices,
+        work: Work,
     ) -> None:
         self._opened, self._maps, self._selection = opened, maps, selection
-        self._notices = notices
+        self._notices, self._work = notices, work
         self._chosen = ""
+        #: The regions that were measured last, and the set that they are of.
+        self.regions: Regions | None = None
+        self.regions_of: VertexMap | None = None
         display.events.connect(self._follow)
+        opened.mesh_changed.connect(self._drop_regions)
 
     # -- sets ---------------------------------------------------------------------------------
 
@@ -205,6 +214,32 @@ class Labels:
         if not mask.any():
             raise InputError("No vertex has that label yet: give it some first.")
         self._selection.set(mask, "selection of a label")
+
+    # -- regions ------------------------------------------------------------------------------
+
+    def measure_regions(self, maps: tuple[VertexMap, ...] = (), *, lambda2: bool = False) -> None:
+        """Request the regions of the current set, with the means of maps in them."""
+        mesh, known = self._opened.mesh, self.current
+        if mesh is not None and known is not None:
+            self._work.request(RegionsJob(mesh, known, maps, lambda2))
+
+    def accept_regions(self, job: RegionsJob, found: RegionsReady) -> None:
+        """Take the regions of a set, if its mesh is still open."""
+        mesh = self._opened.mesh
+        if mesh is not None and mesh.vertices is job.mesh.vertices:
+            measured = job.mesh.with_only_maps(*job.maps)
+            self.regions = Regions(found.columns, found.rows, measured, found.remarks)
+            self.regions_of = job.labels
+            self.changed.emit()
+
+    def _drop_regions(self) -> None:
+        """Forget the regions of a mesh that is not open any more."""
+        mesh = self._opened.mesh
+        if self.regions is not None and (
+            mesh is None or self.regions.mesh.vertices is not mesh.vertices
+        ):
+            self.regions = self.regions_of = None
+            self.changed.emit()
 
     # -- details ------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +66,21 @@ class MapGrew:
     vertices: npt.NDArray[np.int64]
     #: Shape (m,).
     values: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RegionsReady:
+    """What `features.regions.Regions` holds besides its mesh."""
+
+    columns: dict[str, npt.NDArray[Any]]
+    #: Shape (n,).
+    rows: npt.NDArray[np.int64]
+    remarks: tuple[str, ...]
+
+    @property
+    def remark(self) -> str:
+        """A sentence for the message bar, or ""."""
+        return f"Regions: {' '.join(self.remarks)}" if self.remarks else ""
 
 
 @dataclass(frozen=True)

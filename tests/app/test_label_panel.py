@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from closed_form import part
 from PySide6.QtCore import QCoreApplication, QEvent, QPoint, Qt
 from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QColorDialog, QLineEdit, QMenu, QTableView
+from PySide6.QtWidgets import QApplication, QColorDialog, QFileDialog, QLineEdit, QMenu, QTableView
 from pytestqt.qtbot import QtBot
 
+import meshmash_viewer as mv
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields.maps import OwnMaps
@@ -96,7 +98,7 @@ def values(window: MainWindow) -> np.ndarray:
 def test_from_nothing_to_labels_with_keys_alone(window: MainWindow, qtbot: QtBot) -> None:
     document = window.document
     assert part(window, "label_hint").text().startswith("Press New set, select vertices")
-    assert part(window, "label_set_combo").isHidden()
+    assert not part(window, "label_set_combo").isEnabled()
     press(window, "label_new_set_button")
     press(window, "label_new_button")
     rest(window, qtbot)
@@ -278,3 +280,88 @@ def test_borders_are_the_edges_between_faces_of_different_labels() -> None:
         expected = sorted(edge for edge, seen in sides.items() if len(seen) > 1)
         assert border_edges(mesh.faces, labels).tolist() == [list(edge) for edge in expected]
     assert border_edges(MESH.faces, np.zeros(MESH.n_vertices)).shape == (0, 2)
+
+
+def test_regions_are_measured_looked_at_and_exported(
+    labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document, scene = labelled.document, labelled.scene
+    document.labels.select([1])
+    document.labels.assign(1)
+    document.selection.set(MESH.vertices[:, 2] < -40.0)
+    document.labels.assign(2)
+    document.selection.set(MESH.vertices[:, 2] > 48.0)  # a second part
+    document.labels.assign(2)
+    document.display.show(OwnMaps(chosen="Mean curvature"))
+    rest(labelled, qtbot)
+    shown = part(labelled, "region_table")
+    assert part(labelled, "region_hint").text().startswith("Press Measure")
+    assert not shown.isVisible()
+    assert not part(labelled, "region_export_button").isEnabled()
+    QTest.mouseClick(part(labelled, "region_lambda_check"), LEFT)
+    press(labelled, "region_measure_button")
+    qtbot.waitUntil(lambda: document.labels.regions is not None, timeout=60_000)
+    rest(labelled, qtbot)
+    model = shown.model()
+    titles = [model.headerData(at, Qt.Orientation.Horizontal) for at in range(model.columnCount())]
+    assert titles[:2] == ["Region", "Area, µm²"]
+    assert {"λ₂, nm⁻²", "Vertices", "Neck, nm", "Mean, µm⁻¹"} <= set(titles)
+    rows = [model.index(row, 0).data() for row in range(model.rowCount())]
+    assert rows == ["label 1", "label 2 (1)", "label 2 (2)"]
+    known = document.labels.current
+    assert known is not None
+    expected = mv.regions(MESH, known, lambda2=True)
+    for row in range(3):
+        assert float(model.index(row, 1).data()) == pytest.approx(
+            1e-6 * expected["area"][row], rel=5e-3
+        )
+    # a click flies there
+    QTest.mouseClick(shown.viewport(), LEFT, pos=shown.visualRect(model.index(1, 0)).center())
+    below = expected.mask(1)
+    assert scene.renderer.view.focus[2] < -40.0
+    assert below[scene.vertex_at(scene.width() / 2, scene.height() / 2)]
+    # sorted by area, the smallest first, a click still means what it shows
+    shown.sortByColumn(1, Qt.SortOrder.AscendingOrder)
+    smallest = model.index(0, 0).data()
+    assert smallest == "label 2 (2)"
+    file = tmp_path / "out.csv"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, **__: (str(file), ""))
+    press(labelled, "region_export_button")
+    qtbot.waitUntil(lambda: labelled.background_io.idle and file.exists(), timeout=60_000)
+    assert file.read_text().splitlines()[1].startswith('"label 1",1,')
+    # what has changed since is said
+    document.labels.delete([2])
+    catch_up()
+    assert part(labelled, "region_hint").text().startswith("The labels have changed since")
+    document.history.undo()
+    catch_up()
+    assert part(labelled, "region_hint").isHidden()
+
+
+@pytest.mark.parametrize("name", ["a.label.gii", "a.annot", "a.label", "a.csv", "a.npz", "a.ply"])
+def test_a_set_is_saved_and_opened_again(
+    name: str, labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document, file = labelled.document, tmp_path / name
+    document.labels.rename(1, "top")
+    document.selection.set(~UP)
+    document.labels.assign(2)
+    catch_up()
+    click(labelled, 0, NAME)  # one label alone goes to a file that holds one
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, **__: (str(file), ""))
+    press(labelled, "label_save_button")
+    qtbot.waitUntil(lambda: labelled.background_io.idle and file.exists(), timeout=60_000)
+    assert labelled.stage.message_bar.notice.text == f"Labels written to {file}."
+    monkeypatch.setattr(QFileDialog, "getOpenFileNames", lambda *_, **__: ([str(file)], ""))
+    press(labelled, "label_open_button")
+    qtbot.waitUntil(lambda: len(document.labels.sets) == 2, timeout=60_000)
+    catch_up()
+    found = document.labels.sets[1]
+    assert document.labels.current is found
+    if name == "a.label":
+        np.testing.assert_array_equal(np.isfinite(found.shown), UP)
+    else:
+        assert [each.name for each in found.labels] == ["top", "label 2"]
+        np.testing.assert_array_equal(found.shown, np.where(UP, 0, 1))
+    document.history.undo()
+    assert len(document.labels.sets) == 1

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from PySide6.QtCore import QEvent, QPoint, QSignalBlocker, Qt
+import numpy as np
+from PySide6.QtCore import QEvent, QPoint, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent
 from PySide6.QtWidgets import QColorDialog, QMenu, QWidget
 
@@ -13,19 +16,26 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, column, row
-from meshmash_viewer.app.dialogs.files import ask_for_maps
+from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.label_table import KEYS, LabelTable
+from meshmash_viewer.app.panels.region_table import RegionTable
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.io.write_labels import write_labels, write_regions
+from meshmash_viewer.io.writers import LABEL_WRITERS, SPECTRUM_WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.labels import label_sizes
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.mesh_view import MeshView
 
 _Measured: TypeAlias = tuple[Mesh, VertexMap]
 
@@ -33,9 +43,15 @@ _Measured: TypeAlias = tuple[Mesh, VertexMap]
 class LabelPanel(QWidget):
     """The current set with its labels; keys 1 to 9 give them the selection."""
 
+    #: A file, what writes it, and what is in it.
+    write_requested = Signal(object, object, str)
+
     def __init__(self, document: Document) -> None:
         super().__init__()
         theme.named(self, "label_panel", "Labels")
+        #: The render, and its field, once they are loaded.
+        self.scene: MeshView | None = None
+        self._field: Field | None = None
         self._document = document
         self._measured: _Measured | None = None
         self._thread: LatestThread[_Measured] = LatestThread(_sizes, self._take_sizes, parent=self)
@@ -61,6 +77,9 @@ class LabelPanel(QWidget):
             "Open…", "label_open_button", "Add label sets from files", self._open, role="segment",
             tip="GIFTI and FreeSurfer labels, tables, NPZ and others",
         )  # fmt: skip
+        self.save_button = make.button(
+            "Save…", "label_save_button", "Save the label set in a file", self._save, role="segment"
+        )
         self.remove_button = make.button(
             "Remove", "label_remove_set_button", "Remove the label set from the mesh",
             labels.remove_set, role="segment", tip="Its file stays, and undo brings the set back",
@@ -78,7 +97,7 @@ class LabelPanel(QWidget):
             lambda: labels.delete(table.chosen), tip="Their vertices have no label then",
         )  # fmt: skip
         self.give_button = make.button(
-            "Give selection", "label_assign_button", "Give the selection to the chosen label",
+            "Assign", "label_assign_button", "Give the selection to the chosen label",
             lambda: labels.assign(table.chosen[0]),
             tip="The selected vertices get the chosen label; so do keys 1 to 9",
         )  # fmt: skip
@@ -95,6 +114,20 @@ class LabelPanel(QWidget):
             lambda on: setattr(self._document.display, "label_borders", on),
         )  # fmt: skip
         self.hint = note("label_hint")
+        self.measure_button = make.button(
+            "Measure", "region_measure_button", "Measure the regions of the labels", self._measure,
+            tip="Area, volume, extent and neck of each connected part, and the displayed field",
+        )  # fmt: skip
+        self.lambda_check = make.check(
+            "with λ₂", "region_lambda_check", "Compute the first eigenvalue of each region, too",
+            tip="The first eigenvalue above zero with a free border; takes longest",
+        )  # fmt: skip
+        self.export_button = make.button(
+            "Export…", "region_export_button", "Export the table of regions", self._export
+        )
+        self.regions = RegionTable()
+        self.regions.region_clicked.connect(self._fly_to)
+        self.region_hint = note("region_hint")
         self._of_set = QWidget()
         self._of_set.setLayout(
             column(
@@ -102,12 +135,20 @@ class LabelPanel(QWidget):
                 row(self.new_button, self.join_button, self.delete_button, None),
                 row(self.give_button, self.clear_button, self.select_button, None),
                 self.borders_check,
+                make.heading("Regions"),
+                row(self.measure_button, self.lambda_check, None, self.export_button),
+                self.region_hint,
+                self.regions,
             )
         )
-        sets = row(self.new_set_button, self.open_button, self.remove_button, None)
+        self.combo.setPlaceholderText("No label set")
+        sets = row((self.combo,), self.new_set_button)
+        files = row(self.open_button, self.save_button, self.remove_button, None)
         content = QWidget()
-        content.setLayout(column(self.combo, sets, self.hint, self._of_set, None, margins=PANEL))
-        self.setLayout(column(make.scroll(content)))
+        content.setLayout(column(sets, files, self.hint, self._of_set, None, margins=PANEL))
+        area = make.scroll(content)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setLayout(column(area))
 
     # -- from the user ------------------------------------------------------------------------
 
@@ -117,6 +158,38 @@ class LabelPanel(QWidget):
     def _open(self) -> None:
         path = self._document.path
         self._document.maps.open(ask_for_maps(self, path.parent if path else Path()))
+
+    def _save(self) -> None:
+        known, mesh = self._document.labels.current, self._document.mesh
+        if known is not None and mesh is not None:
+            name = f"{known.name}.label.gii"
+            path = ask_to_save(self, self._document, "labels", name, "Labels", LABEL_WRITERS)
+            if path is not None:
+                chosen = [each for each in known.labels if each.key in self.table.chosen]
+                if path.name.endswith(".label") and len(chosen) == 1:  # which holds one label
+                    known = replace(known, labels=tuple(chosen))
+                work = partial(write_labels, path, known, mesh)
+                self.write_requested.emit(path, work, "Labels")
+
+    def _measure(self) -> None:
+        field = self._field
+        shown = field is not None and not field.labels and not field.draft
+        maps = (field.as_map(),) if field is not None and shown else ()
+        self._document.labels.measure_regions(maps, lambda2=self.lambda_check.isChecked())
+
+    def _export(self) -> None:
+        table = self._document.labels.regions
+        if table is not None:
+            given = self._document, "regions", "regions.csv", "Tables", SPECTRUM_WRITERS
+            path = ask_to_save(self, *given)
+            if path is not None:
+                self.write_requested.emit(path, partial(write_regions, path, table), "Regions")
+
+    def _fly_to(self, row: int) -> None:
+        """Look at a region."""
+        table, scene = self._document.labels.regions, self.scene
+        if table is not None and scene is not None:
+            scene.look_at(np.flatnonzero(table.mask(row)))
 
     def _ask_for_color(self, key: int) -> None:
         label = next(each for each in self.table.labels if each.key == key)
@@ -186,8 +259,9 @@ class LabelPanel(QWidget):
                 self.combo.clear()
                 self.combo.addItems(names)
             self.combo.setCurrentIndex(-1 if known is None else names.index(known.name))
-        for shown in (self.combo, self.remove_button, self._of_set):
-            shown.setVisible(known is not None)
+        for control in (self.combo, self.save_button, self.remove_button):
+            control.setEnabled(known is not None)
+        self._of_set.setVisible(known is not None)
         for button in (self.new_set_button, self.open_button):
             button.setEnabled(mesh is not None)
         shown_labels = () if known is None else known.labels
@@ -201,8 +275,26 @@ class LabelPanel(QWidget):
             if not same or measured is None or measured[1] is not known:
                 self._measured = (mesh, known)
                 self._thread.ask(self._measured)
+        self._refresh_regions(known)
         show_note(self.hint, self._hint())
         self._refresh_buttons()
+
+    def set_field(self, field: Field | None) -> None:
+        """Take the displayed field, of which regions have means."""
+        self._field = field
+
+    def _refresh_regions(self, known: VertexMap | None) -> None:
+        labels, there = self._document.labels, self._document.labels.regions is not None
+        self.regions.show_regions(labels.regions, self.table.labels)
+        self.regions.setVisible(there)
+        self.export_button.setEnabled(there)
+        text = ""
+        if not there:
+            text = "Press Measure for a table of the connected parts of each label."
+        elif known is not labels.regions_of:
+            text = "The labels have changed since, or another set is shown: press Measure."
+        show_note(self.region_hint, text)
+        theme.change_role(self.region_hint, "warning" if there else "muted")
 
     def _hint(self) -> str:
         if self._document.mesh is None:
