@@ -8,6 +8,9 @@ writes ``meshmash_viewer/samples/dendrite.npz``, a piece of spiny dendrite in nm
 ``meshmash_viewer/samples/sphere.npz``, the unit sphere, whose eigenvalues are known, and
 ``meshmash_viewer/samples/two_components.npz``, a small mesh with the faults of raw data.
 
+The labels of dendrite and neuron are those that they were made with, in ``dendrite_labels.npz`` and
+``neuron_labels.npz``: a vertex is on a spine where it is outside the shafts alone.
+
 Dendrite, neuron and cow are zero levels of distance fields: round cones along centre lines,
 joined by the polynomial smooth minimum, so that necks flow into the shaft as membranes do. The
 field is sampled on a grid, contoured, evened out, and thinned by quadric decimation. Sizes follow
@@ -19,6 +22,7 @@ al. 2007).
 from __future__ import annotations
 
 import json
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +30,8 @@ import numpy as np
 import numpy.typing as npt
 import pyvista as pv
 from scipy.interpolate import make_interp_spline
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 SAMPLES = Path(__file__).resolve().parent.parent / "meshmash_viewer" / "samples"
 SEED = 7
@@ -38,12 +44,17 @@ N_VERTICES = 44_000
 NEURON_SPACING, N_NEURON, NEURON_SCALE = 46.0, 13_000, 1.6
 #: The same of the cow, mm.
 COW_SPACING, N_COW = 16.0, 9_000
+#: Distance from the shafts alone beyond which a vertex is on a spine, nm.
+SPINE_FROM = 70.0
+#: Names and colours of the labels.
+PARTS = {"shaft": "#4477aa", "spine": "#ee6677", "soma": "#ccbb44", "axon": "#228833"}
 #: Where the piece lies in its volume, nm, as in a data set of a cubic millimetre.
 ORIGIN = np.array([612_400.0, 418_900.0, 287_300.0])
 #: Coordinates in nm are rounded to this: far below what a microscope sees, and it packs better.
 RESOLUTION = 0.25
 
 Array = npt.NDArray[np.float64]
+Faces = npt.NDArray[np.int64]
 
 
 # ------------------------------------------------------------------------------- centre lines
@@ -193,6 +204,11 @@ class Field:
         overlap = np.maximum(blend - np.abs(here - there), 0.0) / blend
         self.values[whole] = np.minimum(here, there) - 0.25 * blend * overlap**2
 
+    def beyond(self, points: Array) -> npt.NDArray[np.bool_]:
+        """Whether points of the grid, counted from its corner, are on spines."""
+        distances = map_coordinates(self.values, points.T / self.spacing, order=1)
+        return np.asarray(distances > SPINE_FROM)
+
     def at(self, points: Array) -> Array:
         index = np.round((points - self.low) / self.spacing).astype(int)
         index = np.clip(index, 0, self.shape - 1)
@@ -219,8 +235,8 @@ class Field:
 # --------------------------------------------------------------------------------- the meshes
 
 
-def make_dendrite() -> tuple[Array, npt.NDArray[np.int64]]:
-    """A shaft that forks twice, with its spines: one closed surface of genus 0."""
+def make_dendrite() -> tuple[Array, Faces, list[str]]:
+    """A shaft that forks twice, with its spines: one closed surface of genus 0, and its parts."""
     rng = np.random.default_rng(SEED)
     shaft = wandering_tube(rng, np.zeros(3), np.array([1.0, 0.0, 0.0]), 18_500, (430, 260), WANDER)
     fork = int(0.36 * len(shaft.points))
@@ -236,17 +252,20 @@ def make_dendrite() -> tuple[Array, npt.NDArray[np.int64]]:
     field = Field(corners.min(axis=0) - 2600.0, corners.max(axis=0) + 2600.0, SPACING)
     for tube in tubes:
         field.add(tube, blend=260.0)
+    shafts = copy(field)
+    shafts.values = field.values.copy()
     # Branches are bare near the fork.
     n_spines = grow_spines(rng, field, [(shaft, 0), (limb, 34), (twig, 34)], 5.0)
     field.roughen(rng, amplitude=11.0, wavelength=420.0)
     vertices, faces = thinned(field.surface(), N_VERTICES)
+    parts = np.where(shafts.beyond(vertices), "spine", "shaft").tolist()
     vertices += ORIGIN - vertices.mean(axis=0)
     print(f"dendrite: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")
-    return vertices, faces
+    return vertices, faces, parts
 
 
-def make_neuron() -> tuple[Array, npt.NDArray[np.int64]]:
-    """A soma with an apical dendrite that forks, basal ones, and an axon with its boutons."""
+def make_neuron() -> tuple[Array, Faces, list[str]]:
+    """A soma, an apical dendrite that forks, basal ones, an axon with boutons, and its parts."""
     rng = np.random.default_rng(SEED)
 
     def branch(start: Array, to: tuple[float, float, float], length: float, radii: tuple) -> Tube:
@@ -280,13 +299,24 @@ def make_neuron() -> tuple[Array, npt.NDArray[np.int64]]:
     field = Field(corners.min(axis=0) - 2400.0, corners.max(axis=0) + 2400.0, NEURON_SPACING)
     for tube in tubes:
         field.add(tube, blend=420.0 if tube is not axon else 200.0)
+    shafts = copy(field)
+    shafts.values = field.values.copy()
     bare = [90, *[30] * 2, *[55, 24] * 3]
     n_spines = grow_spines(rng, field, list(zip(dendrites, bare, strict=True)), 3.3)
     field.roughen(rng, amplitude=11.0, wavelength=420.0)
     vertices, faces = thinned(field.surface(), N_NEURON)
+    nearest = np.argmin([away(each, vertices + field.low) for each in tubes], axis=0)
+    of_tube = np.array(["soma", *["shaft"] * len(dendrites), "axon"])
+    parts = np.where(shafts.beyond(vertices), "spine", of_tube[nearest]).tolist()
     vertices = NEURON_SCALE * (vertices + field.low) + ORIGIN  # where the soma is
     print(f"neuron: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")
-    return vertices, faces
+    return vertices, faces, parts
+
+
+def away(tube: Tube, points: Array) -> Array:
+    """How far points are from the surface of a tube."""
+    distances, at = cKDTree(tube.points).query(points)
+    return np.asarray(distances - tube.radii[at])
 
 
 def make_cow() -> tuple[Array, npt.NDArray[np.int64]]:
@@ -392,11 +422,12 @@ def make_two_components() -> tuple[Array, npt.NDArray[np.int64]]:
 def save(
     name: str,
     vertices: Array,
-    faces: npt.NDArray[np.int64],
+    faces: Faces,
+    parts: list[str] | None = None,
     unit: str = "nm",
     resolution: float = RESOLUTION,
 ) -> None:
-    """Write a mesh to the package, small."""
+    """Write a mesh to the package, small, and the labels of its parts."""
     # Neighbours in space become neighbours in the file, which halves what the faces take.
     order = np.lexsort(np.floor(vertices.T / (1200.0 * resolution)))
     rank = np.empty_like(order)
@@ -415,6 +446,21 @@ def save(
         meta=np.array(json.dumps({"mesh": {"name": name, "unit": unit}})),
     )
     print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
+    if parts is not None:
+        save_labels(name, np.array(parts)[order])
+
+
+def save_labels(name: str, parts: npt.NDArray[np.str_]) -> None:
+    """Write the labels of the vertices of a mesh to the package, as `write_labels` does."""
+    names = [each for each in PARTS if each in parts]
+    numbers = np.arange(1, len(names) + 1)
+    np.savez_compressed(
+        SAMPLES / f"{name}_labels.npz",
+        labels=(np.array([names.index(part) for part in parts]) + 1).astype(np.int8),
+        label_numbers=numbers,
+        label_names=np.array(names),
+        label_colors=np.array([PARTS[each] for each in names]),
+    )
 
 
 if __name__ == "__main__":

@@ -94,6 +94,8 @@ from meshmash_viewer.features.shape import spectral_distance as spectral_distanc
 
 # isort: split
 # Classes learned from labels
+from meshmash_viewer.io.models import read_classes as read_classes
+from meshmash_viewer.io.models import write_classes as write_classes
 from meshmash_viewer.learn.classes import ClassModel as ClassModel
 from meshmash_viewer.learn.classes import ClassPrediction as ClassPrediction
 from meshmash_viewer.learn.classes import predict_classes as predict_classes

@@ -177,7 +177,7 @@ def round_length(longest: float) -> float:
 
 def counted(number: int, noun: str) -> str:
     """Write a count with its noun: "1 pair", "22,351 vertices"."""
-    plural = {"vertex": "vertices", "mesh": "meshes"}.get(noun, f"{noun}s")
+    plural = {"vertex": "vertices", "mesh": "meshes", "class": "classes"}.get(noun, f"{noun}s")
     return f"{number:,} {noun if number == 1 else plural}"
 
 

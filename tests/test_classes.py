@@ -12,6 +12,7 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.learn.diffusion import diffused
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.samples import labels_path, sample_path
 
 LABELS = (mv.Label(1, "bump", "#4477aa"), mv.Label(2, "rest", "#ee6677"))
 COLUMNS = mv.ClassColumns(0.03, 1.0, 40.0, "nm", kinds=("hks", "wks", "curvature"), n_times=8)
@@ -209,8 +210,8 @@ def few(values: np.ndarray) -> np.ndarray:
     ("change", "labels", "said"),
     [
         (lambda v: v[:9], LABELS, "9 values and the mesh 642 vertices"),
-        (lambda v: v * 0.5, (), "not whole, so it holds no labels"),
-        (lambda v: 0 * v, (), "no vertex with a label"),
+        (lambda v: v * 0.5, (), "values that are no whole numbers"),
+        (lambda v: 0 * v, (), "each number is 0"),
         (lambda v: 0 * v, LABELS, "No vertex is labelled"),
         (lambda v: np.minimum(v, 1), LABELS, "All labelled vertices are 'bump'"),
         (few, LABELS, "'bump' has 2 vertices"),
@@ -255,3 +256,31 @@ def test_columns_that_do_not_do(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
 def test_columns_are_checked(options: dict[str, Any], said: str) -> None:
     with pytest.raises(mv.InputError, match=re.escape(said)):
         mv.ClassColumns(**{"t_min": 0.01, "t_max": 1.0, "max_eigenvalue": 9.0, **options})
+
+
+@pytest.mark.slow
+def test_spines_of_a_dendrite_are_learned_from_sixty_strokes() -> None:
+    """Trained on strokes in one half, tested in the other half, and on a copy in µm."""
+    mesh = mv.read_mesh(sample_path("dendrite"))
+    truth = mv.read_labels(labels_path("dendrite"), mesh)
+    first = mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])
+    columns = mv.ClassColumns(5e4, 2e7, 1e-5, "nm", kinds=("hks", "curvature"))
+    random, values = np.random.default_rng(0), np.zeros(mesh.n_vertices, dtype=int)
+    for key in (1, 2):
+        inside = np.flatnonzero(first & (truth.values == key))
+        for start in random.choice(inside, 30, replace=False):
+            away = np.linalg.norm(mesh.vertices[inside] - mesh.vertices[start], axis=1)
+            values[inside[np.argsort(away)[:15]]] = key
+    known = columns.compute(mesh)
+    strokes = mv.VertexMap("strokes", values, labels=truth.labels)
+    model = mv.train_classes(mesh, strokes, columns, features=known)
+    found = mv.predict_classes(mesh, model, features=known).labels.values
+    areas = np.where(first, 0.0, mesh.vertex_areas)
+    confusion = [[areas[(truth.values == a) & (found == b)].sum() for b in (1, 2)] for a in (1, 2)]
+    other = mv.ClassScores(model.names, np.array(confusion), "half", 1).weighted_f1
+    assert other > 0.9
+    assert model.scores is not None
+    assert abs(model.scores.weighted_f1 - other) < 0.06
+    copy, there = shapes.moved_copy(mesh, 1e-3)
+    after = mv.predict_classes(mv.Mesh(copy.vertices, copy.faces, "µm"), model).labels.values
+    assert np.mean(after[there] == found) > 0.999

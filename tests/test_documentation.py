@@ -16,7 +16,7 @@ import trimesh
 import meshmash_viewer as mv
 from meshmash_viewer.cli import arguments
 from meshmash_viewer.cli.main import main
-from meshmash_viewer.samples import sample_path
+from meshmash_viewer.samples import labels_path, sample_path
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
@@ -89,6 +89,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         trimesh.creation.icosphere(level, 3000.0).export(folder / name)
     for sample in ("dendrite", "neuron"):
         (folder / f"{sample}.npz").symlink_to(sample_path(sample))
+        (folder / f"{sample}_labels.npz").symlink_to(labels_path(sample))
+    neuron = mv.read_mesh(sample_path("neuron"))
+    parts = mv.read_labels(labels_path("neuron"), neuron)
+    mv.write_classes(folder / "spines.skops", mv.train_classes(neuron, parts, scored=False))
     freesurfer: Any = nibabel.freesurfer
     cortex = trimesh.creation.icosphere(4, 50.0)
     for name in ("lh.pial", "rh.pial"):

@@ -80,6 +80,11 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
             ("movie", "ball.off", "--sweep", ":", "-o", "out.mp4"),
             'pip install "meshmash-viewer[movie]"',
         ),
+        (
+            "skops",
+            ("train", "ball.off", "--labels", "values.csv", "-o", "model.skops"),
+            'pip install "meshmash-viewer[learn]"',
+        ),
     ],
 )
 def test_what_is_missing_is_one_line(
@@ -98,6 +103,11 @@ def test_what_is_missing_is_one_line(
         slow("nibabel", "mv.read_mesh('ball.gii')", "pip install nibabel"),
         slow("pyarrow", "mv.read_maps('values.csv', mesh)", "pip install pyarrow"),
         ("numba", "mv.decompose_mesh(mesh, 4)", "pip install numba"),
+        slow(
+            "sklearn",
+            "mv.train_classes(mesh, mv.VertexMap('part', mesh.vertices[:, 2] > 0))",
+            'pip install "meshmash-viewer[learn]"',
+        ),
     ],
 )
 def test_from_python_it_is_an_input_error(

@@ -30,6 +30,8 @@ _COMMANDS = {
     "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
     "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
     "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
+    "train": ("MESH --labels L ... -o OUT.skops", "a model of classes from labels"),
+    "predict": ("MESH... --model M -o OUT", "classes by a model"),
     "render": ("MESH -o OUT.png", "a picture"),
     "gallery": ("MESH -o OUT.png", "many fields side by side"),
     "movie": ("MESH -o OUT.mp4", "a sweep through fields, or a turn"),
@@ -95,10 +97,10 @@ def command_parser() -> argparse.ArgumentParser:
         # counted when patterns are expanded
         made.set_defaults(n_meshes=n_meshes)
         _add_preparation(made)
-        if name != "regions":
+        if name not in ("regions", "predict"):
             _add_target(made, automatic=name == "features")
         if name not in ("info", "regions"):
-            _add_solver(made)
+            _add_solver(made, operator=name != "predict")
         return made
 
     command("info", "say what a mesh is like", None)
@@ -136,18 +138,7 @@ def command_parser() -> argparse.ArgumentParser:
         help="the values per vertex that a mesh file has, as more columns",
     )
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
-    endings = " ".join(f".{name}" for name in _FORMATS)
-    features.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="OUT",
-        help=f"file whose ending is the format ({endings}), a folder, or a template such as"
-        ' "{name}_{kind}.csv"',
-    )
-    features.add_argument(
-        "--format", choices=_FORMATS, default="npz", help="of the files in a folder, default npz"
-    )
+    _add_outputs(features)
 
     compare = command("compare", "compare two meshes", 2)
     kinds = tuple(family.export for family in FEATURES.values())
@@ -187,6 +178,15 @@ def command_parser() -> argparse.ArgumentParser:
         help="the first eigenvalue above zero of each region with a free border",
     )
     _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
+
+    _add_training(command("train", "learn classes of vertices from labels", None))
+    predicted = command("predict", "predict classes of vertices by a model", None)
+    predicted.add_argument(
+        "--model", required=True, type=Path, metavar="FILE", help="a .skops file that train wrote"
+    )
+    _add_outputs(predicted, (*_FORMATS, "label.gii", "annot"))
+    _add_whole(predicted)
+    _add_structure(predicted)
 
     render = command("render", "draw a picture of a mesh")
     render.add_argument(
@@ -262,6 +262,61 @@ def command_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def parsed_command(arguments: list[str]) -> argparse.Namespace:
+    """Parse the arguments of a command; meshes of train may also follow the labels of others."""
+    parser = command_parser()
+    options, others = parser.parse_known_args(arguments)
+    if others and (options.command != "train" or any(each.startswith("-") for each in others)):
+        parser.error(f"unrecognized arguments: {' '.join(others)}")
+    options.mesh += map(Path, others)
+    return options
+
+
+def _add_training(parser: argparse.ArgumentParser) -> None:
+    """Add the options of train."""
+    from meshmash_viewer.learn.classes import CLASSIFIERS
+    from meshmash_viewer.learn.columns import KINDS
+
+    parser.add_argument(
+        "--labels",
+        action="append",
+        required=True,
+        metavar="FILE[:MAP]",
+        help="labels of a mesh, with names or numbers; once for each mesh, in the same order",
+    )
+    about = "; ".join(f"{kind}: {said}" for kind, said in KINDS.items())
+    parser.add_argument(
+        "--kind",
+        action="append",
+        choices=tuple(KINDS),
+        help=f"columns to learn from, default hks; may be given many times. {about}",
+    )
+    for flag, end in (("--t-min", "shortest"), ("--t-max", "longest")):
+        parser.add_argument(
+            flag,
+            type=numbers.quantity(2),
+            metavar="T",
+            help=f"{end} diffusion time (unit²); default: from the spectrum of the first mesh",
+        )
+    _add_columns(parser, "number of times, default 32")
+    parser.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
+    about = "; ".join(f"{kind}: {said}" for kind, said in CLASSIFIERS.items())
+    parser.add_argument(
+        "--classifier",
+        choices=tuple(CLASSIFIERS),
+        default="forest",
+        help=f"default forest; {about}",
+    )
+    parser.add_argument(
+        "--smoothing",
+        type=numbers.quantity(1),
+        default=0.0,
+        metavar="L",
+        help="length over which probabilities are smoothed (unit), default 0",
+    )
+    _add_output(parser, "OUT.skops", "the model to write")
+
+
 def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
     """Add the options of the families of a table, each once, with the kinds that have it."""
     kinds: dict[str, list[str]] = {}
@@ -331,6 +386,22 @@ def _add_output(
     parser: argparse.ArgumentParser, metavar: str, about: str | None = None, required: bool = True
 ) -> None:
     parser.add_argument("-o", "--output", required=required, type=Path, metavar=metavar, help=about)
+
+
+def _add_outputs(parser: argparse.ArgumentParser, formats: tuple[str, ...] = _FORMATS) -> None:
+    """Add the options for a file each mesh."""
+    endings = " ".join(f".{name}" for name in formats)
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUT",
+        help=f"file whose ending is the format ({endings}), a folder, or a template such as"
+        ' "{name}_{kind}.csv"',
+    )
+    parser.add_argument(
+        "--format", choices=formats, default="npz", help="of the files in a folder, default npz"
+    )
 
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:
@@ -429,11 +500,14 @@ def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> 
         target.add_argument(flag, dest="target", type=kind, metavar=metavar, help=text)
 
 
-def _add_solver(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--no-robust", action="store_true", help="plain cotangent Laplacian, for clean manifolds"
-    )
-    parser.add_argument("--mollify-factor", type=said(_not_negative), default=1e-5, metavar="F")
+def _add_solver(parser: argparse.ArgumentParser, *, operator: bool = True) -> None:
+    if operator:
+        parser.add_argument(
+            "--no-robust",
+            action="store_true",
+            help="plain cotangent Laplacian, for clean manifolds",
+        )
+        parser.add_argument("--mollify-factor", type=said(_not_negative), default=1e-5, metavar="F")
     parser.add_argument(
         "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
     )

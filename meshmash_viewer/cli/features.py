@@ -56,7 +56,7 @@ def features(options: Namespace) -> int:
         write = _write_whole if options.pieces is None else _write_in_pieces
         return write(mesh, outputs[at], chosen_family(own, EXPORTS), own)
 
-    folder = Path(options.output) if _is_folder(options.output) else None
+    folder = Path(options.output) if is_folder(options.output) else None
     with made_folder(folder) if folder else contextlib.nullcontext():
         for path in outputs:
             check_output(path, "features" if featured else "eigenpairs")
@@ -87,7 +87,7 @@ def _check_combination(options: Namespace) -> None:
             raise InputError(f"{name} is of the whole mesh; leave it out, or --pieces.")
 
 
-def _is_folder(output: str) -> bool:
+def is_folder(output: str) -> bool:
     """Whether results are written to a folder, which may not exist yet."""
     return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
 
@@ -102,7 +102,7 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     literal = output.replace("{", "{{").replace("}", "}}")
     if "{" in output:
         template = output
-    elif _is_folder(output):
+    elif is_folder(output):
         template = f"{Path(literal).as_posix()}/{{name}}{ending}"
     elif len(meshes) == 1:
         template = literal

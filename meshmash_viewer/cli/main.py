@@ -1,6 +1,6 @@
 """The command ``meshmash-viewer``: the window, and commands without it.
 
-`command_parser` declares the options; a command (in ``features``, ``commands`` or ``pictures``)
+`parsed_command` reads the options; a command (in ``features``, ``commands`` or ``pictures``)
 checks them and calls `for_each` (in ``batch``), which reads each mesh and prints its report.
 Large modules are imported only after the arguments are checked. A fault that the user can correct
 is one line on stderr and exit status 2; a defect of the program is status 1, and its message names
@@ -18,7 +18,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from meshmash_viewer.cli.arguments import COMMANDS, FAULT, command_parser, window_parser
+from meshmash_viewer.cli.arguments import COMMANDS, FAULT, parsed_command, window_parser
 from meshmash_viewer.cli.numbers import signed
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
@@ -81,7 +81,7 @@ def _run(arguments: list[str]) -> int:
 
     try:
         if arguments and arguments[0] in COMMANDS:
-            run, options = _run_command, command_parser().parse_args(signed(arguments))
+            run, options = _run_command, parsed_command(signed(arguments))
         else:
             run, options = _open_window, window_parser().parse_args(arguments)
         options.mesh = expanded(options.mesh)
@@ -102,7 +102,7 @@ def _run_command(options: Namespace) -> int:
         takes = "one mesh" if options.n_meshes == 1 else "two meshes"
         files = ", ".join(map(str, options.mesh[:3])) + (", …" if len(options.mesh) > 3 else "")
         raise InputError(f"{options.command} takes {takes}, not {len(options.mesh)}: {files}.")
-    from meshmash_viewer.cli import commands, features, pictures
+    from meshmash_viewer.cli import classes, commands, features, pictures
 
     named = {
         "info": commands.info,
@@ -110,6 +110,8 @@ def _run_command(options: Namespace) -> int:
         "compare": commands.compare,
         "reconstruct": commands.reconstruct,
         "regions": commands.regions,
+        "train": classes.train,
+        "predict": classes.predict,
         "render": pictures.render,
         "gallery": pictures.gallery,
         "movie": pictures.movie,

@@ -167,7 +167,7 @@ def regions(
     (['north', 'south'], [1, 1], array([5.6, 5.7]))
     """
     surface = as_mesh(mesh)
-    surface = surface.with_maps(_label_map(surface, labels), *maps)
+    surface = surface.with_maps(label_map(labels), *maps)
     known, *measured = surface.maps[len(surface.maps) - len(maps) - 1 :]
     rows, numbers = _rows(surface, known)
     k = len(numbers)
@@ -205,7 +205,7 @@ def regions(
     return Regions(columns, rows, replace(surface, maps=tuple(measured)), remarks)
 
 
-def _label_map(mesh: Mesh, given: VertexMap | npt.ArrayLike) -> VertexMap:
+def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
     """The labels as a map with labels: numbers are names where there are none."""
     if isinstance(given, VertexMap) and given.labels:
         return given

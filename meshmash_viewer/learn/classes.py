@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
+from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.learn.columns import ClassColumns
@@ -45,7 +47,6 @@ _BLOCK = 25_000
 _PAIRS = 200
 #: Range relative to the largest magnitude below which a column is constant.
 _SAME = 1e-6
-_WITHOUT_COLOR = "#888888"
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +232,9 @@ def train_classes(
     if len(sets) != len(given) or not given:
         said = f"{counted(len(given), 'mesh')} and {counted(len(sets), 'set')} of labels"
         raise InputError(f"There are {said}: give each mesh its own.")
-    sets = [labelled(mesh.with_maps(each).maps[-1]) for mesh, each in zip(given, sets, strict=True)]
+    sets = [
+        mesh.with_maps(label_map(each)).maps[-1] for mesh, each in zip(given, sets, strict=True)
+    ]
     classes = _joined(sets)
     if isinstance(columns, str):
         if known[0] is None:
@@ -323,26 +326,6 @@ def predict_classes(
         ),
         VertexMap("uncertainty", 1.0 - values.max(axis=1)),
     )
-
-
-def labelled(given: VertexMap) -> VertexMap:
-    """Return a map with labels; whole numbers become labels named by them, 0 and NaN none.
-
-    `InputError` is raised if the numbers are not whole, or have no label.
-    """
-    if given.labels:
-        return given
-    values = np.nan_to_num(given.values)
-    if not np.array_equal(values, np.rint(values)):
-        raise InputError(
-            f"Map {given.name!r} has numbers that are not whole, so it holds no labels: give a"
-            " file of labels, such as .label.gii, .annot, or a CSV of whole numbers."
-        )
-    keys = np.unique(values[values != 0.0]).astype(np.int64)
-    if not len(keys):
-        raise InputError(f"Map {given.name!r} has no vertex with a label: all are 0.")
-    named = tuple(Label(int(key), str(key), _WITHOUT_COLOR) for key in keys)
-    return VertexMap(given.name, values, named, path=given.path)
 
 
 def _joined(sets: Sequence[VertexMap]) -> tuple[Label, ...]:
@@ -488,7 +471,7 @@ class _Training:
             if progress is not None:
                 progress(Progress("training", part.start / _TREES, message="Training"))
             forest.set_params(n_estimators=part.stop).fit(values, places)
-        return forest.set_params(warm_start=False)
+        return forest.set_params(warm_start=False, n_jobs=1)
 
     def scored(self, model: ClassModel, progress: ProgressCallback | None) -> ClassModel:
         """Cross-validate a model."""
@@ -559,13 +542,24 @@ def _probabilities(
     progress: ProgressCallback | None,
     cancel: CancelCallback | None,
 ) -> FloatArray:
-    """Return the probability of each class, shape (n, c)."""
-    found = []
-    for part in blocks(len(values), _BLOCK):
+    """Return the probability of each class, shape (n, c).
+
+    Blocks of vertices are predicted in threads: a forest that uses threads itself adds up its trees
+    in the order in which these end.
+    """
+    from joblib import cpu_count
+
+    def predicted(part: slice) -> FloatArray:
         check_cancelled(cancel)
-        if progress is not None:
-            progress(Progress("prediction", part.start / len(values), message="Predicting"))
-        found.append(classifier.predict_proba(values[part]))
+        return np.asarray(classifier.predict_proba(values[part]), dtype=np.float64)
+
+    found = []
+    with ThreadPoolExecutor(cpu_count()) as pool:
+        for block in pool.map(predicted, blocks(len(values), _BLOCK)):
+            found.append(block)
+            if progress is not None:
+                share = min(len(found) * _BLOCK / len(values), 1.0)
+                progress(Progress("prediction", share, message="Predicting"))
     return np.concatenate(found)
 
 

@@ -24,3 +24,14 @@ def sample_path(name: str = "dendrite") -> Path:
     if name not in SAMPLES:
         raise InputError(f"There is no sample {name!r}: choose one of {', '.join(SAMPLES)}.")
     return Path(__file__).with_name(f"{name}.npz")
+
+
+def labels_path(name: str = "dendrite") -> Path:
+    """Where the labels of a sample lie on disk: shaft and spine, and soma and axon of the neuron.
+
+    `InputError` is raised if it has none.
+    """
+    path = sample_path(name).with_name(f"{name}_labels.npz")
+    if not path.exists():
+        raise InputError(f"The sample {name} has no labels: choose dendrite or neuron.")
+    return path

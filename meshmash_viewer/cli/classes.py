@@ -1,0 +1,197 @@
+"""The commands train and predict: classes of vertices from labels."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from meshmash_viewer.cli.arguments import chosen_operator
+from meshmash_viewer.cli.batch import (
+    Report,
+    for_each,
+    prepared,
+    print_report,
+    progress_bar,
+    read,
+    solved,
+    titled_rows,
+    until_interrupted,
+)
+from meshmash_viewer.cli.features import is_folder, output_paths
+from meshmash_viewer.cli.numbers import in_unit
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.regions import label_map
+from meshmash_viewer.io.atomic import made_folder
+from meshmash_viewer.io.maps import read_labels
+from meshmash_viewer.io.models import check_model_path, model_card, read_classes, write_classes
+from meshmash_viewer.io.write import check_output
+from meshmash_viewer.io.write_labels import write_labels
+from meshmash_viewer.learn.classes import ClassModel, predict_classes, train_classes
+from meshmash_viewer.learn.columns import ClassColumns
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.export import maps_alone, write_results
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import counted, format_quantity, format_share
+
+
+def train(options: Namespace) -> int:
+    """Train a model from labelled meshes, and write it."""
+    began = time.perf_counter()
+    check_model_path(options.output)
+    if len(options.labels) != len(options.mesh):
+        raise InputError(
+            f"There are {counted(len(options.mesh), 'mesh')} and {len(options.labels)} --labels:"
+            " give each mesh its own, in the same order."
+        )
+    if options.mask and len(options.mesh) > 1:
+        raise InputError("--mask is of one mesh: train on one, or without a mask.")
+    meshes, labels, tables = [], [], []
+    columns: ClassColumns | None = None
+    for path, given in zip(options.mesh, options.labels, strict=True):
+        mesh = read(path, options)
+        own = in_unit(options, mesh.unit)
+        mesh = prepared(mesh, options)
+        try:
+            known = label_map(read_labels(given, mesh))
+        except InputError as fault:
+            said = "" if str(given).partition(":")[0] in str(fault) else f"{given}: "
+            raise InputError(f"{said}{fault}") from fault
+        if columns is None:
+            pairs = solved(mesh, own, own.target)
+            columns = _columns(mesh, pairs, own)
+        else:
+            columns.check_unit(mesh)
+            pairs = solved(mesh, own, Target("max_eigenvalue", columns.limit(mesh)))
+        with progress_bar(mesh) as bar, until_interrupted() as cancel:
+            tables.append(columns.compute(mesh, pairs, progress=bar, cancel=cancel))
+        meshes.append(mesh)
+        labels.append(known)
+    assert columns is not None
+    smoothing = in_unit(options, columns.unit).smoothing
+    with progress_bar(meshes[0]) as bar, until_interrupted() as cancel:
+        model = train_classes(
+            meshes, labels, columns, options.classifier, smoothing=smoothing, features=tables,
+            progress=bar, cancel=cancel,
+        )  # fmt: skip
+    about = {"repairs": list(options.repair), "mask": options.mask, "labels": options.labels}
+    write_classes(options.output, replace(model, about=about))
+    report = {
+        **model_card(model),
+        "output": str(options.output),
+        "remarks": [model.unscored] if model.unscored else [],
+        "seconds": round(time.perf_counter() - began, 3),
+    }
+    print_report(options, options.output, report, _described(model, options.output))
+    return 0
+
+
+def _columns(mesh: Mesh, pairs: Eigenpairs, options: Namespace) -> ClassColumns:
+    return ClassColumns.chosen(
+        mesh,
+        pairs,
+        options.t_min,
+        options.t_max,
+        kinds=tuple(dict.fromkeys(options.kind or ["hks"])),
+        n_times=options.n_components or 32,
+        drop_first=options.drop_first,
+        operator=chosen_operator(options),
+    )
+
+
+def _described(model: ClassModel, path: Path) -> str:
+    """Say what a model is, how good it is where it was not trained, and by which columns."""
+    n_labelled = sum(each["n_labelled"] for each in model.meshes)
+    title = (
+        f"{path}: {counted(len(model.classes), 'class')} from"
+        f" {counted(n_labelled, 'vertex')} with labels of {counted(len(model.meshes), 'mesh')}"
+    )
+    scores, unit = model.scores, model.columns.unit
+    rows = []
+    if scores is not None:
+        rows.append(
+            ("F1", f"{scores.weighted_f1:.3f}, by area, with whole {scores.left_out} left out")
+        )
+        for name, f1, areas in zip(model.names, scores.f1, scores.confusion, strict=True):
+            wrong = [
+                f"{format_share(area / areas.sum())} taken for {other}"
+                for other, area in zip(model.names, areas, strict=True)
+                if other != name and area > 0.0
+            ]
+            size = format_quantity(float(areas.sum()), unit, 2)
+            rows.append((f"  {name}", ", ".join([f"{f1:.3f} of {size}", *wrong])))
+    best = np.argsort(-model.importance, kind="stable")[:3]
+    names = [f"{model.columns.names[at]} ({format_share(model.importance[at])})" for at in best]
+    rows.append(("columns", f"{len(model.importance)}, most important: {', '.join(names)}"))
+    return titled_rows(title, rows)
+
+
+def predict(options: Namespace) -> int:
+    """Predict the classes of meshes by a model, and write them with their probabilities."""
+    model = read_classes(options.model)
+    outputs = output_paths(options.mesh, options.output, "classes", f".{options.format}")
+    folder = Path(options.output) if is_folder(options.output) else None
+    options = Namespace(
+        **{
+            **vars(options),
+            "no_robust": not model.columns.operator.robust,
+            "mollify_factor": model.columns.operator.mollify_factor,
+        }
+    )
+    with made_folder(folder) if folder else contextlib.nullcontext():
+        for path in outputs:
+            check_output(path, "labels" if _of_labels(path) else "features")
+        return for_each(
+            options,
+            lambda mesh, at, own: _write_predicted(mesh, outputs[at], model, own),
+            repaired=False,  # both are needed to write results at all vertices
+        )
+
+
+def _of_labels(path: Path) -> bool:
+    """Whether a file holds labels alone."""
+    return path.name.lower().endswith((".label.gii", ".annot"))
+
+
+def _write_predicted(raw: Mesh, path: Path, model: ClassModel, options: Namespace) -> Report:
+    began = time.perf_counter()
+    mesh = prepared(raw, options)
+    model.check_mesh(mesh)
+    pairs = solved(mesh, options, Target("max_eigenvalue", model.columns.limit(mesh)))
+    with progress_bar(mesh) as bar, until_interrupted() as cancel:
+        found = predict_classes(mesh, model, pairs=pairs, progress=bar, cancel=cancel)
+    about = {
+        "kind": "classes",
+        "model": str(options.model),
+        "columns": model.columns.plain(),
+        "repairs": list(options.repair),
+        "mask": options.mask,
+    }
+    if _of_labels(path):
+        write_labels(path, found.labels, mesh, about)
+    else:
+        table = maps_alone(replace(mesh, maps=found.maps))
+        write_results(path, table, mesh, raw if options.whole_mesh else None, None, about)
+    areas = {
+        each.name: float(mesh.vertex_areas[found.labels.values == each.key].sum())
+        for each in model.classes
+    }
+    uncertain = float(
+        np.average(np.nan_to_num(found.uncertainty.values), weights=mesh.vertex_areas)
+    )
+    report = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "unit": mesh.unit,
+        "areas": areas,
+        "mean_uncertainty": uncertain,
+        "remarks": [],
+        "seconds": round(time.perf_counter() - began, 3),
+    }
+    said = ", ".join(f"{name} {format_share(area / mesh.area)}" for name, area in areas.items())
+    return report, f"{path}: {said}; mean uncertainty {uncertain:.2f}"

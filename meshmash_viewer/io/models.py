@@ -1,0 +1,267 @@
+"""Files of class models: a skops archive with a card, nothing in which is a pickle."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import zipfile
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.read import check_file
+from meshmash_viewer.learn.classes import CLASSIFIERS, ClassModel
+from meshmash_viewer.learn.columns import KINDS, ClassColumns
+from meshmash_viewer.learn.scores import ClassScores
+from meshmash_viewer.vertex_map import Label
+
+#: The ending of the files.
+MODEL_ENDING = ".skops"
+#: Name and version of the card in the archive.
+_CARD, _FORMAT = "meshmash-viewer.json", 1
+#: Largest size of the unpacked archive, and of the card, in bytes.
+_LARGEST, _LARGEST_CARD = 2_000_000_000, 50_000_000
+#: What skops does not trust by itself: its indices are checked here before it is used.
+_CHECKED = "sklearn.tree._tree.Tree"
+_VERSIONS = ("scikit-learn", "skops", "numpy")
+
+
+def check_model_path(path: str | Path) -> None:
+    """Raise `InputError` unless a model can be written to a file."""
+    _require_skops()
+    path = Path(path)
+    if path.suffix.lower() != MODEL_ENDING:
+        raise InputError(f"{path} is not the name of a model; give it the ending {MODEL_ENDING}.")
+    if not path.parent.is_dir():
+        raise InputError(f"There is no folder {path.parent}: make it, or name another one.")
+
+
+def write_classes(path: str | Path, model: ClassModel) -> None:
+    """Write a class model and its card into a skops file.
+
+    The card is ``meshmash-viewer.json`` in the archive (`unzip -p model.skops
+    meshmash-viewer.json`): columns with their unit, operator and transformation, classes with
+    colours, training meshes by content hash, scores, and versions.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with the ending .skops.
+    model : ClassModel
+
+    Raises
+    ------
+    InputError
+        If the ending is another one, skops is not installed, or the file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> parts = (mv.Label(1, "cap", "#4477aa"), mv.Label(2, "side", "#ee6677"))
+    >>> pill = mv.Mesh(ball.vertices * [1, 1, 3], ball.faces, unit="mm")
+    >>> labels = mv.VertexMap("part", np.where(pill.vertices[:, 2] > 2, 1, 2), labels=parts)
+    >>> model = mv.train_classes(pill, labels)
+    >>> with TemporaryDirectory() as folder:
+    ...     mv.write_classes(folder + "/parts.skops", model)
+    ...     mv.read_classes(folder + "/parts.skops").names
+    ('cap', 'side')
+    """
+    check_model_path(path)
+    from skops import io
+
+    card = json.dumps(model_card(model), indent=1, ensure_ascii=False)
+    with writing_errors(Path(path)), written_whole(Path(path)) as part:
+        io.dump(model.classifier, part, compression=zipfile.ZIP_DEFLATED)
+        with zipfile.ZipFile(part, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(_CARD, card)
+
+
+def model_card(model: ClassModel) -> dict[str, Any]:
+    """Describe a model, for JSON."""
+    columns = model.columns
+    return {
+        "format": _FORMAT,
+        "program": f"meshmash-viewer {metadata.version('meshmash-viewer')}",
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "classifier": model.kind,
+        "columns": columns.plain(),
+        "column_names": list(columns.names),
+        "transformation": {kind: KINDS[kind] for kind in columns.kinds},
+        "smoothing": model.smoothing,
+        "classes": [
+            {"key": each.key, "name": each.name, "color": each.color} for each in model.classes
+        ],
+        "importance": model.importance.tolist(),
+        "meshes": list(model.meshes),
+        "scores": None if model.scores is None else model.scores.plain(),
+        "unscored": model.unscored,
+        "about": model.about,
+        "versions": {name: metadata.version(name) for name in _VERSIONS},
+    }
+
+
+def read_classes(path: str | Path) -> ClassModel:
+    """Read a class model from a skops file; no code in it is run.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    ClassModel
+
+    Raises
+    ------
+    InputError
+        If it is no such file, is of another version of its format or of scikit-learn, or holds a
+        type other than those of its classifier, which is named.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     written = Path(folder, "other.skops").write_text("no model")
+    ...     try:
+    ...         mv.read_classes(Path(folder, "other.skops"))
+    ...     except mv.InputError as error:
+    ...         print(str(error).partition("other.skops ")[2])
+    is no model of classes: choose one that `train` has written.
+    """
+    path = Path(path)
+    _require_skops()
+    check_file(path)
+    card = _card(path)
+    _check_versions(path, card)
+    try:
+        columns = ClassColumns.from_plain(card["columns"])
+        classes = tuple(Label(int(each["key"]), str(each["name"]), str(each["color"]))
+                        for each in card["classes"])  # fmt: skip
+        kind, scores = str(card["classifier"]), card["scores"]
+        importance = np.array(card["importance"], dtype=np.float64)
+        if list(columns.names) != card["column_names"] or len(importance) != len(columns.names):
+            raise ValueError("its columns do not agree")
+        classifier = _classifier(path, kind, len(columns.names), len(classes))
+        return ClassModel(
+            classifier,
+            kind,
+            columns,
+            classes,
+            importance,
+            float(card["smoothing"]),
+            tuple(dict(each) for each in card["meshes"]),
+            None if scores is None else _scores(scores),
+            str(card["unscored"]),
+            dict(card["about"]),
+        )
+    except _Unacceptable as fault:
+        raise InputError(str(fault)) from fault
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as fault:
+        raise InputError(
+            f"{path} is a damaged model ({printable(fault)}): copy it again, or train another one."
+        ) from fault
+
+
+class _Unacceptable(Exception):
+    """A sentence on a model that is not used."""
+
+
+def _card(path: Path) -> dict[str, Any]:
+    """Return the card of a file, whose size is checked first."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            sizes = {each.filename: each.file_size for each in archive.infolist()}
+            if sum(sizes.values()) > _LARGEST or sizes.get(_CARD, 0) > _LARGEST_CARD:
+                raise InputError(f"{path} unpacks to more than a model can have: train it again.")
+            card = json.loads(archive.read(_CARD))
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, NotImplementedError) as fault:
+        if isinstance(fault, InputError):
+            raise
+        raise InputError(
+            f"{path} is no model of classes: choose one that `train` has written."
+        ) from fault
+    return card if isinstance(card, dict) else {}
+
+
+def _check_versions(path: Path, card: dict[str, Any]) -> None:
+    if card.get("format") != _FORMAT:
+        raise InputError(
+            f"{path} has version {printable(card.get('format'), 20)} of the format of models, and"
+            f" this program reads {_FORMAT}: train it again, or use the program that wrote it."
+        )
+    versions = card.get("versions")
+    written = str(versions.get("scikit-learn")) if isinstance(versions, dict) else "unknown"
+    here = metadata.version("scikit-learn")
+    if written.split(".")[:2] != here.split(".")[:2]:
+        raise InputError(
+            f"{path} was trained with scikit-learn {printable(written, 20)}, and {here} is"
+            " installed, which may decide otherwise: train it again, or install that version."
+        )
+
+
+def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
+    """Load the classifier, and check all that its compiled parts rely on."""
+    from sklearn.ensemble import ExtraTreesClassifier
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import Pipeline
+    from sklearn.preprocessing import StandardScaler
+    from skops import io
+
+    if unknown := sorted(set(io.get_untrusted_types(file=path)) - {_CHECKED}):
+        raise _Unacceptable(
+            f"{path} holds {printable(', '.join(unknown))}, which is no part of a model of classes:"
+            " it is not loaded; get it from whom you trust, or train it again."
+        )
+    loaded = io.load(path, trusted=[_CHECKED])
+    sound = kind in CLASSIFIERS
+    if kind == "forest":
+        sound = type(loaded) is ExtraTreesClassifier and all(
+            _is_sound(each.tree_, n_columns, n_classes) for each in loaded.estimators_
+        )
+    elif sound:
+        steps = [StandardScaler, LogisticRegression]
+        sound = type(loaded) is Pipeline and [type(each) for _, each in loaded.steps] == steps
+    if not sound:
+        raise ValueError(f"not a classifier of kind {kind}")
+    if loaded.predict_proba(np.zeros((1, n_columns))).shape != (1, n_classes):
+        raise ValueError("other classes than the card has")
+    if not np.array_equal(loaded.classes_, np.arange(n_classes)):
+        raise ValueError("classes in another order than the card has")
+    return loaded
+
+
+def _is_sound(tree: Any, n_columns: int, n_classes: int) -> bool:
+    """Whether the indices of a tree are within it, and ascend so that every walk ends."""
+    nodes = tree.__getstate__()["nodes"]
+    places = np.arange(len(nodes))
+    left, right = nodes["left_child"], nodes["right_child"]
+    inner = (left != -1) | (right != -1)
+    within = (left > places) & (right > places) & (left < len(nodes)) & (right < len(nodes))
+    known = (nodes["feature"] >= 0) & (nodes["feature"] < n_columns)
+    return bool(
+        len(nodes) > 0
+        and (within & known)[inner].all()
+        and tree.n_features == n_columns
+        and tree.value.shape == (len(nodes), 1, n_classes)
+    )
+
+
+def _scores(entries: dict[str, Any]) -> ClassScores:
+    names = tuple(map(str, entries["classes"]))
+    confusion = np.array(entries["confusion"], dtype=np.float64).reshape(len(names), len(names))
+    return ClassScores(names, confusion, str(entries["left_out"]), int(entries["folds"]))
+
+
+def _require_skops() -> None:
+    """Raise `InputError` if skops is not installed."""
+    if find_spec("skops") is None or find_spec("sklearn") is None:
+        raise InputError(
+            "Files of models need skops, which is not installed:"
+            ' pip install "meshmash-viewer[learn]".'
+        )

@@ -1,0 +1,142 @@
+"""Files of class models: what is written is read, and nothing else is loaded."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+
+LABELS = (mv.Label(1, "bump", "#4477aa"), mv.Label(2, "rest", "#ee6677"))
+CARD = "meshmash-viewer.json"
+
+
+class Other:
+    """A type that no model holds."""
+
+
+@pytest.fixture(scope="module")
+def blob() -> mv.Mesh:
+    mesh = shapes.blob(2)
+    return mv.Mesh(mesh.vertices, mesh.faces, "nm", "blob")
+
+
+@pytest.fixture(scope="module")
+def labels(blob: mv.Mesh) -> mv.VertexMap:
+    return mv.VertexMap("part", np.where(blob.vertices[:, 0] > 0.5, 1, 2), labels=LABELS)
+
+
+@pytest.fixture(scope="module", params=["forest", "logistic"])
+def model(request: pytest.FixtureRequest, blob: mv.Mesh, labels: mv.VertexMap) -> mv.ClassModel:
+    columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", kinds=("hks", "curvature"), n_times=6)
+    return mv.train_classes(blob, labels, columns, request.param, smoothing=0.1)
+
+
+@pytest.fixture
+def path(tmp_path: Path, model: mv.ClassModel) -> Path:
+    path = tmp_path / "model.skops"
+    mv.write_classes(path, model)
+    return path
+
+
+def with_card(path: Path, change: Any) -> Path:
+    """A copy whose card is changed by a function."""
+    copy = path.with_name("changed.skops")
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(copy, "w") as other:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name == CARD:
+                card = json.loads(content)
+                change(card)
+                content = json.dumps(card).encode()
+            other.writestr(name, content)
+    return copy
+
+
+def test_a_model_is_read_as_it_was_written(blob: mv.Mesh, model: mv.ClassModel, path: Path) -> None:
+    found = mv.read_classes(path)
+    assert (found.columns, found.classes, found.kind) == (model.columns, LABELS, model.kind)
+    assert (found.meshes, found.smoothing) == (model.meshes, 0.1)
+    np.testing.assert_array_equal(found.importance, model.importance)
+    before, after = mv.predict_classes(blob, model), mv.predict_classes(blob, found)
+    for each, other in zip(before.maps, after.maps, strict=True):
+        np.testing.assert_array_equal(each.values, other.values)
+
+
+def test_the_card_is_json_in_the_archive(blob: mv.Mesh, path: Path) -> None:
+    with zipfile.ZipFile(path) as archive:
+        assert not [name for name in archive.namelist() if "pickle" in name or "pkl" in name]
+        card = json.loads(archive.read(CARD))
+    assert card["columns"]["unit"] == "nm"
+    assert card["columns"]["operator"] == {"robust": True, "mollify_factor": 1e-5}
+    assert card["meshes"][0]["hash"] == blob.content_hash
+    assert card["classes"][0] == {"key": 1, "name": "bump", "color": "#4477aa"}
+    assert "scikit-learn" in card["versions"]
+    assert card["transformation"]["hks"].startswith("logarithm")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda card: card.update(format=2), "has version 2 of the format of models"),
+        (
+            lambda card: card["versions"].update({"scikit-learn": "0.9.1"}),
+            "was trained with scikit-learn 0.9.1",
+        ),
+        (lambda card: card.pop("columns"), "damaged model"),
+        (lambda card: card["columns"].update(kinds=["heat"]), "damaged model"),
+        (lambda card: card["classes"].pop(), "damaged model"),
+        (lambda card: card["columns"].update(n_times=3), "its columns do not agree"),
+    ],
+)
+def test_other_cards_are_refused(path: Path, change: Any, said: str) -> None:
+    with pytest.raises(mv.InputError, match=said):
+        mv.read_classes(with_card(path, change))
+
+
+def test_another_type_is_refused_by_its_name(path: Path, model: mv.ClassModel) -> None:
+    other = Other()
+    other.value = 1  # type: ignore[attr-defined]
+    model.classifier.other = other
+    try:
+        mv.write_classes(path, model)
+    finally:
+        del model.classifier.other
+    with pytest.raises(mv.InputError, match=r"Other, which is no part of a model of classes"):
+        mv.read_classes(path)
+
+
+def test_a_tree_that_leads_out_of_itself_is_refused(
+    tmp_path: Path, blob: mv.Mesh, labels: mv.VertexMap
+) -> None:
+    """Following it would read memory that is not its own."""
+    columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", n_times=6)
+    model = mv.train_classes(blob, labels, columns, scored=False)
+    tree = model.classifier.estimators_[7].tree_
+    state = tree.__getstate__()
+    state["nodes"]["right_child"][0] = 10**9
+    tree.__setstate__(state)
+    mv.write_classes(tmp_path / "bad.skops", model)
+    with pytest.raises(mv.InputError, match="damaged model"):
+        mv.read_classes(tmp_path / "bad.skops")
+
+
+@pytest.mark.parametrize("content", [b"hello", b"", b"PK\x05\x06" + 18 * b"\0"])
+def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "other.skops"
+    path.write_bytes(content)
+    with pytest.raises(mv.InputError, match=r"is no model of classes|is empty"):
+        mv.read_classes(path)
+
+
+def test_models_have_one_ending(tmp_path: Path, model: mv.ClassModel) -> None:
+    with pytest.raises(mv.InputError, match=r"give it the ending \.skops"):
+        mv.write_classes(tmp_path / "model.pkl", model)
+    with pytest.raises(mv.InputError, match="does not exist"):
+        mv.read_classes(tmp_path / "none.skops")
