@@ -308,7 +308,8 @@ class Document(OpenMesh):
         with self.history.paused():
             self._show(ready, ready.known, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")
-        if lost := n_pins - len(self.pins.placed):
+        lost = 0 if self.pins.matched else n_pins - len(self.pins.placed)
+        if lost:
             where, them = ("a vertex", "it") if lost == 1 else ("vertices", "them")
             text = (
                 f"{counted(lost, 'pin')} went with {where} that the repair left out or merged."

@@ -139,6 +139,7 @@ class Pair:
         self._dragging = False
         #: The history of the second, whose changes are changes in the history of the first.
         self._second_past = second.history.past
+        second.pins.matched = True
         self._keep_second()
         events = first.display.events
         self._connections = [

@@ -66,6 +66,8 @@ class Pins:
         self._opened, self._history = opened, history
         #: The pins in the order in which they were placed.
         self.placed: tuple[Pin, ...] = ()
+        #: Whether they are the matches of another mesh's, which are found again after a repair.
+        self.matched = False
         history.keep("pins", lambda: self.placed, self.put)
 
     def put(self, pins: tuple[Pin, ...]) -> None:

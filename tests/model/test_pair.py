@@ -32,7 +32,9 @@ from meshmash_viewer.model.limits import (
     PercentileLimits,
     SymmetricLimits,
 )
+from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -212,13 +214,17 @@ def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
     second, repair = pair.second, "keep_largest_component"
     before = second.mesh
     assert before is not None
+    second.pins.put((*second.pins.placed, Pin(5, 2)))  # a match on debris, which is found again
+    said: list[Notice | None] = []
+    second.notices.shown.connect(said.append)
     mesh = repair_mesh(before, repair)
     second.accept_mesh(
         MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, repairs=(repair,), derived=True)
     )
+    assert not any(said)
     assert [mesh.file_index(pin.vertex) for pin in second.pins.placed] == [60]
     second.undo_repair()
-    assert [pin.vertex for pin in second.pins.placed] == [60]
+    assert [pin.vertex for pin in second.pins.placed] == [60, 5]
 
 
 def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
