@@ -260,27 +260,27 @@ def test_columns_are_checked(options: dict[str, Any], said: str) -> None:
 
 @pytest.mark.slow
 def test_spines_of_a_dendrite_are_learned_from_sixty_strokes() -> None:
-    """Trained on strokes in one half, tested in the other half, and on a copy in µm."""
+    """Trained on 2 % of the vertices, tested on all others and on a copy in µm."""
     mesh = mv.read_mesh(sample_path("dendrite"))
     truth = mv.read_labels(labels_path("dendrite"), mesh)
-    first = mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])
     columns = mv.ClassColumns(5e4, 2e7, 1e-5, "nm", kinds=("hks", "curvature"))
-    random, values = np.random.default_rng(0), np.zeros(mesh.n_vertices, dtype=int)
+    random, values = np.random.default_rng(1), np.zeros(mesh.n_vertices, dtype=int)
     for key in (1, 2):
-        inside = np.flatnonzero(first & (truth.values == key))
-        for start in random.choice(inside, 30, replace=False):
+        inside = np.flatnonzero(truth.values == key)
+        share = mesh.vertex_areas[inside] / mesh.vertex_areas[inside].sum()
+        for start in random.choice(inside, 30, replace=False, p=share):
             away = np.linalg.norm(mesh.vertices[inside] - mesh.vertices[start], axis=1)
             values[inside[np.argsort(away)[:15]]] = key
     known = columns.compute(mesh)
     strokes = mv.VertexMap("strokes", values, labels=truth.labels)
     model = mv.train_classes(mesh, strokes, columns, features=known)
     found = mv.predict_classes(mesh, model, features=known).labels.values
-    areas = np.where(first, 0.0, mesh.vertex_areas)
+    areas = np.where(values > 0, 0.0, mesh.vertex_areas)
     confusion = [[areas[(truth.values == a) & (found == b)].sum() for b in (1, 2)] for a in (1, 2)]
-    other = mv.ClassScores(model.names, np.array(confusion), "half", 1).weighted_f1
-    assert other > 0.9
+    other = mv.ClassScores(model.names, np.array(confusion), "", 1).weighted_f1
+    assert other > 0.93
     assert model.scores is not None
-    assert abs(model.scores.weighted_f1 - other) < 0.06
+    assert abs(model.scores.weighted_f1 - other) < 0.05
     copy, there = shapes.moved_copy(mesh, 1e-3)
     after = mv.predict_classes(mv.Mesh(copy.vertices, copy.faces, "µm"), model).labels.values
     assert np.mean(after[there] == found) > 0.999

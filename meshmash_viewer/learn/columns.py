@@ -122,9 +122,10 @@ class ClassColumns:
         **others: Any,
     ) -> Self:
         """Choose the columns for a mesh: times of its spectrum, which are kept for all others."""
-        found = hks_time_range(pairs.eigenvalues, as_mesh(mesh).area)
+        exact = pairs.exact
+        found = hks_time_range(exact.eigenvalues, as_mesh(mesh).area)
         low, high = t_min or found[0], t_max or found[1]
-        last = pairs.known_to or float(pairs.eigenvalues[-1])
+        last = exact.known_to or float(exact.eigenvalues[-1])
         return cls(low, high, last, as_mesh(mesh).unit, **others)
 
     @property
