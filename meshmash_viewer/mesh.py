@@ -31,6 +31,7 @@ from meshmash_viewer.units import (
     counted,
     is_voxel,
     named_vertex,
+    written_unit,
 )
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
@@ -85,6 +86,8 @@ class Mesh:
     Examples
     --------
     >>> mesh = mv.Mesh([[0, 0, 0], [4, 0, 0], [0, 3, 0]], [[0, 1, 2]], unit="nm")
+    >>> mesh
+    <Mesh without a name: 3 vertices, 1 face, nm>
     >>> mesh.n_vertices, mesh.area
     (3, 6.0)
     >>> vertices, faces = mesh
@@ -100,6 +103,12 @@ class Mesh:
     maps: tuple[VertexMap, ...] = ()
     numbering: FileNumbering | None = None
     structure: str = ""
+
+    def __repr__(self) -> str:
+        """Write it in one line, without its arrays."""
+        unit = f", {written_unit(self.unit, self.voxel)}" if self.unit else ""
+        size = f"{counted(self.n_vertices, 'vertex')}, {counted(self.n_faces, 'face')}"
+        return f"<Mesh {self.name or 'without a name'}: {size}{unit}>"
 
     def __post_init__(self) -> None:
         vertices = checked_vertices(self.vertices)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from PySide6.QtCore import QSize, Signal
 from PySide6.QtGui import QIcon
-from PySide6.QtWidgets import QLabel, QToolButton, QWidget
+from PySide6.QtWidgets import QToolButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background_io import BackgroundIO
@@ -17,7 +17,7 @@ from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
-from meshmash_viewer.app.stage import render_head
+from meshmash_viewer.app.stage import HeadLabel, render_head
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
@@ -68,7 +68,7 @@ class SecondView(QWidget):
         self.scene.set_theme(theme.is_dark())
 
     def _build(self) -> None:
-        self.status_label = theme.named(QLabel(), "second_label", "Second mesh, and its state")
+        self.status_label = theme.named(HeadLabel(), "second_label", "Second mesh, and its state")
         close = theme.named(
             QToolButton(), "second_close_button", "Close the second mesh",
             tip="Close the second mesh",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtGui import QPaintEvent, QResizeEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QSizePolicy,
     QSplitter,
     QStackedLayout,
+    QStylePainter,
     QWidget,
 )
 
@@ -31,6 +32,19 @@ _RECENT_SHOWN = 5
 _MARGIN, _SIDE_BY_SIDE = 32, 300
 #: Height of the line over each render of a comparison.
 _HEAD = 27
+
+
+class HeadLabel(QLabel):
+    """A name and a state in one line, which end in dots, and are the tooltip, where it is short."""
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        """Write as much as there is room for."""
+        end = Qt.TextElideMode.ElideRight
+        written = self.fontMetrics().elidedText(self.text(), end, self.width())
+        self.setToolTip(self.text() if written != self.text() else "")
+        QStylePainter(self).drawItemText(
+            self.rect(), self.alignment(), self.palette(), True, written, self.foregroundRole()
+        )
 
 
 def render_head(label: QLabel, *buttons: QWidget) -> QWidget:
@@ -58,7 +72,7 @@ class Stage(QWidget):
         self.welcome = Welcome()
         self._pages.addWidget(self.welcome)
         self._scene: QSplitter | None = None
-        self.first_label = make.label("first_label", "First mesh, and its state")
+        self.first_label = theme.named(HeadLabel(), "first_label", "First mesh, and its state")
         self.message_bar = MessageBar(self)
 
     def set_scene(self, scene: QWidget) -> None:

@@ -118,6 +118,10 @@ def test_two_renders_have_one_height_and_are_no_smaller_than_compare(
     label = window.findChild(QLabel, "first_label")
     assert label.isVisible()
     assert label.text().startswith("ball")
+    state = window.findChild(QLabel, "second_label")
+    qtbot.waitUntil(lambda: "press Compute" in state.text(), timeout=PATIENCE)
+    state.grab()  # painted: what does not fit ends in dots, and is the tooltip
+    assert state.toolTip() == state.text()
     assert window.stage.width() >= 1.5 * docks["pair"].width()
     window.opening.end_comparison()
     qtbot.waitUntil(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapes
 from closed_form import give, part, rectangle_document, rectangle_spectrum, shown, turn_wheel
 from PySide6.QtCore import QPoint, Qt, QUrl
 from PySide6.QtTest import QTest
@@ -14,13 +15,16 @@ from PySide6.QtWidgets import QApplication
 from scipy.linalg import eigh
 
 from meshmash_viewer.app.dialogs.page_dialog import PageDialog
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.panels.field_panel import FieldPanel
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.health import mesh_health
 from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import (
     Display,
     display_from_json,
@@ -31,6 +35,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue
 from meshmash_viewer.units import format_quantity
@@ -446,6 +451,15 @@ def test_without_eigenpairs_it_says_what_to_do(qtbot) -> None:
     assert not part(panel, "eigenvector_slider").isEnabled()
     for kind in FAMILIES:
         document.display.kind = kind
+    flat = shapes.rectangle(6, 3, 6.0, 3.0)
+    mesh = Mesh(flat.vertices, flat.faces)
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    catch_up()
+    for kind, hidden in (("eigenfunction", False), ("map", True)):
+        document.display.kind = kind
+        catch_up()
+        assert part(panel, "field_hint").isHidden() == hidden
+    assert "Compute eigenpairs" in part(panel, "map_hint").text(), "one hint, its own"
 
 
 def test_a_spectrum_of_zeros_only_has_no_times(qtbot) -> None:

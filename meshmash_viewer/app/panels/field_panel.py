@@ -92,7 +92,6 @@ class FieldPanel(QWidget):
         events = document.display.events
         follow((document.spectrum_changed, document.mesh_changed, events.fields), self._refresh_use)
         self._refresh_tab()
-        self._refresh_use()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave no empty room under the colours where the controls above have to scroll."""
@@ -118,13 +117,15 @@ class FieldPanel(QWidget):
         with QSignalBlocker(self.list):
             self.list.setCurrentRow(row)
         self._stack.setCurrentIndex(row)
+        self._refresh_use()
 
     def _refresh_use(self) -> None:
         known, display = self._document.known, self._document.display
         usable = known is not None and len(known) > 0
         for name, page in self._pages.items():
             page.setEnabled(usable or (known is not None and not display.fields[name].needs_pairs))
-        if usable:
+        shown = display.fields[display.kind]
+        if usable or (known is not None and not shown.needs_pairs):  # it has its own hint
             show_note(self.hint, "")
         elif self._document.mesh is None:
             show_note(self.hint, "Open a mesh, and compute its eigenpairs to see fields on it.")
