@@ -42,6 +42,7 @@ from meshmash_viewer.app.hover_label import HoverLabel
 from meshmash_viewer.app.job_progress import StatusProgress
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
+from meshmash_viewer.app.panels.label_table import given_to_label
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.scripted_window import ScriptedWindow
 from meshmash_viewer.app.settings import Settings
@@ -73,6 +74,8 @@ class MainWindow(ScriptedWindow):
 
     #: The window has been closed, and its tasks have ended; it cannot be shown again.
     closed = Signal()
+    #: Whether there are render and panels; events come before this object is made.
+    loaded = False
 
     def __init__(
         self, document: Document | None = None, fresh: bool = False, *, deferred: bool = False
@@ -93,7 +96,6 @@ class MainWindow(ScriptedWindow):
         self._field_wheel = FieldWheel(self)
         self._refusal = ""
 
-        self.loaded = False
         self._opened: Path | None = None
         self._closed = False
         #: Whether the field that was drawn last is signed; None without a field.
@@ -364,6 +366,12 @@ class MainWindow(ScriptedWindow):
             self.stage.message_bar.dismiss()
 
     # -- events -------------------------------------------------------------------------------
+
+    def event(self, event: QEvent) -> bool:
+        """Give the selection to labels by digits while the Select tool is on."""
+        labels = self.document.labels if self.loaded and self.select_tool.on else None
+        taken = labels is not None and labels.current is not None and given_to_label(event, labels)
+        return taken or super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Make keys commands again once a field has accepted its text.

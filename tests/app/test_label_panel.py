@@ -121,6 +121,23 @@ def test_from_nothing_to_labels_with_keys_alone(window: MainWindow, qtbot: QtBot
     assert document.display.kind == "eigenfunction", "outside the panel it is"
 
 
+def test_digits_are_of_labels_while_the_select_tool_is_on(labelled: MainWindow) -> None:
+    document, kind = labelled.document, labelled.document.display.kind
+    labelled.stage.setFocus()
+    QTest.keyClick(labelled.stage, Qt.Key.Key_W)
+    assert labelled.select_tool.on
+    QTest.keyClick(labelled.stage, Qt.Key.Key_2)
+    np.testing.assert_array_equal(values(labelled), np.where(UP, 2, 0))
+    assert document.display.kind == kind
+    QTest.keyClick(labelled.stage, Qt.Key.Key_7)
+    assert labelled.stage.message_bar.notice.text.startswith("There is no label 7, as there are 2")
+    document.history.undo()
+    np.testing.assert_array_equal(values(labelled), np.where(UP, 1, 0))
+    QTest.keyClick(labelled.stage, Qt.Key.Key_W)
+    QTest.keyClick(labelled.stage, Qt.Key.Key_1)
+    assert document.display.kind == "eigenfunction"
+
+
 def test_sizes_follow_the_labels(labelled: MainWindow, qtbot: QtBot) -> None:
     document = labelled.document
     assert texts(labelled)[0][2] == f"{UP.sum():,}"

@@ -426,7 +426,7 @@ def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWi
 def test_a_message_is_legible_over_a_narrow_render(window: MainWindow) -> None:
     window.resize(1000, 600)
     bar = window.stage.message_bar
-    text = "Picture saved to /home/someone/pictures/cow.png."
+    text = "Picture saved to /media/disk/pictures/cow.png."
     window.document.notices.show(Notice(text, action=lambda: None, button="Show in folder"))
     bar.keep_clear(QSize(160, 70), 90)  # a title, and a colour bar
     QApplication.processEvents()

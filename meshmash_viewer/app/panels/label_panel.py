@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from PySide6.QtCore import QEvent, QPoint, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent
+from PySide6.QtGui import QCloseEvent, QColor
 from PySide6.QtWidgets import QColorDialog, QMenu, QWidget
 
 from meshmash_viewer.app import theme
@@ -19,7 +19,7 @@ from meshmash_viewer.app.controls.layout import PANEL, column, row
 from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later
-from meshmash_viewer.app.panels.label_table import KEYS, LabelTable
+from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label
 from meshmash_viewer.app.panels.region_table import RegionTable
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.arrays import FloatArray, IntArray
@@ -232,21 +232,7 @@ class LabelPanel(QWidget):
 
     def event(self, event: QEvent) -> bool:
         """Take the digits while something in the panel has the focus."""
-        if isinstance(event, QKeyEvent) and event.type() in (
-            QEvent.Type.ShortcutOverride,
-            QEvent.Type.KeyPress,
-        ):
-            number = event.key() - Qt.Key.Key_0
-            plain = event.modifiers() in (
-                Qt.KeyboardModifier.NoModifier,
-                Qt.KeyboardModifier.KeypadModifier,
-            )
-            if plain and 1 <= number <= KEYS:
-                event.accept()
-                if event.type() == QEvent.Type.KeyPress:
-                    self._document.labels.assign_nth(number)
-                return True
-        return super().event(event)
+        return given_to_label(event, self._document.labels) or super().event(event)
 
     # -- from the model -----------------------------------------------------------------------
 
@@ -307,7 +293,9 @@ class LabelPanel(QWidget):
         mask = self._document.selection.mask
         if mask is None:
             return "Select vertices, then press the key of a label."
-        return f"{counted(int(mask.sum()), 'vertex')} selected: press the key of a label."
+        return (
+            f"{counted(int(np.count_nonzero(mask)), 'vertex')} selected: press the key of a label."
+        )
 
     def _refresh_buttons(self) -> None:
         n_chosen, selected = len(self.table.chosen), self._document.selection.mask is not None

@@ -19,6 +19,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.units import engineering, format_number, power_unit
 from meshmash_viewer.vertex_map import Label
 
@@ -128,6 +129,20 @@ def _alignment(column: int) -> Qt.AlignmentFlag:
     right = column in (VERTICES, AREA)
     side = Qt.AlignmentFlag.AlignRight if right else Qt.AlignmentFlag.AlignLeft
     return side | Qt.AlignmentFlag.AlignVCenter
+
+
+def given_to_label(event: QEvent, labels: Labels) -> bool:
+    """Give the selection to the label of a digit; return whether the event was that of one."""
+    kinds = QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress
+    if not isinstance(event, QKeyEvent) or event.type() not in kinds:
+        return False
+    number, keypad = event.key() - Qt.Key.Key_0, Qt.KeyboardModifier.KeypadModifier
+    if event.modifiers() & ~keypad or not 1 <= number <= KEYS:
+        return False
+    event.accept()
+    if event.type() == QEvent.Type.KeyPress:
+        labels.assign_nth(number)
+    return True
 
 
 class LabelTable(QTableView):
