@@ -67,6 +67,15 @@ class View:
         u, _, vt = np.linalg.svd(axes)  # keeps the axes orthonormal over thousands of rotations
         return replace(self, axes=u @ vt)
 
+    def towards(self, other: View, share: float) -> View:
+        """The view at a share of the way to another."""
+        turn = Rotation.from_matrix(other.axes @ self.axes.T).as_rotvec()
+        return View(
+            (1.0 - share) * self.focus + share * other.focus,
+            Rotation.from_rotvec(share * turn).as_matrix() @ self.axes,
+            self.half_size ** (1.0 - share) * other.half_size**share,
+        )
+
     def moved(self, dx: float, dy: float, width: int, height: int) -> View:
         """Shift the mesh by pixels to the right and up."""
         pixel = self.length_per_pixel(width, height)

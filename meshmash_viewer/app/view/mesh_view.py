@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QPoint, QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QEasingCurve, QPoint, QPointF, QSize, Qt, QVariantAnimation, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from scipy.spatial.transform import Rotation
@@ -42,6 +42,8 @@ _AROUND, _SMALLEST = 0.8, 0.03
 _SEEN = 0.3
 #: Magnification by a double click.
 _CLOSER = 1.4
+#: Milliseconds of the way of the camera to a place that is looked at.
+_FLIGHT = 300
 
 
 class MeshView(QWidget):
@@ -85,6 +87,10 @@ class MeshView(QWidget):
         self.outline = Outline(self.plotter)
         #: Whether the camera has been moved since `reset_camera`.
         self.turned_by_hand = False
+        self._flight = QVariantAnimation(self, duration=_FLIGHT, startValue=0.0, endValue=1.0)
+        self._flight.setEasingCurve(QEasingCurve.Type.InOutQuad)
+        self._flight.valueChanged.connect(self._fly)
+        self._flown: View | None = None
         #: Whether pins can be dragged, and the vertex of the one that is: -1 where the drag turns
         #: the mesh, None without a drag.
         self.movable_pins = False
@@ -391,7 +397,8 @@ class MeshView(QWidget):
     @property
     def at_rest(self) -> bool:
         """Whether the full mesh is drawn and no computation for the render is running."""
-        return self.frames.at_rest and not self._picking.working
+        flying = self._flight.state() == QVariantAnimation.State.Running
+        return self.frames.at_rest and not self._picking.working and not flying
 
     def _moves(self) -> None:
         """Draw a frame of what moves."""
@@ -533,7 +540,25 @@ class MeshView(QWidget):
         if outwards @ axes[2] < _SEEN * np.linalg.norm(outwards):
             axes = _facing(outwards, axes)
         focus = (low.astype(np.float64) + high) / 2.0 + drawing.centre
-        self._set_view(View(focus, axes, size))
+        self._fly_to(View(focus, axes, size))
+
+    def _fly_to(self, end: View) -> None:
+        """Move the camera on a way that can be followed; at once where frames are slow."""
+        self._flight.stop()
+        self._flown = start = self.renderer.view
+        if start is None or self.frames.slow:
+            self._set_view(end)
+            return
+        self._way = start, end
+        self._flight.start()
+
+    def _fly(self, share: float) -> None:
+        start, end = self._way
+        if self.renderer.view is not self._flown:  # moved by something else
+            self._flight.stop()
+            return
+        self._flown = start.towards(end, share) if share < 1.0 else end
+        self._set_view(self._flown)
 
     def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
         """Draw marks over the surface, or none; those of something else stay."""
