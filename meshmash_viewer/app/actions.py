@@ -62,8 +62,8 @@ class Command:
     `shortcuts` are portable, the first one is shown, and those of the operating system
     (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
     `icons.PATHS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
-    "small components", "second mesh", "selection" or "part" (`Commands.there`), `does` the name and
-    the argument of the method, if it is not the one of this `name`.
+    "small components", "second mesh", "selection", "hidden" or "part" (`Commands.there`), `does`
+    the name and the argument of the method, if it is not the one of this `name`.
     """
 
     name: str
@@ -206,6 +206,13 @@ COMMANDS: tuple[Command, ...] = (
             needs="render"),
     Command("clear_selection", "Clear", "Select", "Select nothing, as Esc does",
             needs="selection"),
+    Command("hide_selection", "Hide the selection", "Select",
+            "Leave out the selected vertices with their faces; they are not picked either", ("H",),
+            needs="selection", separated=True),
+    Command("isolate_selection", "Isolate the selection", "Select",
+            "Leave out all but the selected vertices", ("I",), needs="selection"),
+    Command("show_all", "Show all", "Select",
+            "Show what was hidden, small components, too", ("Shift+H",), needs="hidden"),
     # -- Field
     Command("play", "Play", "Field", "Step through eigenfunctions, times or columns by itself",
             ("Space",), checkable=True, toolbar="Play", icon="play", needs="spectrum"),

@@ -142,6 +142,7 @@ class Commands:
             "spectrum": some,
             "small components": ready is not None and ready.small is not None,
             "second mesh": self._opening.pair is not None,
+            "hidden": self._document.hidden is not None,
             "selection": self._document.selection.mask is not None,
             "part": self._document.part_mesh is not None,
         }

@@ -77,7 +77,7 @@ class Controller(QObject):
         )  # fmt: skip
         listen(requested, self.refresh)
         colors = events.policies, events.diverging_colormap, events.sequential_colormap
-        listen(events.hide_small, self._hide)
+        listen((events.hide_small, document.hiding.changed), self._hide)
         listen((*colors, events.log_scales, events.nodal_lines), self.show)
 
     def close(self) -> None:
@@ -238,8 +238,10 @@ class Controller(QObject):
 
     def _hide(self) -> None:
         """Hide vertices, or show them again, with the limits of what is visible."""
-        self._view.set_hidden(self._document.hidden)
-        self.refresh()
+        hidden = self._document.hidden
+        if self._view.mesh is self._document.mesh and self._view.renderer.hidden is not hidden:
+            self._view.set_hidden(hidden)
+            self.refresh()
 
     def _show_pins(self) -> None:
         self._view.set_pins(self._document.pins.placed)

@@ -257,7 +257,7 @@ class MainWindow(ScriptedWindow):
             document.mesh_changed, document.spectrum_changed, document.solve.changed,
             document.history.changed, document.pins.changed, document.work.changed,
             events.nodal_lines, events.label_borders, events.playing, events.kind,
-            document.selection.changed,
+            document.selection.changed, document.hiding.changed,
         )  # fmt: skip
         follow(needs, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)

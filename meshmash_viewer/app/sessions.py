@@ -34,7 +34,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     """
     mesh, ready, pins = document.mesh, document.ready, document.pins.placed
     assert mesh is not None and ready is not None  # noqa: PT018  one has the other
-    selected, part = document.selection.mask, document.part_mesh
+    part = document.part_mesh
     second = None if pair is None or pair.second.path is None else pair.second
     return Session(
         mesh_path=str(document.path or ""),
@@ -51,8 +51,9 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         pin_numbers=[pin.number for pin in pins],
         pin_names=[pin.name for pin in pins],
         pin_colors=[pin.own_color for pin in pins],
-        selection=packed_mask(None if selected is None else mask_in_file(mesh, selected)),
-        part=packed_mask(None if part is None else mask_in_file(mesh, part.referenced)),
+        selection=_packed(mesh, document.selection.mask),
+        hidden=_packed(mesh, document.hiding.mask),
+        part=_packed(mesh, None if part is None else part.referenced),
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
@@ -61,6 +62,10 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         links=sorted(pair.links) if pair is not None else [],
         match=pair.match if pair is not None else {},
     )
+
+
+def _packed(mesh: Mesh, mask: Mask | None) -> str:
+    return packed_mask(None if mask is None else mask_in_file(mesh, mask))
 
 
 def _map_files(mesh: Mesh | None) -> list[str]:
@@ -172,6 +177,7 @@ class Restoration:
             )
         document.pins.set("pins", pins)
         document.selection.put(self._mask(session.selection, "selection"))
+        document.hiding.put(self._mask(session.hidden, "hidden"))
         for place, index in display_from_json(document.display, self._display, self._place):
             self._warn(
                 f"{self._path.name} has display.{place} = {index}, which {document.path}"

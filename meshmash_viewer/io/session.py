@@ -142,6 +142,8 @@ class Session(Parameters):
     pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
     #: The selected vertices, by their index in the file, as `packed_mask` writes them.
     selection: str = parameter("", _Mask(_LARGEST))
+    #: The vertices that are hidden, likewise.
+    hidden: str = parameter("", _Mask(_LARGEST))
     #: The vertices that eigenpairs are computed on, written the same way; "" for all.
     part: str = parameter("", _Mask(_LARGEST))
     #: Name of a file next to this one with maps that are in no other; "" for none.

@@ -25,11 +25,12 @@ from meshmash_viewer.model.notices import Notice, Notices
 from meshmash_viewer.model.open_mesh import OpenMesh, Shown
 from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
 from meshmash_viewer.model.results import MeshReady, PartReady
-from meshmash_viewer.model.selection import Selection, followed_mask
+from meshmash_viewer.model.selection import Hiding, Selection, followed_mask
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
 from meshmash_viewer.model.work import Work
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import Voxel, counted
 
 #: Attributes of the display whose changes are recorded, with their names in the menu.
@@ -68,6 +69,8 @@ class Document(OpenMesh):
         self._keep_display()
         self.pins = Pins(self, self.history)
         self.selection = Selection(self, self.history)
+        self.hiding = Hiding(self, self.history)
+        self._hidden: tuple[Mask | None, Mask | None, Mask | None] = (None, None, None)
         self.maps = Maps(self, self.display, self.history, self.notices)
         self.labels = Labels(self, self.maps, self.selection, self.display, self.notices, self.work)
         self.solve = Solve(self, self.work)
@@ -92,7 +95,28 @@ class Document(OpenMesh):
     @property
     def hidden(self) -> npt.NDArray[np.bool_] | None:
         """Which vertices are hidden, shape (n,); None if none is."""
-        return self.ready.small if self.ready is not None and self.display.hide_small else None
+        small = self.ready.small if self.ready is not None and self.display.hide_small else None
+        chosen = self.hiding.mask
+        if small is None or chosen is None:
+            return chosen if small is None else small
+        if self._hidden[0] is not small or self._hidden[1] is not chosen:
+            self._hidden = small, chosen, small | chosen  # the same array for the same masks
+        return self._hidden[2]
+
+    def hide_selection(self) -> None:
+        """Hide the selected vertices with their faces."""
+        if self.selection.mask is not None:
+            self.hiding.hide(self.selection.mask)
+
+    def isolate_selection(self) -> None:
+        """Hide all but the selected vertices."""
+        if self.selection.mask is not None:
+            self.hiding.isolate(self.selection.mask)
+
+    def show_all(self) -> None:
+        """Hide nothing, neither what was chosen nor small components."""
+        self.hiding.show_all()
+        self.display.hide_small = False
 
     # -- requests ---------------------------------------------------------------------------
 
@@ -291,6 +315,7 @@ class Document(OpenMesh):
                 "mesh": Shown(ready, ready.known),
                 "pins": followed_pins(self.pins.placed, before, ready.mesh),
                 "selection": followed_mask(self.selection.mask, before, ready.mesh),
+                self.hiding.part: followed_mask(self.hiding.mask, before, ready.mesh),
                 "signs": frozenset(),
                 "rotation": (),
             }
@@ -341,6 +366,7 @@ class Document(OpenMesh):
         pins = self.pins.placed
         self.pins.placed = () if before is None else followed_pins(pins, before, ready.mesh)
         self.selection.follow(before, ready.mesh)
+        self.hiding.follow(before, ready.mesh)
         n_components = ready.health.n_components
         display = self.display
         display.put(
@@ -363,6 +389,7 @@ class Document(OpenMesh):
         self.mesh_changed.emit()
         self.pins.changed.emit()
         self.selection.changed.emit()
+        self.hiding.changed.emit()
         self.spectrum_changed.emit()
 
     def accept_spectrum(self, spectrum: Eigenpairs) -> None:

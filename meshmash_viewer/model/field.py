@@ -53,9 +53,9 @@ class FieldRequest:
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
     #: Shape (n, 3): Coordinates of the mesh, which identify it in `same_mesh`; not compared.
     places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
-    #: Which vertices are hidden, and do not count for limits; compared by whether there are any.
+    #: Which vertices are hidden, and do not count for limits; `hides` compares them.
     hidden: npt.NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)
-    hides: bool = False
+    hides: int = 0
     #: Name of the pin of the vertex that the field starts from; "" for none.
     pin: str = ""
 
@@ -381,7 +381,7 @@ def request_of(document: Document) -> FieldRequest | None:
         sample=ready.sample,
         places=spectrum.mesh.vertices,
         hidden=document.hidden,
-        hides=document.hidden is not None,
+        hides=0 if document.hidden is None else id(document.hidden),
         pin="" if pin is None else pin.name,
     )
 

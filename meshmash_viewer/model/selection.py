@@ -1,4 +1,4 @@
-"""The selected vertices of the open mesh."""
+"""The selected and the hidden vertices of the open mesh."""
 
 from __future__ import annotations
 
@@ -16,31 +16,75 @@ from meshmash_viewer.surface.masks import Mask, filled, grown, shrunk
 How: TypeAlias = Literal["replace", "add", "remove"]
 
 
-class Selection:
-    """The selection; every change is recorded, those between `draw` and `finish` as one."""
+class MaskOfMesh:
+    """A mask of the open mesh, which is a part of the history and follows repairs."""
 
     changed = Signal()
+    #: Name of the part of the history.
+    part = ""
 
     def __init__(self, opened: OpenMesh, history: History) -> None:
         self._opened, self._history = opened, history
-        #: Which vertices are selected, shape (n,), read-only; None where none is.
+        #: Which vertices, shape (n,), read-only; None where it is none.
         self.mask: Mask | None = None
-        self._drawing = False
-        history.keep("selection", lambda: self.mask, self._restore)
+        history.keep(self.part, lambda: self.mask, self._restore)
 
     def put(self, mask: Mask | None) -> None:
-        """Replace the selection without a record."""
+        """Replace the mask without a record."""
         if mask is not None:
             mask = checked_mask(mask, self._opened.mesh)
         self.mask = mask
         self.changed.emit()
 
+    def set(self, mask: Mask | None, label: str = "") -> None:
+        """Replace the mask as one change, whose label completes "Undo …"."""
+        if not same_mask(mask, self.mask):
+            self._history.record(label or self.part, self.part)
+            self.put(mask)
+
+    def follow(self, before: Mesh | None, now: Mesh) -> None:
+        """Map the mask of another repair, or drop that of another file (None).
+
+        The caller emits `changed`.
+        """
+        mask = None if before is None else followed_mask(self.mask, before, now)
+        self.mask = None if mask is None else checked_mask(mask, now)
+
+    def _restore(self, mask: Mask | None) -> None:
+        self.put(mask)
+
+
+class Hiding(MaskOfMesh):
+    """The vertices that a user has hidden, with the faces around them."""
+
+    part = "hidden vertices"
+
+    def hide(self, mask: Mask) -> None:
+        """Hide vertices, in addition to those hidden before."""
+        self.set(mask if self.mask is None else self.mask | mask, "hiding of vertices")
+
+    def isolate(self, mask: Mask) -> None:
+        """Hide all vertices but these."""
+        self.set(~mask, "isolation")
+
+    def show_all(self) -> None:
+        """Hide none."""
+        self.set(None, "showing of all vertices")
+
+
+class Selection(MaskOfMesh):
+    """The selection; every change is recorded, those between `draw` and `finish` as one."""
+
+    part = "selection"
+
+    def __init__(self, opened: OpenMesh, history: History) -> None:
+        super().__init__(opened, history)
+        self._drawing = False
+
     def set(self, mask: Mask | None, label: str = "selection") -> None:
         """Replace the selection as one change, whose label completes "Undo …"."""
         self.finish()
-        if not same_mask(mask, self.mask):
-            self._history.record(label, "selection")
-            self.put(mask)
+        super().set(mask, label)
 
     def draw(self, mask: Mask | None, label: str = "selection") -> None:
         """Replace the selection as a part of one change, which `finish` ends."""
@@ -85,14 +129,6 @@ class Selection:
     def clear(self) -> None:
         """Select nothing."""
         self.set(None, "clearing of the selection")
-
-    def follow(self, before: Mesh | None, now: Mesh) -> None:
-        """Map the selection of another repair, or drop that of another file (None).
-
-        The caller emits `changed`.
-        """
-        mask = None if before is None else followed_mask(self.mask, before, now)
-        self.mask = None if mask is None else checked_mask(mask, now)
 
     def _restore(self, mask: Mask | None) -> None:
         self._drawing = False

@@ -70,6 +70,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     document.pins.toggle(3)
     document.pins.change("name of a pin", 100, name="soma", own_color="#123456")
     document.selection.set(np.arange(162) < 10)
+    document.hiding.hide(np.arange(162) > 150)
     document.display.limits = LockedLimits(-1.0, 2.0)
     document.display.sequential_colormap = "magma"
     mesh = document.mesh
@@ -97,6 +98,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
         assert (pin.name, pin.color) == ("soma", "#123456")
         assert document.selection.mask is not None
         assert np.flatnonzero(document.selection.mask).tolist() == list(range(10))
+        assert np.flatnonzero(document.hiding.mask).tolist() == list(range(151, 162))
         assert document.display.policies["eigenfunction"] == LockedLimits(-1.0, 2.0)
         assert document.display.sequential_colormap == "magma"
         kept = document.mesh.map_named("height")

@@ -234,3 +234,38 @@ def test_alike_needs_a_pin(hand: Hand) -> None:
     notice = hand.window.stage.message_bar.notice
     assert notice is not None
     assert "pin a vertex" in notice.text
+
+
+def test_what_is_hidden_is_not_drawn_and_not_picked(hand: Hand) -> None:
+    scene, mesh = hand.window.scene, hand.mesh
+    pole = hand.at(0.0, 0.0, 1.0)
+    front = np.arange(mesh.n_vertices) < 2562
+    alone = scene.picture((300, 200), transparent=True)[..., 3] > 0
+    hand.choose("component")
+    hand.drag(pole)
+    hand.key(Qt.Key.Key_H)
+    hand.qtbot.waitUntil(lambda: scene.can_pick, timeout=PATIENCE)
+    assert np.array_equal(hand.document.hidden, front)
+    assert scene.vertex_at(pole.x(), pole.y()) >= 2562  # of the ball behind
+    hand.drag(pole)
+    assert np.array_equal(hand.chosen, ~front)
+    hand.key(Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    hand.key(Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert hand.document.hidden is None
+    half = front & (mesh.vertices[:, 0] > 0.0)
+    hand.document.selection.set(half)
+    hand.key(Qt.Key.Key_I)
+    hand.qtbot.waitUntil(lambda: scene.can_pick, timeout=PATIENCE)
+    camera = scene.camera()
+    drawn = scene.picture((300, 200), transparent=True)[..., 3] > 0
+    assert 0.2 * alone.sum() < drawn.sum() < 3.0 * alone.sum()
+    assert drawn[:, 150:].sum() > 0
+    left = hand.at(-0.5, 0.0, 0.8)
+    assert scene.vertex_at(left.x(), left.y()) == -1
+    assert camera is not None
+    hand.key(Qt.Key.Key_H, SHIFT)
+    assert hand.document.hidden is None
+    assert [step.label for step in hand.document.history.past][-2:] == [
+        "isolation",
+        "showing of all vertices",
+    ]

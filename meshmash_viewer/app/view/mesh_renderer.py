@@ -131,7 +131,7 @@ class MeshRenderer:
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
 
     def set_hidden(self, hidden: npt.NDArray[np.bool_] | None) -> None:
-        """Hide the faces of some vertices, whole components; None shows all."""
+        """Hide vertices with the faces around them; None shows all."""
         if self.mesh is None or self.surface is None:
             return
         self.hidden = hidden

@@ -187,7 +187,7 @@ class MeshView(QWidget):
         self._moves()
 
     def set_hidden(self, hidden: npt.NDArray[np.bool_] | None) -> None:
-        """Hide the faces of some vertices, a mask of shape (n,); None shows all."""
+        """Hide vertices with the faces around them, a mask of shape (n,); None shows all."""
         if self.mesh is None:
             return
         self.renderer.set_hidden(hidden)
@@ -602,4 +602,4 @@ def _facing(
 
 def _ray_target(request: _Places, cancel: CancelCallback) -> RayTarget:
     points, faces, hidden = request
-    return RayTarget(points, faces if hidden is None else faces[~hidden[faces[:, 0]]], cancel)
+    return RayTarget(points, faces if hidden is None else faces[~hidden[faces].any(axis=1)], cancel)

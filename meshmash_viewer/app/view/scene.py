@@ -42,7 +42,7 @@ def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
         raise ValueError("No mesh is shown: open one first.")
     vertices, faces = drawing.mesh
     if drawing.hidden is not None:
-        faces = faces[~drawing.hidden[faces[:, 0]]]
+        faces = faces[~drawing.hidden[faces].any(axis=1)]
     surface: pyvista.PolyData = mesh_to_poly((vertices, faces))
     if drawing.drawn_vertices is not drawing.mesh.vertices:
         surface.points = drawing.drawn_vertices

@@ -77,31 +77,32 @@ _ON_LIGHT = _RIM + _LINES + _SELECTED
 _COLORS = MOST_LABELS
 #: Replaces NaN, which not every driver detects.
 _MISSING = np.float32(-3e38)
-#: Marks vertices whose faces are not drawn: they are moved out of the picture.
+#: Marks vertices whose faces are not drawn.
 _HIDDEN = np.float32(-3.3e38)
-_HIDE = """//VTK::PositionVC::Impl
-  if (fieldMC < -3.15e38) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); }
-"""
 _FIELD_IN = """//VTK::Normal::Dec
 in float fieldMC;
 in float selectedMC;
 out float fieldVC;
 out float selectedVC;
+out float hiddenVC;
 flat out float labelVC;
 """
 _FIELD_THROUGH = """//VTK::Normal::Impl
   fieldVC = fieldMC;
   selectedVC = selectedMC;
+  hiddenVC = fieldMC < -3.15e38 ? 1.0 : 0.0;
   labelVC = fieldMC;
 """
 _FIELD_OUT = """//VTK::Color::Dec
 in float fieldVC;
 in float selectedVC;
+in float hiddenVC;
 flat in float labelVC;
 """
 #: Values are interpolated before they are coloured, so that large faces show the right colours.
 #: Labels are not interpolated: a face has the label of one corner.
 _FIELD_COLOR = f"""//VTK::Color::Impl
+  if (hiddenVC > 0.0) discard;  // one corner is enough
   if (fieldShown > 0) {{
     float along = ((fieldLabels > 0 ? labelVC : fieldVC) - fieldLow) * fieldScale;
     // also in faces with one such corner, where rounding may change the sign
@@ -166,7 +167,6 @@ class Surface:
         )
         shaders.AddVertexShaderReplacement("//VTK::Normal::Dec", True, _FIELD_IN, False)
         shaders.AddVertexShaderReplacement("//VTK::Normal::Impl", True, _FIELD_THROUGH, False)
-        shaders.AddVertexShaderReplacement("//VTK::PositionVC::Impl", True, _HIDE, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Dec", True, _FIELD_OUT, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Impl", True, _FIELD_COLOR, False)
         self._uniforms = shaders.GetFragmentCustomUniforms()
@@ -206,7 +206,7 @@ class Surface:
         return missing
 
     def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
-        """Leave out the faces of some vertices, which are those of whole components."""
+        """Leave out the faces around some vertices."""
         self._hidden = hidden
         self._show()
 
