@@ -7,15 +7,19 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import shiboken6
-from PySide6.QtCore import QObject, Qt, QThreadPool, Signal
+from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal
 
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure, failure_of
-from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 
 Result = TypeVar("Result")
+
+#: Milliseconds after which reading is announced.
+_SLOW = 400
 
 
 class BackgroundIO(QObject):
@@ -88,7 +92,14 @@ class BackgroundIO(QObject):
             if shown and remarks:
                 document.notices.say(" ".join(remarks), Severity.WARNING)
 
+        def say() -> None:
+            if not self.idle:
+                what = paths[0].name if len(paths) == 1 else counted(len(paths), "map file")
+                document.notices.show(Notice(f"Reading {what} …", holds=lambda: not self.idle))
+
         self.run("Reading maps", read, take)
+        if shown:
+            QTimer.singleShot(_SLOW, self, say)
 
     def close(self) -> None:
         """Disconnect, and wait for the running task."""
@@ -99,3 +110,4 @@ class BackgroundIO(QObject):
     def _end(self, then: Callable[[Any], object], result: object) -> None:
         self._waiting -= 1
         then(result)
+        self._document.notices.review()

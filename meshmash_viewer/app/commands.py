@@ -32,6 +32,7 @@ from meshmash_viewer.spectral import cost
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
+    from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.select_tool import SelectTool
     from meshmash_viewer.app.view.mesh_view import MeshView
@@ -191,28 +192,28 @@ class Commands:
 
     def export(self) -> None:
         """Ask for the export options, and start the export."""
+        self._export(self._document, self._opening.controller)
+
+    def export_second(self) -> None:
+        """Do the same for the second mesh."""
+        if (second := self._opening.second_view) is not None:
+            self._export(second.document, second.controller)
+
+    def _export(self, document: Document, controller: Controller | None) -> None:
         from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 
         folder, ending = self._settings.folder, self._export_ending
-        dialog = ExportDialog(self._document, folder, self._window, ending, self._shown_map())
-        ask(dialog, lambda: self._start_export(dialog))
+        shown = _shown_map(document, controller)
+        dialog = ExportDialog(document, folder, self._window, ending, shown)
+        ask(dialog, lambda: self._start_export(document, dialog))
 
-    def _shown_map(self) -> VertexMap | None:
-        """The field on the render as a map; None if it is a draft, or approximate."""
-        controller, spectrum = self._opening.controller, self._document.spectrum
-        field = None if controller is None else controller.field
-        if field is None or field.draft:
-            return None
-        exact = spectrum is None or not spectrum.preview or not field.family.of_pairs
-        return field.as_map() if exact else None
-
-    def _start_export(self, dialog: ExportDialog) -> None:
+    def _start_export(self, document: Document, dialog: ExportDialog) -> None:
         job = dialog.job()
         self._export_ending = dialog.format.ending
         self._settings.folder = job.path.parent
-        if job.family is not None:
+        if job.family is not None and document is self._document:
             self._exported = Exported(job.mesh.content_hash, job.family, job.n_pairs, job.maps)
-        self._document.work.request(job)
+        document.work.request(job)
 
     def compute_in_pieces(self) -> None:
         """Ask for feature, pieces and file, and start the computation."""
@@ -331,3 +332,12 @@ class Commands:
         from meshmash_viewer.app.dialogs.help_dialog import AboutDialog
 
         ask(AboutDialog(self._window))
+
+
+def _shown_map(document: Document, controller: Controller | None) -> VertexMap | None:
+    """The field on a render as a map; None if it is a draft, or approximate."""
+    field, spectrum = None if controller is None else controller.field, document.spectrum
+    if field is None or field.draft:
+        return None
+    exact = spectrum is None or not spectrum.preview or not field.family.of_pairs
+    return field.as_map() if exact else None

@@ -10,6 +10,8 @@ from PySide6.QtGui import QDesktopServices
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
 
+SHOW_IN_FOLDER = "Show in folder"
+
 
 def say_saved(
     document: Document, text: str, path: Path, severity: Severity = Severity.INFORMATION
@@ -29,4 +31,4 @@ def saved_notice(
             text = f"This system has no program that shows folders: the folder is {folder}."
             document.notices.say(text, Severity.WARNING)
 
-    return Notice(text, severity, action=show_folder, button="Show in folder")
+    return Notice(text, severity, action=show_folder, button=SHOW_IN_FOLDER)

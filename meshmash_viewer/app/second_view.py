@@ -17,6 +17,7 @@ from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
+from meshmash_viewer.app.saved import SHOW_IN_FOLDER
 from meshmash_viewer.app.stage import HeadLabel, render_head
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
@@ -142,7 +143,8 @@ class SecondView(QWidget):
             self.pair.first.notices.review()
         else:
             text = f"Second mesh: {notice.text}"
-            self.pair.first.notices.show(replace(notice, text=text, action=None))
+            action = notice.action if notice.button == SHOW_IN_FOLDER else None
+            self.pair.first.notices.show(replace(notice, text=text, action=action))
 
     def _say_status(self) -> None:
         job, spectrum = self.document.work.job, self.document.spectrum

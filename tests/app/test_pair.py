@@ -30,9 +30,11 @@ from PySide6.QtWidgets import (
 )
 
 import meshmash_viewer as mv
+from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.plots.matrix_view import MatrixView
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.second_view import SecondView
 from meshmash_viewer.app.view.mesh_view import MeshView
@@ -485,6 +487,49 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     assert QGuiApplication.clipboard().text() == str(vertex)
     choose("unpin")
     assert window.document.pins.placed == ()
+
+
+def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
+    window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, first = beside(window, folder / "copy.npz", monkeypatch), window.document
+    matrix = part(window, MatrixView, "pair_matrix_plot")
+    assert not matrix.isVisible()
+    QTest.mouseClick(part(window, QCheckBox, "pair_refine_check"), LEFT, pos=QPoint(8, 8))
+    wait_for(lambda: opened.pair.comparison.functional is not None)
+    rest(window)
+    found, mesh = opened.pair.comparison, opened.document.mesh
+    np.testing.assert_array_equal(matrix.matrix, found.functional.matrix)
+    assert not matrix.isHidden()
+    before = [each.name for each in mesh.maps]
+    parts = (mv.Label(1, "upper", "#aa0000"), mv.Label(2, "lower", "#00aa00"))
+    height = FIRST.vertices[:, 2]
+    halves = mv.VertexMap("halves", np.where(height > 0.0, 1, 2), parts)
+    first.maps.add(first.mesh, [mv.VertexMap("height", height, unit="mm"), halves])
+    rest(window)
+    QTest.mouseClick(part(window, QPushButton, "carry_to_second_button"), LEFT)
+    rest(window)
+    score, carried, labels = opened.document.mesh.maps[len(before) :]
+    np.testing.assert_array_equal(score.values, found.back.scores)
+    np.testing.assert_array_equal(carried.values, height[found.back.indices])
+    np.testing.assert_array_equal(labels.values, halves.values[found.back.indices])
+    assert (carried.name, carried.unit, labels.labels) == ("height", "mm", parts)
+    assert opened.controller.field.title == window.controller.field.title == "halves"
+    QTest.mouseClick(part(window, QPushButton, "carry_to_first_button"), LEFT)
+    assert "has no map that first" in window.stage.message_bar.notice.text
+    QTest.mouseClick(part(window, QPushButton, "second_export_button"), LEFT)
+    dialog = window.findChild(ExportDialog)
+    dialog.file_row.edit.setText(str(tmp_path / "halves.csv"))
+    QTest.mouseClick(dialog.accept_button, LEFT)
+    wait_for((tmp_path / "halves.csv").exists)
+    rest(window)
+    (written,) = (m for m in mv.read_maps(tmp_path / "halves.csv", mesh) if m.name == "halves")
+    np.testing.assert_array_equal(written.values, labels.values)
+    window.stage.setFocus()
+    QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert [each.name for each in opened.document.mesh.maps] == before
+    for name in ("height", "halves"):
+        first.maps.remove(name)
 
 
 def test_what_is_made_on_the_second_is_undone_and_redone_in_its_place(

@@ -18,6 +18,7 @@ from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.unit_combo import UnitCombo
+from meshmash_viewer.app.plots.matrix_view import MatrixView
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
 from meshmash_viewer.app.plots.saving import PlotSaver
 from meshmash_viewer.app.plots.series import Series
@@ -25,6 +26,7 @@ from meshmash_viewer.features.comparison import Comparison, FunctionMatches, com
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.carrying import carry_maps
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
 from meshmash_viewer.units import format_number, format_share
@@ -50,6 +52,8 @@ class PairPanel(QWidget):
     keep_requested = Signal()
     #: Files with values per vertex of the second mesh are to be chosen.
     maps_requested = Signal()
+    #: Results of the second mesh are to be written to a file.
+    export_requested = Signal()
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -107,6 +111,8 @@ class PairPanel(QWidget):
             "Match vertices by a functional map, refined with more and more eigenfunctions",
             self._refine, tip="Pins that you set on both meshes are its landmarks",
         )  # fmt: skip
+        #: The functional map, where vertices are matched by one.
+        self.matrix = MatrixView("pair_matrix_plot")
         self.matches = Facts(_MATCHES)
         self.match_note = note("pair_match_note")
         self.carry_check = make.check(
@@ -122,6 +128,14 @@ class PairPanel(QWidget):
             "Keep the colours of the first, by the match, as a map of the second mesh",
             self.keep_requested,
         )  # fmt: skip
+        self.carry_buttons = [
+            make.button(
+                f"To the {name}", f"carry_to_{name}_button",
+                f"Carry maps and labels to the {name} mesh, with the score of each vertex",
+                partial(self._carry_maps, name),
+            )
+            for name in ("second", "first")
+        ]  # fmt: skip
         self.links = {
             name: make.check(text, f"pair_link_{name}", f"Link: {text}", partial(self._link, name))
             for name, text in LINKS.items()
@@ -134,6 +148,11 @@ class PairPanel(QWidget):
         self.map_button = make.button(
             "Add map…", "second_map_button", "Add values per vertex of the second mesh from files",
             self.maps_requested, tip="Or drop the files on the second mesh",
+        )  # fmt: skip
+        self.export_button = make.button(
+            "Export…", "second_export_button",
+            "Write features, eigenpairs or maps of the second mesh to a file",
+            self.export_requested,
         )  # fmt: skip
         #: Controls of the second mesh, made for each.
         self.health: HealthTable | None = None
@@ -150,16 +169,18 @@ class PairPanel(QWidget):
                 make.heading("Vertices"),
                 row(make.muted("Matched by"), (self.feature_combo,)),
                 self.refine_check,
+                self.matrix,
                 self.matches,
                 self.match_note,
                 self.carry_check,
                 row(self.save_button, self.keep_button, None),
+                row(make.muted("Carry maps"), *self.carry_buttons, None),
                 make.heading("Linked"),
                 row(make.muted("Cameras"), (self.cameras,)),
                 *self.links.values(),
                 row((make.heading("Second mesh"),), self.undo_button),
                 self._second,
-                row(self.map_button, None),
+                row(self.map_button, self.export_button, None),
             )
         )
         whole = QWidget()
@@ -185,6 +206,10 @@ class PairPanel(QWidget):
     def _carry(self, on: bool) -> None:
         if self._pair is not None:
             self._pair.carry(on)
+
+    def _carry_maps(self, name: str, _checked: bool = False) -> None:
+        if self._pair is not None:
+            carry_maps(self._pair, to_first=name == "first")
 
     def _link(self, name: str, on: bool) -> None:
         if self._pair is not None:
@@ -259,11 +284,16 @@ class PairPanel(QWidget):
         self.cameras.show_key(pair.cameras)
         show_quietly(self.carry_check, pair.carries)
         show_quietly(self.refine_check, pair.refined)
+        self.refine_check.setEnabled(found is None or not found.given)
         self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
-        for control in (self.carry_check, self.save_button, self.keep_button):
+        self.matrix.setVisible(found is not None and found.functional is not None)
+        if found is not None and found.functional is not None:
+            self.matrix.show_matrix(found.functional.matrix)
+        for control in (self.carry_check, self.save_button, self.keep_button, *self.carry_buttons):
             control.setEnabled(found is not None)
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
-        self.map_button.setEnabled(other is not None)
+        for control in (self.map_button, self.export_button):
+            control.setEnabled(other is not None)
         figures = dict.fromkeys((*_FIGURES, *_MATCHES), "")
         if found is not None:
             figures |= {

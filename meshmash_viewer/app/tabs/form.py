@@ -163,7 +163,9 @@ class FamilyTab(QWidget):
     def _make_index_row(self, name: str, accessible: str, *more: Part) -> QHBoxLayout:
         """The index as a number, and the button that plays."""
         self.spin = make.spin(f"{name}_spin", accessible, self._choose)
-        return row(self.spin, PlayButton(self._document, f"{name}_play_button"), None, *more)
+        return row(
+            self.spin, PlayButton(self._document, f"{name}_play_button"), None, *more, spacing=6
+        )
 
     def _make_count_row(self, text: str, tip: str) -> QHBoxLayout:
         """The number of columns of the exported feature."""
