@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pair import Pair
 
@@ -28,6 +27,8 @@ def carry_maps(pair: Pair, *, to_first: bool = False) -> None:
         text = f"{name} has no map that {other} lacks: add one, or keep what is shown as a map."
         pair.first.notices.say(text, Severity.WARNING)
         return
-    own.sort(key=lambda each: each.name == source.display[OwnMaps].chosen)  # the last is shown
+    shown = source.display.family
+    chosen = [getattr(shown, attribute) for attribute in shown.own]
+    own.sort(key=lambda each: each.name in chosen)  # the last is shown
     *maps, score = found.carried(own, back=not to_first)
     target.maps.add(there, [score, *maps])
