@@ -124,10 +124,11 @@ def test_two_renders_have_one_height_and_are_no_smaller_than_compare(
     assert state.toolTip() == state.text()
     assert window.stage.width() >= 1.5 * docks["pair"].width()
     window.opening.end_comparison()
+    qtbot.waitUntil(lambda: not label.isVisible(), timeout=PATIENCE)
+    window.resize(1440, 900)
     qtbot.waitUntil(
         lambda: docks["field"].mapTo(window, QPoint()).x() > window.width() // 2, timeout=PATIENCE
     )
-    assert not label.isVisible()
 
 
 def test_the_colours_leave_no_empty_room_where_the_rest_scrolls(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
+from PySide6.QtGui import QGuiApplication, QScreen
 
 from meshmash_viewer.app.listening import catch_up
-from meshmash_viewer.app.plots.plot import Plot, ScientificAxis
+from meshmash_viewer.app.plots.plot import Plot, ScientificAxis, scaled_pens, solid
 
 
 @pytest.mark.parametrize(
@@ -91,3 +92,12 @@ def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:
     plot.paint_later()
     catch_up()
     assert plot.updatesEnabled()
+
+
+def test_lines_are_as_wide_on_a_dense_screen(qapp, monkeypatch) -> None:
+    width = solid("#000000", 1.5).widthF()
+    ratio = QGuiApplication.primaryScreen().devicePixelRatio()
+    monkeypatch.setattr(QScreen, "devicePixelRatio", lambda _screen: 2.0 * ratio)
+    assert solid("#000000", 1.5).widthF() == 2.0 * width
+    with scaled_pens(1.0):  # of a picture
+        assert solid("#000000", 1.5).widthF() == 1.5

@@ -15,6 +15,7 @@ from PySide6.QtGui import (
     QContextMenuEvent,
     QFont,
     QFontMetricsF,
+    QGuiApplication,
     QPen,
     QResizeEvent,
 )
@@ -37,9 +38,18 @@ class _Pens:
     """Widths of the pens of lines.
 
     Not of the rims of points: pyqtgraph adjusts automatic ranges to the widest one ever drawn.
+    Qt counts them in pixels of the screen, of which a logical one has several on a dense screen.
     """
 
-    scale = 1.0
+    #: Factor of a picture; None for the screen's.
+    scale: float | None = None
+
+    @classmethod
+    def wide(cls, width: float) -> float:
+        """The width of a pen in pixels."""
+        if cls.scale is not None:
+            return width * cls.scale
+        return width * QGuiApplication.primaryScreen().devicePixelRatio()
 
 
 @contextmanager
@@ -49,12 +59,12 @@ def scaled_pens(scale: float) -> Iterator[None]:
     try:
         yield
     finally:
-        _Pens.scale = 1.0
+        _Pens.scale = None
 
 
 def solid(name: str, width: float = 1.0, alpha: float = 1.0) -> QPen:
     """A pen whose width in pixels does not depend on the zoom."""
-    return QPen(pg.mkPen(color(name, alpha), width=_Pens.scale * width))
+    return QPen(pg.mkPen(color(name, alpha), width=_Pens.wide(width)))
 
 
 def rim(name: str, width: float) -> QPen:
@@ -64,7 +74,7 @@ def rim(name: str, width: float) -> QPen:
 
 def dashed(name: str, width: float = 1.0) -> QPen:
     """A dashed pen whose width in pixels does not depend on the zoom."""
-    return QPen(pg.mkPen(color(name), width=_Pens.scale * width, style=Qt.PenStyle.DashLine))
+    return QPen(pg.mkPen(color(name), width=_Pens.wide(width), style=Qt.PenStyle.DashLine))
 
 
 def hatch(region: pg.LinearRegionItem) -> None:
