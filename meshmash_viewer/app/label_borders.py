@@ -14,12 +14,13 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.edges import border_edges
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-_Asked: TypeAlias = tuple[Mesh, VertexMap]
+_Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None]
 
 
 class LabelBorders(QObject):
@@ -30,22 +31,29 @@ class LabelBorders(QObject):
         self._document, self._scene = document, scene
         self._drawn: _Asked | None = None
         self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
-        labels, borders = document.labels.changed, document.display.events.label_borders
-        listen((labels, borders, document.spectrum_changed, document.mesh_changed), self.refresh)
+        events = document.display.events
+        changes = (
+            document.labels.changed, document.spectrum_changed, document.hiding.changed,
+            events.label_borders, events.hide_small,
+        )  # fmt: skip
+        listen(document.mesh_changed, self._begin)
+        listen(changes, self.refresh)
+        self.refresh()
+
+    def _begin(self) -> None:
+        """Draw them anew on a mesh that is drawn anew."""
+        self._drawn = None
         self.refresh()
 
     def refresh(self) -> None:
         """Draw the borders of the current set, or none."""
-        mesh, known = self._document.mesh, self._document.labels.current
-        if mesh is None or known is None or not self._document.display.label_borders:
+        document, before = self._document, self._drawn
+        mesh, known, hidden = document.mesh, document.labels.current, document.hidden
+        if mesh is None or known is None or not document.display.label_borders:
             self._drawn = None
             self._scene.set_marks(None, "borders")
-        elif (
-            self._drawn is None
-            or self._drawn[0].faces is not mesh.faces
-            or self._drawn[1] is not known
-        ):
-            self._drawn = mesh, known
+        elif before is None or before[1] is not known or before[2] is not hidden:
+            self._drawn = mesh, known, hidden
             self._thread.ask(self._drawn)
 
     @property
@@ -65,6 +73,7 @@ class LabelBorders(QObject):
 
 
 def _found(asked: _Asked, _cancel: CancelCallback) -> Marks | None:
-    mesh, known = asked
-    edges = border_edges(mesh.faces, np.nan_to_num(known.shown, nan=-1.0))
+    mesh, known, hidden = asked
+    faces = mesh.faces if hidden is None else mesh.faces[~hidden[mesh.faces].any(axis=1)]
+    edges = border_edges(faces, np.nan_to_num(known.shown, nan=-1.0))
     return Marks(edges, BORDERS) if len(edges) else None

@@ -72,7 +72,9 @@ class Document(OpenMesh):
         self.hiding = Hiding(self, self.history)
         self._hidden: tuple[Mask | None, Mask | None, Mask | None] = (None, None, None)
         self.maps = Maps(self, self.display, self.history, self.notices)
-        self.labels = Labels(self, self.maps, self.selection, self.display, self.notices, self.work)
+        self.labels = Labels(
+            self, self.maps, self.selection, self.hiding, self.display, self.notices, self.work
+        )
         self.solve = Solve(self, self.work)
         self.work.finished.connect(self._on_finished)
         self.work.requested.connect(self.notices.begin_turn)

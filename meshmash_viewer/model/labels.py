@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import wraps
 from itertools import count
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,9 @@ from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
 from meshmash_viewer.model.results import RegionsReady
-from meshmash_viewer.model.selection import Selection
+from meshmash_viewer.model.selection import Hiding, Selection
 from meshmash_viewer.model.work import Work
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -58,11 +59,13 @@ class Labels:
         opened: OpenMesh,
         maps: Maps,
         selection: Selection,
+        hiding: Hiding,
         display: Display,
         notices: Notices,
         work: Work,
     ) -> None:
-        self._opened, self._maps, self._selection = opened, maps, selection
+        self._opened, self._maps = opened, maps
+        self._selection, self._hiding = selection, hiding
         self._notices, self._work = notices, work
         self._chosen = ""
         #: The regions that were measured last, and the set that they are of.
@@ -210,10 +213,21 @@ class Labels:
     @_said
     def select(self, keys: Collection[int]) -> None:
         """Select the vertices of some labels."""
-        mask = np.isin(self._set.values, list(keys))
-        if not mask.any():
-            raise InputError("No vertex has that label yet: give it some first.")
-        self._selection.set(mask, "selection of a label")
+        self._selection.set(self._mask(keys), "selection of a label")
+
+    @_said
+    def show(self, keys: Collection[int], shown: bool) -> None:
+        """Show the vertices of some labels, or hide them."""
+        mask, hidden = self._mask(keys), self._hiding.mask
+        if not shown:
+            self._hiding.hide(mask)
+        elif hidden is not None:
+            self._hiding.set(hidden & ~mask, "showing of a label")
+
+    @_said
+    def isolate(self, keys: Collection[int]) -> None:
+        """Hide all vertices but those of some labels."""
+        self._hiding.isolate(self._mask(keys))
 
     # -- regions ------------------------------------------------------------------------------
 
@@ -257,6 +271,13 @@ class Labels:
                 return label
         raise InputError(f"{known.name} has no label of number {key}: choose another.")
 
+    def _mask(self, keys: Collection[int]) -> npt.NDArray[np.bool_]:
+        """Return which vertices have one of some labels."""
+        mask = np.isin(self._set.values, list(keys))
+        if not mask.any():
+            raise InputError("No vertex has that label yet: give it some first.")
+        return mask
+
     def _refuse_locked(self, keys: Iterable[int]) -> None:
         for label in map(self._label, keys):
             if label.locked:
@@ -289,13 +310,24 @@ class Labels:
         self._maps.change(what, replace(self._set, **changes))
 
 
-def label_sizes(mesh: Mesh, known: VertexMap) -> tuple[IntArray, FloatArray]:
-    """Return the number of vertices and the area of each label of a map, in the order of these."""
+class LabelSizes(NamedTuple):
+    """Of each label, in the order of the set: vertices, area, and whether it is hidden."""
+
+    counts: IntArray
+    areas: FloatArray
+    hidden: npt.NDArray[np.bool_]
+
+
+def label_sizes(mesh: Mesh, known: VertexMap, hidden: Mask | None = None) -> LabelSizes:
+    """Measure the labels of a set; one is hidden if all its vertices are."""
     places = known.shown
     has = np.isfinite(places)
     at, n_labels = places[has].astype(np.int64), len(known.labels)
-    areas = np.bincount(at, mesh.vertex_areas[has], n_labels).astype(np.float64)
-    return np.bincount(at, minlength=n_labels).astype(np.int64), areas
+    counts = np.bincount(at, minlength=n_labels)
+    areas = np.bincount(at, mesh.vertex_areas[has], n_labels)
+    n_hidden = np.zeros(n_labels) if hidden is None else np.bincount(at, hidden[has], n_labels)
+    gone = (counts > 0) & (n_hidden == counts)
+    return LabelSizes(counts.astype(np.int64), areas.astype(np.float64), gone)
 
 
 def _free_color(labels: Sequence[Label]) -> str:

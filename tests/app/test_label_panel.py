@@ -27,7 +27,7 @@ from meshmash_viewer.surface.edges import border_edges
 LEFT = Qt.MouseButton.LeftButton
 MESH = shapes.icosphere(3, radius=50.0).in_unit("nm")
 UP = MESH.vertices[:, 2] > 5.0
-COLOR, NAME, VERTICES, AREA, LOCK = range(5)
+COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
 
 
 @pytest.fixture
@@ -195,6 +195,31 @@ def test_a_locked_label_keeps_its_vertices(labelled: MainWindow) -> None:
     assert set(values(labelled).tolist()) == {2}
 
 
+def test_a_label_is_hidden_and_shown(labelled: MainWindow, qtbot: QtBot) -> None:
+    document = labelled.document
+    document.selection.set(~UP)
+    document.labels.assign(2)
+    document.display.label_borders = True
+    rest(labelled, qtbot)
+    click(labelled, 0, SHOWN)
+    rest(labelled, qtbot)
+    np.testing.assert_array_equal(document.hiding.mask, UP)
+    shown = table(labelled).model().index(0, SHOWN)
+    assert shown.data(Qt.ItemDataRole.AccessibleTextRole).startswith("Hidden")
+    assert "borders" not in labelled.scene.renderer.marks, "no edge is between two shown faces"
+    click(labelled, 0, SHOWN)
+    rest(labelled, qtbot)
+    assert document.hiding.mask is None
+    assert shown.data(Qt.ItemDataRole.AccessibleTextRole).startswith("Shown")
+    assert "borders" in labelled.scene.renderer.marks
+    document.set_unit("µm")
+    rest(labelled, qtbot)
+    assert "borders" in labelled.scene.renderer.marks, "drawn anew with the mesh"
+    document.history.undo()
+    document.history.undo()
+    np.testing.assert_array_equal(document.hiding.mask, UP)
+
+
 def test_labels_are_joined_deleted_and_selected(labelled: MainWindow) -> None:
     document = labelled.document
     click(labelled, 0, NAME)
@@ -244,10 +269,10 @@ def test_the_menu_of_the_chosen_labels(labelled: MainWindow) -> None:
         catch_up()
         return found
 
-    assert names() == ["assign", "select", "rename", "recolor", "lock", "delete"]
+    assert names() == ["assign", "select", "isolate", "rename", "recolor", "lock", "delete"]
     assert labelled.document.labels.current.labels[0].locked
     table(labelled).selectAll()
-    assert names() == ["select", "lock", "join", "delete"]
+    assert names() == ["select", "isolate", "lock", "join", "delete"]
     assert all(each.locked for each in labelled.document.labels.current.labels)
 
 
@@ -337,6 +362,10 @@ def test_regions_are_measured_looked_at_and_exported(
     below = expected.mask(1)
     assert scene.renderer.view.focus[2] < -40.0
     assert below[scene.vertex_at(scene.width() / 2, scene.height() / 2)]
+    QTest.mouseDClick(shown.viewport(), LEFT, pos=shown.visualRect(model.index(1, 0)).center())
+    np.testing.assert_array_equal(document.hiding.mask, ~below)
+    document.history.undo()
+    assert document.hiding.mask is None
     # sorted by area, the smallest first, a click still means what it shows
     shown.sortByColumn(1, Qt.SortOrder.AscendingOrder)
     smallest = model.index(0, 0).data()

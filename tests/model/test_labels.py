@@ -68,7 +68,7 @@ def test_a_new_set_is_displayed_and_waits_for_vertices(document: Document) -> No
 def test_the_selection_is_given_to_a_label(two: Document) -> None:
     known = two.labels.current
     np.testing.assert_array_equal(known.values, np.where(UP, 1, np.where(RIGHT, 2, 0)))
-    counts, areas = label_sizes(MESH, known)
+    counts, areas, _ = label_sizes(MESH, known)
     assert counts.tolist() == [UP.sum(), (RIGHT & ~UP).sum()]
     np.testing.assert_allclose(areas[0], MESH.vertex_areas[UP].sum())
     two.labels.assign(None)
@@ -109,6 +109,21 @@ ACTS: dict[str, Callable[[Document], None]] = {
     "removal from labels": lambda document: document.labels.assign(None),
     "removal of a map": lambda document: document.labels.delete([1, 2]),
 }
+
+
+def test_labels_are_hidden_shown_and_isolated(two: Document) -> None:
+    labels, known = two.labels, two.labels.current
+    labels.show([1], False)
+    np.testing.assert_array_equal(two.hiding.mask, UP)
+    assert label_sizes(MESH, known, two.hiding.mask).hidden.tolist() == [True, False]
+    labels.show([2], False)
+    labels.show([1], True)
+    np.testing.assert_array_equal(two.hiding.mask, RIGHT & ~UP)
+    labels.isolate([1])
+    np.testing.assert_array_equal(two.hiding.mask, ~UP)
+    for expected in (RIGHT & ~UP, RIGHT | UP, UP):
+        two.history.undo()
+        np.testing.assert_array_equal(two.hiding.mask, expected)
 
 
 @pytest.mark.parametrize("label", ACTS)

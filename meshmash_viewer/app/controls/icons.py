@@ -34,6 +34,8 @@ PATHS: dict[str, str] = {
     "error": '<circle cx="12" cy="12" r="8.5"/><path d="M8.8 8.8l6.4 6.4M15.2 8.8l-6.4 6.4"/>',
     "mesh": '<path d="M12 3l8.5 5v8L12 21l-8.5-5V8z"/><path d="M3.5 8l8.5 5 8.5-5M12 13v8"/>'
     '<path d="M12 3v10"/>',
+    "eye": '<path d="M2.5 12c5-8 14-8 19 0-5 8-14 8-19 0z"/><circle cx="12" cy="12" r="3"/>',
+    "closed eye": '<path d="M2.5 10.5c5 7 14 7 19 0M12 16v3.5M5.5 14l-2 3M18.5 14l2 3"/>',
     "lock": '<rect x="5.5" y="11" width="13" height="9" rx="1.5"/>'
     '<path d="M8.5 11V8a3.5 3.5 0 0 1 7 0v3"/>',
     "good": '<path d="M5 12.5l4.5 4.5L19 7.5"/>',

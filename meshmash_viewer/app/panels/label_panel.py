@@ -22,22 +22,22 @@ from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label
 from meshmash_viewer.app.panels.region_table import RegionTable
 from meshmash_viewer.app.pictures import ask
-from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.io.write_labels import write_labels, write_regions
 from meshmash_viewer.io.writers import LABEL_WRITERS, SPECTRUM_WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.labels import label_sizes
+from meshmash_viewer.model.labels import LabelSizes, label_sizes
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-_Measured: TypeAlias = tuple[Mesh, VertexMap]
+_Measured: TypeAlias = tuple[Mesh, VertexMap, Mask | None]
 
 
 class LabelPanel(QWidget):
@@ -58,7 +58,8 @@ class LabelPanel(QWidget):
         self._build()
         changes = (
             document.labels.changed, document.spectrum_changed, document.mesh_changed,
-            document.selection.changed, document.display.events.label_borders,
+            document.selection.changed, document.hiding.changed,
+            document.display.events.label_borders,
         )  # fmt: skip
         follow(changes, self.refresh)
         self.refresh()
@@ -127,6 +128,7 @@ class LabelPanel(QWidget):
         )
         self.regions = RegionTable()
         self.regions.region_clicked.connect(self._fly_to)
+        self.regions.region_activated.connect(self._isolate)
         self.region_hint = note("region_hint")
         self._of_set = QWidget()
         self._of_set.setLayout(
@@ -191,6 +193,12 @@ class LabelPanel(QWidget):
         if table is not None and scene is not None:
             scene.look_at(np.flatnonzero(table.mask(row)))
 
+    def _isolate(self, row: int) -> None:
+        """Hide all but a region."""
+        table = self._document.labels.regions
+        if table is not None:
+            self._document.hiding.isolate(table.mask(row))
+
     def _ask_for_color(self, key: int) -> None:
         label = next(each for each in self.table.labels if each.key == key)
         dialog = theme.named(QColorDialog(QColor(label.color), self), "label_color_dialog")
@@ -211,6 +219,7 @@ class LabelPanel(QWidget):
         for name, text, act, alone in (
             ("assign", "Give it the selection", lambda: labels.assign(first.key), True),
             ("select", "Select its vertices", lambda: labels.select(chosen), False),
+            ("isolate", "Isolate", lambda: labels.isolate(chosen), False),
             ("rename", "Rename", lambda: self.table.edit_name(first.key), True),
             ("recolor", "Colour…", lambda: self._ask_for_color(first.key), True),
             (
@@ -256,10 +265,14 @@ class LabelPanel(QWidget):
             self._measured = None
         show_quietly(self.borders_check, self._document.display.label_borders)
         if mesh is not None and known is not None:
-            measured = self._measured
+            measured, hidden = self._measured, self._document.hiding.mask
             same = measured is not None and measured[0].vertices is mesh.vertices
-            if not same or measured is None or measured[1] is not known:
-                self._measured = (mesh, known)
+            if (
+                measured is None
+                or not same
+                or (measured[1] is not known or measured[2] is not hidden)
+            ):
+                self._measured = (mesh, known, hidden)
                 self._thread.ask(self._measured)
         self._refresh_regions(known)
         show_note(self.hint, self._hint())
@@ -305,9 +318,7 @@ class LabelPanel(QWidget):
         self.give_button.setEnabled(n_chosen == 1 and selected)
         self.clear_button.setEnabled(selected)
 
-    def _take_sizes(
-        self, request: _Measured, sizes: tuple[IntArray, FloatArray] | Exception
-    ) -> None:
+    def _take_sizes(self, request: _Measured, sizes: LabelSizes | Exception) -> None:
         if isinstance(sizes, Exception):
             raise sizes
         if request is self._measured:
@@ -324,5 +335,5 @@ class LabelPanel(QWidget):
         self._thread.close()
 
 
-def _sizes(request: _Measured, _cancel: CancelCallback) -> tuple[IntArray, FloatArray]:
+def _sizes(request: _Measured, _cancel: CancelCallback) -> LabelSizes:
     return label_sizes(*request)

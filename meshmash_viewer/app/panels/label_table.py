@@ -17,16 +17,15 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.labels import Labels
+from meshmash_viewer.model.labels import Labels, LabelSizes
 from meshmash_viewer.units import engineering, format_number, power_unit
 from meshmash_viewer.vertex_map import Label
 
 _Index: TypeAlias = QModelIndex | QPersistentModelIndex
-COLOR, NAME, VERTICES, AREA, LOCK = range(5)
+COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
 #: Widths of the columns; the names take the rest.
-_WIDTHS = {COLOR: 34, VERTICES: 58, AREA: 72, LOCK: 24}
+_WIDTHS = {COLOR: 34, VERTICES: 54, AREA: 76, SHOWN: 23, LOCK: 23}
 #: Fewest and most rows in view.
 _LEAST, _MOST = 3, 9
 #: Labels that have a key.
@@ -40,7 +39,7 @@ class _Rows(QAbstractTableModel):
         super().__init__()
         self._document = document
         self.labels: tuple[Label, ...] = ()
-        self._sizes: tuple[IntArray, FloatArray] | None = None
+        self._sizes: LabelSizes | None = None
 
     def show_labels(self, labels: tuple[Label, ...]) -> None:
         """Show other labels, whose sizes are not known yet."""
@@ -48,11 +47,11 @@ class _Rows(QAbstractTableModel):
         self.labels, self._sizes = labels, None
         self.endResetModel()
 
-    def show_sizes(self, sizes: tuple[IntArray, FloatArray]) -> None:
+    def show_sizes(self, sizes: LabelSizes) -> None:
         """Show the number of vertices and the area of each label."""
         if len(sizes[0]) == len(self.labels):
             self._sizes = sizes
-            last = self.index(len(self.labels) - 1, AREA)
+            last = self.index(len(self.labels) - 1, SHOWN)
             self.dataChanged.emit(self.index(0, VERTICES), last)
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, AREA, AREA)
 
@@ -70,12 +69,13 @@ class _Rows(QAbstractTableModel):
         if along != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
             return None
         unit = self._area_unit[1]
-        return ("", "Label", "Vertices", f"Area, {unit}" if unit else "Area", "")[section]
+        area = f"Area, {unit}" if unit else "Area"
+        return ("", "Label", "Vertices", area, "", "")[section]
 
     @property
     def _area_unit(self) -> tuple[int, str]:
         """Power of ten that areas are multiplied by, and their unit, which suits the largest."""
-        largest = 0.0 if self._sizes is None else float(self._sizes[1].max())
+        largest = 0.0 if self._sizes is None else float(self._sizes.areas.max())
         return engineering(largest, power_unit(self._document.unit, 2))
 
     def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
@@ -83,26 +83,34 @@ class _Rows(QAbstractTableModel):
         roles = Qt.ItemDataRole
         if role == roles.TextAlignmentRole:
             return _alignment(column)
-        if role == roles.DecorationRole and column in (COLOR, LOCK):
+        if role == roles.DecorationRole and column == COLOR:
+            return make.dot(label.color)
+        if role == roles.DecorationRole and column in (SHOWN, LOCK):
+            name, on = ("lock", label.locked) if column == LOCK else self._eye(index.row())
             colors = theme.palette()
-            if column == COLOR:
-                return make.dot(label.color)
-            lock = icons.pixmap("lock", colors.text if label.locked else colors.border_strong, 16)
-            return make.untinted(lock)
+            picture = icons.pixmap(name, colors.text if on else colors.border_strong, 16)
+            return make.untinted(picture)
         if role in (roles.ToolTipRole, roles.AccessibleTextRole):
             return self._description(label, index.row(), column)
         if role in (roles.DisplayRole, roles.EditRole):
             return self._text(label, index.row(), column)
         return None
 
+    def is_hidden(self, row: int) -> bool:
+        """Whether all vertices of a label are hidden."""
+        return self._sizes is not None and bool(self._sizes.hidden[row])
+
+    def _eye(self, row: int) -> tuple[str, bool]:
+        return ("closed eye", False) if self.is_hidden(row) else ("eye", True)
+
     def _text(self, label: Label, row: int, column: int) -> str:
         if column == COLOR:
             return str(row + 1) if row < KEYS else ""
         if column == NAME:
             return label.name or str(label.key)
-        if column == LOCK or self._sizes is None:
+        if column > AREA or self._sizes is None:
             return ""
-        counts, areas = self._sizes
+        counts, areas, _ = self._sizes
         if column == VERTICES:
             return f"{counts[row]:,}"
         return format_number(areas[row] * 10.0 ** self._area_unit[0], 3) if counts[row] else "–"
@@ -111,6 +119,8 @@ class _Rows(QAbstractTableModel):
         if column == COLOR:
             key = f"; key {row + 1} gives it the selection" if row < KEYS else ""
             return f"Colour {label.color}: click to change it{key}"
+        if column == SHOWN:
+            return "Hidden: click to show it" if self.is_hidden(row) else "Shown: click to hide it"
         if column == LOCK:
             text = "Locked: its vertices are given to no other label"
             return text if label.locked else "Not locked: click to keep its vertices"
@@ -201,7 +211,7 @@ class LabelTable(QTableView):
         row_height = self.verticalHeader().defaultSectionSize()
         self.setFixedHeight(self.horizontalHeader().sizeHint().height() + shown * row_height + 4)
 
-    def show_sizes(self, sizes: tuple[IntArray, FloatArray]) -> None:
+    def show_sizes(self, sizes: LabelSizes) -> None:
         """Show the number of vertices and the area of each label."""
         self._rows.show_sizes(sizes)
 
@@ -221,6 +231,8 @@ class LabelTable(QTableView):
         label = self.labels[index.row()]
         if index.column() == COLOR:
             self.color_requested.emit(label.key)
+        elif index.column() == SHOWN:
+            self._document.labels.show([label.key], self._rows.is_hidden(index.row()))
         elif index.column() == LOCK:
             self._document.labels.lock(label.key, not label.locked)
 

@@ -85,7 +85,7 @@ class MeshRenderer:
         self._coarse_mesh: CoarseMesh | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
         #: Marks by what they are of.
-        self._marks: dict[str, Marks] = {}
+        self.marks: dict[str, Marks] = {}
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
@@ -113,7 +113,7 @@ class MeshRenderer:
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
         """Draw a mesh with normals of shape (n, 3), or none, without field and pins."""
-        for of in tuple(self._marks):
+        for of in tuple(self.marks):
             self.set_marks(None, of)
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
@@ -266,16 +266,16 @@ class MeshRenderer:
 
     def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
         """Draw marks over the surface, in place of those of the same before."""
-        if of in self._marks:
-            self.renderer.RemoveActor(self._marks.pop(of).actor)
+        if of in self.marks:
+            self.renderer.RemoveActor(self.marks.pop(of).actor)
         if marks is not None:
-            self._marks[of] = marks
+            self.marks[of] = marks
             marks.actor.SetPosition(*self.centre)
             self._place_marks()
             self.renderer.AddActor(marks.actor)
 
     def _place_marks(self) -> None:
-        for marks in self._marks.values():
+        for marks in self.marks.values():
             marks.move(self.drawn[0][marks.vertices])
 
     # -- camera and frame -------------------------------------------------------------------
@@ -297,7 +297,7 @@ class MeshRenderer:
         if self.view is not None:
             for surface in self._surfaces:
                 surface.set_scale(scale)
-            for marks in self._marks.values():
+            for marks in self.marks.values():
                 marks.set_scale(scale)
             self._place_camera(self.view, width, height)
         page = Page(self.theme, width, height, scale, plates)
@@ -370,7 +370,7 @@ class MeshRenderer:
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that scripts have added."""
         ours = {id(self._overlay), *(id(surface.actor) for surface in self._surfaces)}
-        ours |= {id(marks.actor) for marks in self._marks.values()}
+        ours |= {id(marks.actor) for marks in self.marks.values()}
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)
@@ -416,8 +416,8 @@ class MeshRenderer:
             other.surface.write(self.surface.values)
             other.surface.dress(self.caption)
             other.caption = self.caption
-        if "borders" in self._marks:  # faults are no part of a picture
-            other.set_marks(self._marks["borders"].copy(), "borders")
+        if "borders" in self.marks:  # faults are no part of a picture
+            other.set_marks(self.marks["borders"].copy(), "borders")
         return other
 
     def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:
