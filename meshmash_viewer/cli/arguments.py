@@ -30,6 +30,7 @@ _COMMANDS = {
     "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
     "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
     "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
+    "carry": ("A B... --labels L -o OUT", "labels and maps of A at the vertices of others"),
     "train": ("MESH --labels L ... -o OUT.skops", "a model of classes from labels"),
     "predict": ("MESH... --model M -o OUT", "classes by a model"),
     "render": ("MESH -o OUT.png", "a picture"),
@@ -43,6 +44,8 @@ MAPS = "maps"
 #: What ``render --field`` takes besides families: the mesh alone.
 NO_FIELD = "none"
 _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
+#: Formats of labels alone.
+_LABEL_FORMATS = ("label.gii", "annot")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -179,12 +182,23 @@ def command_parser() -> argparse.ArgumentParser:
     )
     _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
 
+    carried = command("carry", "carry labels and maps of the first mesh to the others", None)
+    carried.add_argument(
+        "--labels",
+        metavar="FILE[:MAP]",
+        help="labels of the first mesh; after a colon which map of several",
+    )
+    _add_maps(carried)
+    _add_outputs(carried, (*_FORMATS, *_LABEL_FORMATS))
+    _add_whole(carried)
+    _add_structure(carried)
+
     _add_training(command("train", "learn classes of vertices from labels", None))
     predicted = command("predict", "predict classes of vertices by a model", None)
     predicted.add_argument(
         "--model", required=True, type=Path, metavar="FILE", help="a .skops file that train wrote"
     )
-    _add_outputs(predicted, (*_FORMATS, "label.gii", "annot"))
+    _add_outputs(predicted, (*_FORMATS, *_LABEL_FORMATS))
     _add_whole(predicted)
     _add_structure(predicted)
 

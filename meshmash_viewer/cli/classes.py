@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from argparse import Namespace
 from dataclasses import replace
@@ -22,19 +21,15 @@ from meshmash_viewer.cli.batch import (
     titled_rows,
     until_interrupted,
 )
-from meshmash_viewer.cli.features import is_folder, output_paths
 from meshmash_viewer.cli.numbers import in_unit
+from meshmash_viewer.cli.outputs import check_map_outputs, folder_of, output_paths, write_maps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.regions import label_map
-from meshmash_viewer.io.atomic import made_folder
 from meshmash_viewer.io.maps import read_labels
 from meshmash_viewer.io.models import check_model_path, model_card, read_classes, write_classes
-from meshmash_viewer.io.write import check_output
-from meshmash_viewer.io.write_labels import write_labels
 from meshmash_viewer.learn.classes import ClassModel, predict_classes, train_classes
 from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.export import maps_alone, write_results
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted, format_quantity, format_share
@@ -135,7 +130,6 @@ def predict(options: Namespace) -> int:
     """Predict the classes of meshes by a model, and write them with their probabilities."""
     model = read_classes(options.model)
     outputs = output_paths(options.mesh, options.output, "classes", f".{options.format}")
-    folder = Path(options.output) if is_folder(options.output) else None
     options = Namespace(
         **{
             **vars(options),
@@ -143,19 +137,13 @@ def predict(options: Namespace) -> int:
             "mollify_factor": model.columns.operator.mollify_factor,
         }
     )
-    with made_folder(folder) if folder else contextlib.nullcontext():
-        for path in outputs:
-            check_output(path, "labels" if _of_labels(path) else "features")
+    with folder_of(options.output):
+        check_map_outputs(outputs)
         return for_each(
             options,
             lambda mesh, at, own: _write_predicted(mesh, outputs[at], model, own),
             repaired=False,  # both are needed to write results at all vertices
         )
-
-
-def _of_labels(path: Path) -> bool:
-    """Whether a file holds labels alone."""
-    return path.name.lower().endswith((".label.gii", ".annot"))
 
 
 def _write_predicted(raw: Mesh, path: Path, model: ClassModel, options: Namespace) -> Report:
@@ -172,11 +160,7 @@ def _write_predicted(raw: Mesh, path: Path, model: ClassModel, options: Namespac
         "repairs": list(options.repair),
         "mask": options.mask,
     }
-    if _of_labels(path):
-        write_labels(path, found.labels, mesh, about)
-    else:
-        table = maps_alone(replace(mesh, maps=found.maps))
-        write_results(path, table, mesh, raw if options.whole_mesh else None, None, about)
+    write_maps(path, found.maps, mesh, raw if options.whole_mesh else None, about)
     areas = {
         each.name: float(mesh.vertex_areas[found.labels.values == each.key].sum())
         for each in model.classes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from argparse import Namespace
 from pathlib import Path
@@ -22,15 +21,14 @@ from meshmash_viewer.cli.batch import (
     with_maps,
 )
 from meshmash_viewer.cli.numbers import in_unit
+from meshmash_viewer.cli.outputs import folder_of, output_paths
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import median_edge_length
-from meshmash_viewer.io.atomic import made_folder
 from meshmash_viewer.io.provenance import export_options
-from meshmash_viewer.io.read import mesh_name
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import maps_alone, write_results
@@ -56,8 +54,7 @@ def features(options: Namespace) -> int:
         write = _write_whole if options.pieces is None else _write_in_pieces
         return write(mesh, outputs[at], chosen_family(own, EXPORTS), own)
 
-    folder = Path(options.output) if is_folder(options.output) else None
-    with made_folder(folder) if folder else contextlib.nullcontext():
+    with folder_of(options.output):
         for path in outputs:
             check_output(path, "features" if featured else "eigenpairs")
         # as read: both are needed to write results at all vertices
@@ -85,47 +82,6 @@ def _check_combination(options: Namespace) -> None:
     for name, given in of_whole_meshes.items():
         if given and options.pieces is not None:
             raise InputError(f"{name} is of the whole mesh; leave it out, or --pieces.")
-
-
-def is_folder(output: str) -> bool:
-    """Whether results are written to a folder, which may not exist yet."""
-    return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
-
-
-def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
-    """Return the output file of each mesh.
-
-    `output` is a file (for one mesh), a folder, whose files have the given ending, or a template
-    such as "out/{name}_{kind}.csv". `InputError` is raised if two results would go to one file, or
-    one over a mesh.
-    """
-    literal = output.replace("{", "{{").replace("}", "}}")
-    if "{" in output:
-        template = output
-    elif is_folder(output):
-        template = f"{Path(literal).as_posix()}/{{name}}{ending}"
-    elif len(meshes) == 1:
-        template = literal
-    else:
-        raise InputError(
-            f"{len(meshes)} meshes cannot all go to {output}; name a folder (with a slash at its"
-            ' end) or a template such as "{name}_{kind}.npz".'
-        )
-    try:
-        paths = [Path(template.format(name=mesh_name(mesh), kind=kind)) for mesh in meshes]
-    except (KeyError, IndexError, ValueError, AttributeError) as fault:
-        raise InputError(
-            f"The template {output} is not one; it may hold {{name}} and {{kind}}."
-        ) from fault
-    taken: dict[Path, Path] = {mesh.resolve(): mesh for mesh in meshes}
-    for mesh, path in zip(meshes, paths, strict=True):
-        other = taken.setdefault(path.resolve(), mesh)
-        if other is not mesh or path.resolve() == mesh.resolve():
-            raise InputError(
-                f"{path}, the result of {mesh}, would go over that of {other} or over"
-                " the mesh itself; choose another name."
-            )
-    return paths
 
 
 def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:

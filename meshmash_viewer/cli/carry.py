@@ -1,0 +1,91 @@
+"""The command carry: maps and labels of one mesh at the vertices of others."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshmash_viewer.cli.arguments import chosen_operator
+from meshmash_viewer.cli.batch import Report, for_each, prepared, read, solved, with_maps
+from meshmash_viewer.cli.numbers import in_unit
+from meshmash_viewer.cli.outputs import check_map_outputs, folder_of, output_paths, write_maps
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.comparison import (
+    check_comparable,
+    compare_shapes,
+    comparison_remarks,
+    corresponding_vertices,
+    matched_top,
+)
+from meshmash_viewer.io.maps import read_labels
+from meshmash_viewer.io.provenance import export_options
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import counted, format_share
+from meshmash_viewer.vertex_map import VertexMap
+
+
+def carry(options: Namespace) -> int:
+    """Carry maps and labels of the first mesh to the others, and write them."""
+    if len(options.mesh) < 2:
+        raise InputError("carry takes the mesh of the maps, and after it those that get them.")
+    outputs = output_paths(options.mesh[1:], options.output, "maps", f".{options.format}")
+    with folder_of(options.output):
+        check_map_outputs(outputs)
+        return _carry_to(outputs, options)
+
+
+def _carry_to(outputs: list[Path], options: Namespace) -> int:
+    first = prepared(read(options.mesh[0], options), options)
+    maps = _maps_of(first, options)
+    pairs = solved(first, in_unit(options, first.unit), options.target)
+    check_comparable(first.name, first.n_vertices, pairs.eigenvalues)
+
+    def work(raw: Mesh, at: int, own: Namespace) -> Report:
+        began, mesh = time.perf_counter(), prepared(raw, own)
+        top = matched_top(pairs, mesh.area)
+        found = solved(mesh, own, Target("max_eigenvalue", top) if top > 0.0 else own.target)
+        check_comparable(mesh.name, mesh.n_vertices, found.eigenvalues)
+        matched = compare_shapes(
+            found, pairs, vertices=corresponding_vertices(mesh, first), refine=True
+        )
+        proof = f"{found.proof(mesh.unit)}; {pairs.proof(first.unit)}"
+        made = export_options(
+            "carried maps", chosen_operator(own), own.target, proof, own.repair,
+            whole_mesh=own.whole_mesh, mask=own.mask,
+        )  # fmt: skip
+        made["carried_from"] = {"mesh": first.name, "hash": first.content_hash}
+        whole = raw if own.whole_mesh else None
+        write_maps(outputs[at], matched.carried(maps), mesh, whole, made)
+        report: dict[str, Any] = {
+            "mesh": mesh.name,
+            "output": str(outputs[at]),
+            "maps": [each.name for each in maps],
+            "same_vertices": matched.given,
+            "mutual_share": matched.mutual_share,
+            "median_score": float(np.nanmedian(matched.forth.scores)),
+            "remarks": comparison_remarks(mesh, first),
+            "seconds": round(time.perf_counter() - began, 3),
+        }
+        mutual = f"{format_share(matched.mutual_share)} of the vertices matched mutually"
+        how = "by index: the faces are the same" if matched.given else mutual
+        said = f"{outputs[at]}: {counted(len(maps), 'map')} from {first.name or 'mesh'}, {how}"
+        return report, said
+
+    others = Namespace(**{**vars(options), "mesh": options.mesh[1:]})
+    return for_each(others, work, repaired=False)  # both are needed for all vertices
+
+
+def _maps_of(mesh: Mesh, options: Namespace) -> tuple[VertexMap, ...]:
+    """Return the maps and labels that are named, or else those that the mesh file has."""
+    maps = with_maps(mesh, options.map).maps
+    maps = maps[len(mesh.maps) :] if options.map or options.labels else maps
+    if options.labels:
+        maps = (read_labels(options.labels, mesh), *maps)
+    if not maps:
+        raise InputError(f"{mesh.name} has no maps: name a file of them with --labels or --map.")
+    return maps

@@ -1,0 +1,93 @@
+"""Files that commands write: their paths, and maps in every format."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import made_folder
+from meshmash_viewer.io.read import mesh_name
+from meshmash_viewer.io.write import check_output
+from meshmash_viewer.io.write_labels import write_labels
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.export import maps_alone, write_results
+from meshmash_viewer.vertex_map import VertexMap
+
+
+def is_folder(output: str) -> bool:
+    """Whether results are written to a folder, which may not exist yet."""
+    return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
+
+
+def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
+    """Return the output file of each mesh.
+
+    `output` is a file (for one mesh), a folder, whose files have the given ending, or a template
+    such as "out/{name}_{kind}.csv". `InputError` is raised if two results would go to one file, or
+    one over a mesh.
+    """
+    literal = output.replace("{", "{{").replace("}", "}}")
+    if "{" in output:
+        template = output
+    elif is_folder(output):
+        template = f"{Path(literal).as_posix()}/{{name}}{ending}"
+    elif len(meshes) == 1:
+        template = literal
+    else:
+        raise InputError(
+            f"{len(meshes)} meshes cannot all go to {output}; name a folder (with a slash at its"
+            ' end) or a template such as "{name}_{kind}.npz".'
+        )
+    try:
+        paths = [Path(template.format(name=mesh_name(mesh), kind=kind)) for mesh in meshes]
+    except (KeyError, IndexError, ValueError, AttributeError) as fault:
+        raise InputError(
+            f"The template {output} is not one; it may hold {{name}} and {{kind}}."
+        ) from fault
+    taken: dict[Path, Path] = {mesh.resolve(): mesh for mesh in meshes}
+    for mesh, path in zip(meshes, paths, strict=True):
+        other = taken.setdefault(path.resolve(), mesh)
+        if other is not mesh or path.resolve() == mesh.resolve():
+            raise InputError(
+                f"{path}, the result of {mesh}, would go over that of {other} or over"
+                " the mesh itself; choose another name."
+            )
+    return paths
+
+
+def folder_of(output: str) -> contextlib.AbstractContextManager[Any]:
+    """Return a context in which the folder of the results exists, if they go to one."""
+    return made_folder(Path(output)) if is_folder(output) else contextlib.nullcontext()
+
+
+def check_map_outputs(paths: Sequence[Path]) -> None:
+    """Raise `InputError` if maps cannot be written to one of the files."""
+    for path in paths:
+        check_output(path, "labels" if _of_labels(path) else "features")
+
+
+def write_maps(
+    path: Path, maps: Sequence[VertexMap], mesh: Mesh, file_mesh: Mesh | None, about: dict[str, Any]
+) -> None:
+    """Write maps as columns, or the first that has labels to a file of labels alone.
+
+    With a `file_mesh`, the mesh before its repairs, they are written at all its vertices.
+    """
+    if not _of_labels(path):
+        write_results(
+            path, maps_alone(replace(mesh, maps=tuple(maps))), mesh, file_mesh, None, about
+        )
+        return
+    labels = next((each for each in maps if each.labels), None)
+    if labels is None:
+        raise InputError(f"{path} is a file of labels, and no map has any: choose another format.")
+    write_labels(path, labels, mesh, about)
+
+
+def _of_labels(path: Path) -> bool:
+    """Whether a file holds labels alone."""
+    return path.name.lower().endswith((".label.gii", ".annot"))

@@ -1,0 +1,76 @@
+"""The command carry."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+from meshmash_viewer.cli.main import main
+from meshmash_viewer.io.write import write_mesh
+
+LABELS = (mv.Label(1, "bump", "#4477aa"), mv.Label(2, "rest", "#ee6677"))
+
+
+@pytest.fixture(autouse=True)
+def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
+    """A folder with a labelled mesh and a turned, permuted copy, and where its vertices are."""
+    monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.chdir(tmp_path)
+    mesh = shapes.blob(2)
+    first = mv.Mesh(mesh.vertices, mesh.faces, "mm", "A")
+    copy, there = shapes.moved_copy(first)
+    write_mesh("A.ply", first)
+    write_mesh("B.ply", mv.Mesh(copy.vertices, copy.faces, "mm", "B"))
+    mv.write_labels("A.label.gii", mv.VertexMap("part", parts(first), labels=LABELS), first)
+    np.savetxt("x.csv", first.vertices[:, 0], header="x", comments="")
+    return there
+
+
+def parts(mesh: mv.Mesh) -> np.ndarray:
+    return np.where(mesh.vertices[:, 0] > 0.5, 1, 2)
+
+
+def test_labels_and_maps_of_one_mesh_are_carried_to_others(
+    there: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["carry", "A.ply", "B.ply", "--labels", "A.label.gii", "--count", "60"]
+    assert main([*arguments, "--map", "x.csv", "-o", "out/", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["maps"] == ["part", "x"]
+    assert report["mutual_share"] > 0.95
+    first, found = mv.read_mesh("A.ply"), np.load("out/B.npz")
+    assert found["columns"].tolist() == ["part", "x", "match score"]
+    assert np.mean(found["features"][there, 0] == parts(first)) > 0.95
+    near = np.abs(found["features"][there, 1] - first.vertices[:, 0]) < 1e-6
+    assert near.mean() > 0.95
+    assert (found["features"][:, 2] >= 0.0).all()
+    # the names and colours, in a file of labels
+    assert main([*arguments, "-o", "B.annot"]) == 0
+    carried = mv.read_labels("B.annot", mv.read_mesh("B.ply"))
+    named = {each.name: (each.key, each.color) for each in carried.labels}
+    assert named["bump"][1] == "#4477aa"
+    assert np.mean((carried.values == named["bump"][0])[there] == (parts(first) == 1)) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("A.ply", "-o", "a.csv", "--labels", "A.label.gii"), "after it those that get them"),
+        (("A.ply", "B.ply", "-o", "a.csv"), "A has no maps: name a file"),
+        (("A.ply", "B.ply", "-o", "a.xyz", "--labels", "A.label.gii"), "a.xyz"),
+        (("A.ply", "B.ply", "-o", "b.annot", "--map", "x.csv"), "no map has any"),
+    ],
+)
+def test_what_cannot_be_carried_is_one_sentence(
+    arguments: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["carry", *arguments, "--count", "20"]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.strip().splitlines()) == 1
+    assert not list(Path().glob("[ab].*"))
