@@ -12,6 +12,7 @@ from meshmash_viewer.cli import numbers
 from meshmash_viewer.cli.numbers import said, whole
 from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.learn import CLASSIFIERS, KINDS
 from meshmash_viewer.quantities import parse_number, parse_unit
 from meshmash_viewer.structures import named_structure
 from meshmash_viewer.units import UNIT_FORMS
@@ -288,9 +289,6 @@ def parsed_command(arguments: list[str]) -> argparse.Namespace:
 
 def _add_training(parser: argparse.ArgumentParser) -> None:
     """Add the options of train."""
-    from meshmash_viewer.learn.classes import CLASSIFIERS
-    from meshmash_viewer.learn.columns import KINDS
-
     parser.add_argument(
         "--labels",
         action="append",

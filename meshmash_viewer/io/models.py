@@ -15,8 +15,9 @@ import numpy as np
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.read import check_file
-from meshmash_viewer.learn.classes import CLASSIFIERS, ClassModel
-from meshmash_viewer.learn.columns import KINDS, ClassColumns
+from meshmash_viewer.learn import CLASSIFIERS, KINDS
+from meshmash_viewer.learn.classes import ClassModel
+from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.learn.scores import ClassScores
 from meshmash_viewer.vertex_map import Label
 

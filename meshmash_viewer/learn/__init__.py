@@ -1,1 +1,19 @@
 """Classes of vertices, learned from labels: columns, models, scores."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Classifier = Literal["forest", "logistic"]
+#: Kinds of classifiers, and what they are.
+CLASSIFIERS: dict[str, str] = {
+    "forest": "100 extremely randomized trees",
+    "logistic": "logistic regression of standardized columns",
+}
+Kind = Literal["hks", "wks", "curvature"]
+#: Kinds of columns, and what they are.
+KINDS: dict[str, str] = {
+    "hks": "logarithm of the heat kernel signature at fixed times",
+    "wks": "logarithm of the wave kernel signature at fixed energies",
+    "curvature": "curvature, position and normal of the surface smoothed over fixed lengths",
+}

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.learn import CLASSIFIERS, Classifier
 from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.learn.diffusion import diffused
 from meshmash_viewer.learn.scores import ClassScores, cross_validated, folds_of, strokes
@@ -31,12 +32,6 @@ from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-Classifier = Literal["forest", "logistic"]
-#: Kinds of classifiers, and what they are.
-CLASSIFIERS: dict[str, str] = {
-    "forest": "100 extremely randomized trees",
-    "logistic": "logistic regression of standardized columns",
-}
 #: Fewest labelled vertices of a class, and most of all that are used, which are drawn evenly.
 _LEAST, _MOST = 5, 40_000
 #: Trees, and labelled vertices times trees that are trained between two questions whether to go on.

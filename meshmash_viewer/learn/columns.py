@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from meshmash_viewer.features.filter_parameters import check_times, hks_time_ran
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, wave_kernel_bank
 from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
+from meshmash_viewer.learn import KINDS
 from meshmash_viewer.learn.diffusion import diffused
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import (
@@ -27,13 +28,6 @@ from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.surface.curvature import gaussian_curvature, mean_curvature
 from meshmash_viewer.units import LENGTH_UNITS, METRES, format_quantity, whole_number
 
-Kind = Literal["hks", "wks", "curvature"]
-#: Kinds of columns, and what they are.
-KINDS: dict[str, str] = {
-    "hks": "logarithm of the heat kernel signature at fixed times",
-    "wks": "logarithm of the wave kernel signature at fixed energies",
-    "curvature": "curvature, position and normal of the surface smoothed over fixed lengths",
-}
 #: Standard deviation of wave kernel bands, in steps between them.
 _WIDTH = 2.0
 #: Values below this share of those of a plane, or of the mean, have the logarithm of the share.
