@@ -33,7 +33,7 @@ from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Fewest labelled vertices of a class, and most of all that are used, which are drawn evenly.
-_LEAST, _MOST = 5, 40_000
+_LEAST, _MOST = 5, 20_000
 #: Trees, and labelled vertices times trees that are trained between two questions whether to go on.
 _TREES, _AT_ONCE = 100, 500_000
 #: Vertices that are predicted at a time.
@@ -197,7 +197,7 @@ def train_classes(
 
     Notes
     -----
-    Of more than 40,000 labelled vertices so many are used, drawn evenly.
+    Of more than 20,000 labelled vertices so many are used, drawn evenly.
 
     References
     ----------
