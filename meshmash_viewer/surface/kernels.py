@@ -16,10 +16,11 @@ numba = import_compiler()
 
 
 @numba.njit(cache=True, nogil=True)
-def spread(starts, around, faces, points, sources, radius, passable):  # type: ignore[no-untyped-def]
-    """Return the vertices within a distance of sources in their order, and the distances."""
-    distance = np.full(len(points), np.inf, np.float32)
-    done = np.zeros(len(points), np.bool_)
+def spread(starts, around, faces, points, sources, radius, passable, distance, done):  # type: ignore[no-untyped-def]
+    """Return the vertices within a distance of sources in their order, and the distances.
+
+    `distance`, infinite everywhere, and `done`, nowhere true, are scratch, and left as they were.
+    """
     heap = [(np.float32(0.0), sources[0])]
     for source in sources:
         distance[source] = 0.0
@@ -45,7 +46,10 @@ def spread(starts, around, faces, points, sources, radius, passable):  # type: i
                     distance[u] = found
                     heapq.heappush(heap, (found, u))
     vertices = np.array(reached)
-    return vertices, distance[vertices]
+    found_at = distance[vertices]
+    distance[vertices] = np.inf  # what has been reached has been in the heap
+    done[vertices] = False
+    return vertices, found_at
 
 
 @numba.njit(cache=True, nogil=True)

@@ -133,8 +133,10 @@ def test_a_brush_paints_what_is_visible_and_is_one_change(hand: Hand) -> None:
     for _ in range(2):
         hand.key(Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert np.array_equal(hand.chosen, painted)
-    assert "vertices" in part(hand.window, "select_count").text()
-    assert "nm²" in part(hand.window, "select_count").text()
+    count = part(hand.window, "select_count")
+    text = f"{painted.sum():,} vertices · "
+    hand.qtbot.waitUntil(lambda: count.text().strip().startswith(text), timeout=PATIENCE)
+    assert "nm²" in count.text()
 
 
 def test_a_lasso_takes_the_visible_or_what_is_behind_too(hand: Hand) -> None:

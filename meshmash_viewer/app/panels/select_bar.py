@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QSlider, QToolBar, QWidget
 
@@ -12,7 +12,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import SELECT_MODES, Actions
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.number_field import NumberField
-from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.select_tool import SelectTool
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.units import counted, format_quantity
@@ -22,6 +22,8 @@ _COMMANDS = (
     "grow_selection", "shrink_selection", "fill_selection", "invert_selection", "clear_selection",
 )  # fmt: skip
 _STEPS = 1000
+#: Milliseconds after a change until the selection is counted.
+_REST = 120
 #: What the label of the selection has room for, so that the commands rarely move.
 _LONGEST = " 888,888 vertices · 88.8 µm² "
 
@@ -77,7 +79,10 @@ class SelectBar(QToolBar):
             self.addAction(actions[name])
         tool.changed.connect(self._refresh)
         tool.changed.connect(self._count)
-        follow((document.selection.changed, document.mesh_changed), self._count)
+        #: Counts after some moves of a stroke, not after each.
+        self._rest = QTimer(self, singleShot=True, interval=_REST)
+        self._rest.timeout.connect(self._count)
+        listen((document.selection.changed, document.mesh_changed), self._count_soon)
         self._refresh()
         self._count()
 
@@ -99,6 +104,10 @@ class SelectBar(QToolBar):
 
     def _give_range(self) -> None:
         self._tool.set_range(self.low.value() / _STEPS, self.high.value() / _STEPS)
+
+    def _count_soon(self) -> None:
+        if not self._rest.isActive():
+            self._rest.start()
 
     def _count(self) -> None:
         """Show number and area of the selected vertices."""
