@@ -113,7 +113,7 @@ FIELDS = (
     ("eigenfunction", "target_count_spin", "30"),
     ("eigenfunction", "target_wavelength_spin", "400"),
     ("eigenfunction", "eigenvector_spin", "3"),
-    ("eigenfunction", "limit_low_field", "-1e-4/nm"),
+    ("eigenfunction", "limit_low_field", "-1e-4"),
     ("hks", "hks_scales_spin", "9"),
     ("hks", "hks_t_min_field", "2e4"),
     ("band", "band_max_field", "1e-4"),
@@ -352,7 +352,7 @@ def test_limits_are_locked_for_one_family(
     open_file("ball")
     window.document.solve.target = Target("count", 12)
     compute(qtbot, window)
-    type_in(window, "limit_high_field", "3e-4/nm")
+    type_in(window, "limit_high_field", "3e-4")
     assert part(window, "limits_combo").currentText() == "Locked"
     press_keys("2")
     rested(qtbot, window)
