@@ -2,46 +2,32 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray, IntArray, blocks
-from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.learn import CLASSIFIERS, Classifier
 from meshmash_viewer.learn.columns import ClassColumns
-from meshmash_viewer.learn.diffusion import diffused
-from meshmash_viewer.learn.scores import ClassScores, cross_validated, folds_of, strokes
+from meshmash_viewer.learn.scores import ClassScores
+from meshmash_viewer.learn.training import Training, importance_of, probabilities, smoothed
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.progress import (
-    CancelCallback,
-    Progress,
-    ProgressCallback,
-    check_cancelled,
-)
+from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-#: Fewest labelled vertices of a class, and most of all that are used, which are drawn evenly.
-_LEAST, _MOST = 5, 20_000
-#: Trees, and labelled vertices times trees that are trained between two questions whether to go on.
-_TREES, _AT_ONCE = 100, 500_000
-#: Vertices that are predicted at a time.
-_BLOCK = 25_000
+#: Fewest labelled vertices of a class.
+_LEAST = 5
 #: Eigenpairs of the first mesh, where columns are chosen from none.
 _PAIRS = 200
-#: Range relative to the largest magnitude below which a column is constant.
-_SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,13 +235,17 @@ def train_classes(
         found if found is not None else columns.compute(mesh, own, progress=progress, cancel=cancel)
         for mesh, own, found in zip(given, known, done, strict=True)
     ]
-    training = _Training(given, places, tables, columns, classes, classifier, smoothing, cancel)
+    of_classes = tuple(each.name for each in classes)
+    training = Training(given, places, tables, columns, of_classes, classifier, smoothing, cancel)
     fitted = training.fitted(np.arange(len(training.places)), progress)
-    importance = _importance(fitted, classifier)
+    importance = importance_of(fitted, classifier)
     model = ClassModel(
         fitted, classifier, columns, classes, importance, smoothing, training.described()
     )
-    return training.scored(model, progress) if scored else model
+    if not scored:
+        return model
+    scores, unscored = training.scores(progress)
+    return replace(model, scores=scores, unscored=unscored)
 
 
 def predict_classes(
@@ -305,10 +295,10 @@ def predict_classes(
     if features is None:
         features = model.columns.compute(mesh, pairs, progress=progress, cancel=cancel)
     values = np.full((mesh.n_vertices, len(model.classes)), np.nan)
-    values[mesh.referenced] = _probabilities(
+    values[mesh.referenced] = probabilities(
         model.classifier, features.values[mesh.referenced], progress, cancel
     )
-    values = _smoothed(mesh, values, model.smoothing, model.columns, cancel)
+    values = smoothed(mesh, values, model.smoothing, model.columns, cancel)
     keys = np.array([each.key for each in model.classes])
     none = 0 if 0 not in keys else int(keys.min()) - 1
     best = np.nan_to_num(values, nan=-1.0).argmax(axis=1)
@@ -385,203 +375,6 @@ def _listed(given: Any, many: bool, count: int) -> list[Any]:
     if len(found) != count:
         raise InputError(f"There are {count} meshes and {len(found)} results for them: give each.")
     return found
-
-
-class _Training:
-    """Labelled vertices of all meshes, with their columns."""
-
-    def __init__(
-        self,
-        meshes: list[Mesh],
-        places: list[IntArray],
-        tables: list[Features],
-        columns: ClassColumns,
-        classes: tuple[Label, ...],
-        kind: str,
-        smoothing: float,
-        cancel: CancelCallback | None,
-    ) -> None:
-        self.meshes, self.tables, self.columns, self.kind = meshes, tables, columns, kind
-        self.smoothing, self.cancel, self.classes = smoothing, cancel, classes
-        self.counts = [int(np.count_nonzero(each >= 0)) for each in places]
-        at = [np.flatnonzero(each >= 0) for each in places]
-        self.of_mesh = np.repeat(np.arange(len(at)), [len(each) for each in at])
-        own, taken = [], 0
-        for mesh, each, some in zip(meshes, places, at, strict=True):
-            stroke = strokes(mesh, each)[some] + taken
-            own.append(stroke)
-            taken = int(stroke.max(initial=-1)) + 1 if len(stroke) else taken
-        self.stroke = np.concatenate(own)
-        self.vertex = np.concatenate(at)
-        self.places = np.concatenate([each[some] for each, some in zip(places, at, strict=True)])
-        if len(self.places) > _MOST:
-            drawn = np.linspace(0, len(self.places) - 1, _MOST).astype(np.int64)
-            for name in ("of_mesh", "stroke", "vertex", "places"):
-                setattr(self, name, getattr(self, name)[drawn])
-        self.values = np.concatenate(
-            [table.values[self.vertex[self.of_mesh == i]] for i, table in enumerate(tables)]
-        )
-        self.areas = np.concatenate(
-            [
-                mesh.vertex_areas[self.vertex[self.of_mesh == i]] / columns.scale(mesh) ** 2
-                for i, mesh in enumerate(meshes)
-            ]
-        )
-        _check_columns(self.values, tables[0].columns, of_mesh(meshes[0].name))
-
-    def described(self) -> tuple[dict[str, Any], ...]:
-        """Describe the meshes."""
-        return tuple(
-            {
-                "name": mesh.name,
-                "hash": mesh.content_hash,
-                "unit": mesh.unit,
-                "n_vertices": mesh.n_vertices,
-                "n_left_out": len(mesh.unreferenced),
-                "n_labelled": count,
-            }
-            for mesh, count in zip(self.meshes, self.counts, strict=True)
-        )
-
-    def fitted(self, some: IntArray, progress: ProgressCallback | None = None) -> Any:
-        """Train on some of the labelled vertices."""
-        check_cancelled(self.cancel)
-        values, places = self.values[some], self.places[some]
-        if self.kind == "logistic":
-            from sklearn.linear_model import LogisticRegression
-            from sklearn.pipeline import make_pipeline
-            from sklearn.preprocessing import StandardScaler
-
-            return make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000)).fit(
-                values.astype(np.float64), places
-            )
-        from sklearn.ensemble import ExtraTreesClassifier
-
-        forest = ExtraTreesClassifier(
-            min_samples_leaf=2, random_state=0, n_jobs=-1, warm_start=True
-        )
-        step = max(_AT_ONCE // len(some), 1)
-        for part in blocks(_TREES, step):
-            check_cancelled(self.cancel)
-            if progress is not None:
-                progress(Progress("training", part.start / _TREES, message="Training"))
-            forest.set_params(n_estimators=part.stop).fit(values, places)
-        return forest.set_params(warm_start=False, n_jobs=1)
-
-    def scored(self, model: ClassModel, progress: ProgressCallback | None) -> ClassModel:
-        """Cross-validate a model."""
-        folds, left_out, fault = folds_of(self.places, self.stroke, self.of_mesh, model.names)
-        if fault:
-            return replace(model, unscored=fault)
-        count, seen = len(np.unique(folds)), 0
-
-        def predicted(train: IntArray, test: IntArray) -> IntArray:
-            nonlocal seen
-            if progress is not None:
-                progress(Progress("scores", seen / count, message="Cross-validation"))
-            seen += 1
-            classifier = self.fitted(train)
-            if not self.smoothing:
-                return self._best(classifier, self.values[test])
-            found = np.zeros(len(test), dtype=np.int64)
-            for at, (mesh, table) in enumerate(zip(self.meshes, self.tables, strict=True)):
-                here = self.of_mesh[test] == at
-                if here.any():
-                    found[here] = self._best_on(classifier, mesh, table)[self.vertex[test[here]]]
-            return found
-
-        confusion = cross_validated(self.places, self.areas, folds, model.names, predicted)
-        return replace(model, scores=ClassScores(model.names, confusion, left_out, count))
-
-    def _best(self, classifier: Any, values: FloatArray) -> IntArray:
-        found = _probabilities(classifier, values, None, self.cancel)
-        return np.asarray(classifier.classes_[found.argmax(axis=1)])
-
-    def _best_on(self, classifier: Any, mesh: Mesh, table: Features) -> IntArray:
-        """Return the smoothed classes of all vertices."""
-        values = np.zeros((mesh.n_vertices, len(self.classes)))
-        used = mesh.referenced
-        values[used] = _probabilities(classifier, table.values[used], None, self.cancel)
-        smooth = _smoothed(mesh, values, self.smoothing, self.columns, self.cancel)
-        return np.asarray(smooth.argmax(axis=1))
-
-
-def _check_columns(values: FloatArray, names: Sequence[str], subject: str) -> None:
-    """Raise `InputError` for columns without values or all constant; warn of some constant ones."""
-    missing = np.flatnonzero(~np.isfinite(values).all(axis=0))
-    if len(missing):
-        raise InputError(
-            f"{subject}column {names[missing[0]]} has no value at some labelled vertices: take"
-            " other columns, or repair the mesh."
-        )
-    size = np.abs(values).max(axis=0)
-    constant = np.flatnonzero(np.ptp(values, axis=0) <= _SAME * size)
-    if len(constant) == len(names):
-        raise InputError(
-            f"{subject}all columns are the same at all labelled vertices, so nothing can be learned"
-            " from them: take other times or other kinds of columns."
-        )
-    if len(constant):
-        said = ", ".join(names[at] for at in constant[:3]) + (", …" if len(constant) > 3 else "")
-        warnings.warn(
-            f"{subject}{counted(len(constant), 'column')} ({said}) the same at all labelled"
-            " vertices: nothing is learned from them.",
-            MeshWarning,
-            stacklevel=4,
-        )
-
-
-def _probabilities(
-    classifier: Any,
-    values: npt.NDArray[Any],
-    progress: ProgressCallback | None,
-    cancel: CancelCallback | None,
-) -> FloatArray:
-    """Return the probability of each class, shape (n, c).
-
-    Blocks of vertices are predicted in threads: a forest that uses threads itself adds up its trees
-    in the order in which these end.
-    """
-    from joblib import cpu_count
-
-    def predicted(part: slice) -> FloatArray:
-        check_cancelled(cancel)
-        return np.asarray(classifier.predict_proba(values[part]), dtype=np.float64)
-
-    found = []
-    with ThreadPoolExecutor(cpu_count()) as pool:
-        for block in pool.map(predicted, blocks(len(values), _BLOCK)):
-            found.append(block)
-            if progress is not None:
-                share = min(len(found) * _BLOCK / len(values), 1.0)
-                progress(Progress("prediction", share, message="Predicting"))
-    return np.concatenate(found)
-
-
-def _smoothed(
-    mesh: Mesh,
-    values: FloatArray,
-    length: float,
-    columns: ClassColumns,
-    cancel: CancelCallback | None,
-) -> FloatArray:
-    """Smooth probabilities over a length, in the unit of the columns."""
-    if not length:
-        return values
-    options = columns.operator
-    stiffness, mass = cotangent_laplacian(mesh, options.robust, options.mollify_factor)
-    own = length * columns.scale(mesh)
-    smooth = diffused(stiffness, mass.diagonal(), mesh.on_surface(values), own, cancel=cancel)
-    smooth = np.clip(smooth, 0.0, 1.0)
-    smooth /= smooth.sum(axis=1, keepdims=True) + (smooth.sum(axis=1, keepdims=True) == 0.0)
-    return np.where(mesh.referenced[:, None], smooth, np.nan)
-
-
-def _importance(classifier: Any, kind: str) -> FloatArray:
-    if kind == "forest":
-        return np.asarray(classifier.feature_importances_, dtype=np.float64)
-    sizes = np.abs(classifier[-1].coef_).mean(axis=0)
-    return np.asarray(sizes / sizes.sum(), dtype=np.float64)
 
 
 def _require_packages() -> None:
