@@ -21,13 +21,13 @@ def spread(starts, around, faces, points, sources, radius, passable, distance, d
 
     `distance`, infinite everywhere, and `done`, nowhere true, are scratch, and left as they were.
     """
-    heap = [(np.float32(0.0), sources[0])]
+    queue = [(np.float32(0.0), sources[0])]
     for source in sources:
         distance[source] = 0.0
-        heapq.heappush(heap, (np.float32(0.0), source))
+        heapq.heappush(queue, (np.float32(0.0), source))
     reached = [sources[0] for _ in range(0)]
-    while len(heap):
-        here, v = heapq.heappop(heap)
+    while len(queue):
+        here, v = heapq.heappop(queue)
         if done[v]:
             continue
         done[v] = True
@@ -44,10 +44,10 @@ def spread(starts, around, faces, points, sources, radius, passable, distance, d
                 )
                 if found < distance[u] and found <= radius:
                     distance[u] = found
-                    heapq.heappush(heap, (found, u))
+                    heapq.heappush(queue, (found, u))
     vertices = np.array(reached)
     found_at = distance[vertices]
-    distance[vertices] = np.inf  # what has been reached has been in the heap
+    distance[vertices] = np.inf  # what has been reached has been in the queue
     done[vertices] = False
     return vertices, found_at
 

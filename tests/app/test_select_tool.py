@@ -271,3 +271,18 @@ def test_what_is_hidden_is_not_drawn_and_not_picked(hand: Hand) -> None:
         "isolation",
         "showing of all vertices",
     ]
+
+
+def test_a_minus_that_is_typed_is_no_command(hand: Hand) -> None:
+    hand.document.display.kind = OwnMaps.name
+    hand.window.wait()
+    mask = np.arange(hand.mesh.n_vertices) < 100
+    hand.document.selection.set(mask)
+    field = part(hand.window, "limit_low_field")
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, "-0.25")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    hand.wait()
+    assert field.value == -0.25
+    assert np.array_equal(hand.chosen, mask)
