@@ -10,6 +10,7 @@ from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.saved import saved_notice
 from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.model.classes import ClassesJob, Classified
 from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob, PinExportJob
@@ -65,10 +66,13 @@ class Tasks(QObject):
             self._queue.append(job)  # between two jobs, as after the preview of a repaired mesh
         elif self.job is None:
             self._start(job)
-        elif isinstance(job, DecomposeJob) and isinstance(self.job, PreviewJob):
-            # the preview ends within seconds and is used; two requests for one job run it once
+        elif isinstance(job, DecomposeJob) and isinstance(self.job, PreviewJob | ClassesJob):
+            # these end within seconds and are used; two requests for one job run it once
             self._queue = [other for other in self._queue if not isinstance(other, DecomposeJob)]
             self._queue.insert(0, job)
+        elif isinstance(job, ClassesJob) and not isinstance(self.job, ClassesJob):
+            self._queue = [other for other in self._queue if not isinstance(other, ClassesJob)]
+            self._queue.append(job)
         elif isinstance(job, _EXPORTS) or isinstance(self.job, _EXPORTS):
             self._queue.append(job)
             self._document.notices.say(f"{job.label} waits for: {self.job.label}.")
@@ -110,10 +114,13 @@ class Tasks(QObject):
             self._start(self._queue.pop(0))
 
     def _on_mesh_changed(self) -> None:
-        """Stop a decomposition of a mesh that is no longer shown, as after an undo."""
+        """Stop a job on a mesh that is no longer shown, as after an undo."""
         job, document = self.job, self._document
-        solves = isinstance(job, DecomposeJob | PreviewJob) and not document.is_solved(job.mesh)
-        if solves or (isinstance(job, PiecesJob) and not document.is_shown(job.mesh)):
+        if isinstance(job, DecomposeJob | PreviewJob | ClassesJob):
+            stale = not document.is_solved(job.mesh)
+        else:
+            stale = isinstance(job, PiecesJob) and not document.is_shown(job.mesh)
+        if stale:
             self.worker.cancel()
 
     def _on_progressed(self, progress: Progress) -> None:
@@ -155,6 +162,9 @@ class Tasks(QObject):
             warns = bool(result.remark) and result.warns
             severity = Severity.WARNING if warns else Severity.INFORMATION
             return saved_notice(self._document, written, result.path, severity), True
+        elif isinstance(result, Classified) and isinstance(self.job, ClassesJob):
+            self._document.classes.accept(self.job, result)
+            return None, False
         else:
             self._on_sent(result)
             return None, False

@@ -16,6 +16,7 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.classes import Classes
 from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.history import History, Step
 from meshmash_viewer.model.jobs import InspectJob, JobState, PartJob, ReadJob, RepairJob, ScaleJob
@@ -75,6 +76,7 @@ class Document(OpenMesh):
         self.labels = Labels(
             self, self.maps, self.selection, self.hiding, self.display, self.notices, self.work
         )
+        self.classes = Classes(self, self.maps, self.labels, self.work, self.notices)
         self.solve = Solve(self, self.work)
         self.work.finished.connect(self._on_finished)
         self.work.requested.connect(self.notices.begin_turn)

@@ -52,12 +52,12 @@ class ReadJob:
 
     def run(self, channel: Channel) -> MeshReady:
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
-        with _heard() as heard:
+        with heard_warnings() as heard:
             mesh, source = _read(self.path, self.unit)
         series, remark = [mesh], ""
         if self.repairs and self.source in ("", source):
             channel.report(Progress("repairing", message="Repairing as before"))
-            with _heard() as lost:
+            with heard_warnings() as lost:
                 series, remark = _repaired(mesh, self.repairs)
             heard += lost
         elif self.repairs:
@@ -160,7 +160,7 @@ class RepairJob(_OnMesh):
     def run(self, channel: Channel) -> MeshReady:
         repair = REPAIRS[self.repair]
         channel.report(Progress("repairing", message=repair.label))
-        with _heard() as heard:
+        with heard_warnings() as heard:
             mesh = repair.apply(self.mesh)
         ready = _inspect(mesh, self.operator, channel, path=self.path)
         remark = " ".join(filter(None, [*heard, ready.remark]))
@@ -233,7 +233,7 @@ class JobState:
 
 
 @contextmanager
-def _heard() -> Iterator[list[str]]:
+def heard_warnings() -> Iterator[list[str]]:
     """Collect the sentences of mesh warnings; other warnings are issued again."""
     heard: list[str] = []
     with warnings.catch_warnings(record=True) as caught:

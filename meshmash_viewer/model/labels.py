@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import wraps
@@ -30,6 +31,8 @@ from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 _Act = TypeVar("_Act", bound=Callable[..., None])
+#: Names of a prediction.
+_PREDICTED = re.compile(r"class( \d+)*")
 
 
 def _said(act: _Act) -> _Act:
@@ -88,6 +91,14 @@ class Labels:
         sets = {each.name: each for each in self.sets}
         return sets.get(self._chosen, next(iter(sets.values()), None))
 
+    @property
+    def predicted(self) -> VertexMap | None:
+        """The set that was predicted from another one, see `Classes`; None without one."""
+        return next(filter(self._is_predicted, reversed(self.sets)), None)
+
+    def _is_predicted(self, known: VertexMap) -> bool:
+        return bool(_PREDICTED.fullmatch(known.name)) and self._maps.is_made_here(known)
+
     def choose(self, name: str) -> None:
         """Make a set the current one, and display it."""
         self._chosen = name
@@ -95,9 +106,10 @@ class Labels:
         self.changed.emit()
 
     def _follow(self) -> None:
-        """Make a set that is displayed from elsewhere the current one."""
+        """Make a set that is displayed from elsewhere the current one, but no prediction."""
         name = self._maps.displayed
-        if name != self._chosen and any(each.name == name for each in self.sets):
+        made = (each.name for each in self.sets if not self._is_predicted(each))
+        if name != self._chosen and name in made:
             self._chosen = name
             self.changed.emit()
 

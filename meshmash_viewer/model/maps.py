@@ -85,6 +85,21 @@ class Maps:
             self._take(mesh.with_changed_map(replace(changed, path="")))
             self._opened.spectrum_changed.emit()
 
+    def exchange(self, label: str, names: Collection[str], maps: Sequence[VertexMap]) -> None:
+        """Put maps in the place of others as one change, or without a label as part of the last."""
+        mesh = self._opened.mesh
+        if mesh is not None:
+            for name in names:
+                mesh = mesh.without_map(name)
+            if label:
+                self._history.record(label, "mesh")
+            self._take(mesh.with_maps(*maps))
+            self._opened.spectrum_changed.emit()
+
+    def is_made_here(self, known: VertexMap) -> bool:
+        """Whether a map is from no file, changed or not."""
+        return not known.path and known.name not in self.in_file | self.edited
+
     def restore(self, mesh: Mesh, maps: Sequence[VertexMap], edited: Collection[str]) -> None:
         """Add the maps that were kept the last time; those `edited` replace the ones of files."""
         now = self._still(mesh)

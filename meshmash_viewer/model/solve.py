@@ -8,6 +8,7 @@ from psygnal import Signal
 
 from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.work import Work
@@ -80,8 +81,8 @@ class Solve:
     @property
     def can_compute(self) -> bool:
         """Whether there is a mesh with pairs left to compute, and no other job runs."""
-        # a preview ends within seconds
-        waits = self._work.job is None or isinstance(self._work.job.job, PreviewJob)
+        # these end within seconds
+        waits = self._work.job is None or isinstance(self._work.job.job, PreviewJob | ClassesJob)
         return self._opened.ready is not None and waits and not self.is_computed
 
     @property

@@ -19,6 +19,7 @@ from meshmash_viewer.app.controls.layout import PANEL, column, row
 from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later
+from meshmash_viewer.app.panels.class_section import ClassSection
 from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label
 from meshmash_viewer.app.panels.region_table import RegionTable
 from meshmash_viewer.app.pictures import ask
@@ -114,6 +115,7 @@ class LabelPanel(QWidget):
             "Borders over every field", "label_borders_check", "Draw the borders between labels",
             lambda on: setattr(self._document.display, "label_borders", on),
         )  # fmt: skip
+        self.classes = ClassSection(self._document)
         self.hint = note("label_hint")
         self.measure_button = make.button(
             "Measure", "region_measure_button", "Measure the regions of the labels", self._measure,
@@ -137,6 +139,9 @@ class LabelPanel(QWidget):
                 row(self.new_button, self.join_button, self.delete_button, None),
                 row(self.give_button, self.clear_button, self.select_button, None),
                 self.borders_check,
+                make.line(),
+                self.classes,
+                make.line(),
                 make.heading("Regions"),
                 row(self.measure_button, self.lambda_check, None, self.export_button),
                 self.region_hint,

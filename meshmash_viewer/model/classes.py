@@ -1,0 +1,261 @@
+"""Classes of vertices in a document: learned from a label set, predicted as maps of the mesh."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from psygnal import Signal
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.learn import KINDS, Classifier
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.jobs import heard_warnings
+from meshmash_viewer.model.labels import Labels
+from meshmash_viewer.model.maps import Maps
+from meshmash_viewer.model.notices import Notices, Severity
+from meshmash_viewer.model.open_mesh import OpenMesh
+from meshmash_viewer.model.work import Work
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.vertex_map import VertexMap
+from meshmash_viewer.work import Channel
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.learn.classes import ClassModel
+    from meshmash_viewer.learn.columns import ClassColumns
+
+#: Names of the maps of a prediction next to that of the classes.
+_PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class ClassOptions:
+    """How classes are learned, see `train_classes`; the smoothing is in the unit of the mesh."""
+
+    kinds: tuple[str, ...] = tuple(KINDS)[:1]
+    classifier: Classifier = "forest"
+    smoothing: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Classified:
+    """Maps of a prediction, and its scores in one line; or no map, and why."""
+
+    maps: tuple[VertexMap, ...]
+    said: str
+
+
+@dataclass(frozen=True, eq=False)
+class ClassesJob:
+    """Train on a label set of a mesh and predict all its vertices; returns `Classified`.
+
+    A `live` one follows a change of the labels.
+    """
+
+    mesh: Mesh
+    labels: VertexMap
+    pairs: Eigenpairs
+    options: ClassOptions
+    live: bool = False
+
+    @property
+    def label(self) -> str:
+        return f"Classifying {self.mesh.name or 'the mesh'}"
+
+    def run(self, channel: Channel) -> Classified:
+        try:
+            with heard_warnings() as heard:
+                model, maps = self._answered(channel)
+        except InputError as fault:
+            return Classified((), str(fault))
+        said = _described(model) if self._scored else "Press Classify for scores."
+        return Classified(maps, " ".join([said, *heard]))
+
+    @property
+    def _scored(self) -> bool:
+        """Whether to cross-validate, which takes long where each result is smoothed."""
+        return not (self.live and self.options.smoothing)
+
+    def _answered(self, channel: Channel) -> tuple[ClassModel, tuple[VertexMap, ...]]:
+        from meshmash_viewer.learn.classes import predict_classes, train_classes
+        from meshmash_viewer.learn.columns import ClassColumns
+
+        options, exact = self.options, self.pairs.exact
+        exact = replace(exact, rows=exact.rows[: exact.n_components])  # without those of a preview
+        columns = ClassColumns.chosen(
+            self.mesh, exact, kinds=options.kinds, operator=exact.operator or OperatorOptions()
+        )
+        features = _computed(self.mesh, columns, exact, channel)
+        model = train_classes(
+            self.mesh, self.labels, columns, options.classifier, smoothing=options.smoothing,
+            features=features, scored=self._scored, progress=channel.report,
+            cancel=channel.cancelled,
+        )  # fmt: skip
+        found = predict_classes(
+            self.mesh, model, features=features, progress=channel.report, cancel=channel.cancelled
+        )
+        numbers = (*found.probabilities, found.uncertainty)
+        smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
+        return model, (found.labels, *smaller)
+
+
+#: The columns that were computed last, so that training again after each stroke is quick.
+_last: dict[tuple[str, ClassColumns], Features] = {}
+
+
+def _computed(mesh: Mesh, columns: ClassColumns, pairs: Eigenpairs, channel: Channel) -> Features:
+    key = mesh.content_hash, columns
+    found = _last.get(key)
+    if found is None:
+        found = columns.compute(mesh, pairs, progress=channel.report, cancel=channel.cancelled)
+        _last.clear()
+        _last[key] = found
+    return found
+
+
+def _described(model: ClassModel) -> str:
+    """Write F1 by class in one line."""
+    scores = model.scores
+    if scores is None:
+        return model.unscored
+    each = ", ".join(f"{name} {f1:.2f}" for name, f1 in zip(model.names, scores.f1, strict=True))
+    return f"F1 on {scores.left_out} left out: {each}; by area {scores.weighted_f1:.2f}."
+
+
+class Classes:
+    """What is learned from the current label set, at request or after each change of it.
+
+    The maps of a prediction replace those of the one before. At request that is a step of the
+    history; after a change of labels it belongs to the step of this change.
+    """
+
+    changed = Signal()
+
+    def __init__(
+        self, opened: OpenMesh, maps: Maps, labels: Labels, work: Work, notices: Notices
+    ) -> None:
+        self._opened, self._maps, self._labels = opened, maps, labels
+        self._work, self._notices = work, notices
+        self._options, self._live = ClassOptions(), False
+        #: Scores by prediction, and the prediction from each label set that has one.
+        self._scores: WeakKeyDictionary[VertexMap, str] = WeakKeyDictionary()
+        self._learned: WeakKeyDictionary[VertexMap, ClassOptions] = WeakKeyDictionary()
+        self._requested: ClassesJob | None = None
+        self._refused: tuple[VertexMap, str] | None = None
+        for signal in (opened.spectrum_changed, labels.changed):
+            signal.connect(self._follow)
+
+    @property
+    def options(self) -> ClassOptions:
+        """How classes are learned."""
+        return self._options
+
+    @options.setter
+    def options(self, options: ClassOptions) -> None:
+        if options != self._options:
+            self._options = options
+            self._follow()
+            self.changed.emit()
+
+    @property
+    def live(self) -> bool:
+        """Whether it is trained again after each change of the labels."""
+        return self._live
+
+    @live.setter
+    def live(self, live: bool) -> None:
+        if live != self._live:
+            self._live = live
+            self._follow()
+            self.changed.emit()
+
+    @property
+    def missing(self) -> str:
+        """What is missing to learn from the current labels, in one sentence; "" if nothing is."""
+        known, spectrum = self._labels.current, self._opened.spectrum
+        if known is None:
+            return "There is no label set to learn from: make one with New set, and label some."
+        if known is self._labels.predicted:
+            return f"{known.name} is the prediction: choose the label set that you made."
+        if spectrum is None or not spectrum.complete:
+            return "Classes are learned from eigenpairs: compute them in the Spectrum panel first."
+        return "" if self._options.kinds else "Choose what to learn from: HKS, WKS or curvature."
+
+    @property
+    def said(self) -> str:
+        """Scores of the prediction, or why there is none, in one line."""
+        known, predicted = self._labels.current, self._labels.predicted
+        if self._refused is not None and self._refused[0] is known:
+            return self._refused[1]
+        return "" if predicted is None else self._scores.get(predicted, "")
+
+    def classify(self) -> None:
+        """Request that classes are learned from the current labels, and predicted."""
+        if self.missing:
+            self._notices.say(self.missing, Severity.WARNING)
+        else:
+            self._request(live=False)
+
+    def show_uncertainty(self) -> None:
+        """Display where labels would help most."""
+        names = [each for each in self._own if not each.startswith("probability")]
+        if len(names) > 1:
+            self._maps.show(names[-1])
+
+    def accept(self, job: ClassesJob, result: Classified) -> None:
+        """Take the result of a job; of a live one unless labels have changed since."""
+        same = job.labels is self._labels.current
+        if not self._opened.is_solved(job.mesh) or (job.live and not same):
+            return
+        self._refused = None
+        if result.maps:
+            self._learned[job.labels] = job.options
+            own, displayed = self._own, self._maps.displayed
+            self._maps.exchange("" if job.live else "classes", own, result.maps)
+            predicted = self._labels.predicted
+            assert predicted is not None
+            self._scores[predicted] = result.said
+            if not job.live and displayed not in self._own:
+                self._maps.show(predicted.name)
+        else:
+            self._refused = job.labels, result.said
+            if not job.live:
+                self._notices.say(result.said, Severity.WARNING)
+        self.changed.emit()
+
+    @property
+    def _own(self) -> Sequence[str]:
+        """Names of the maps of the last prediction."""
+        predicted, mesh = self._labels.predicted, self._opened.mesh
+        if predicted is None or mesh is None:
+            return []
+        made = [each.name for each in mesh.maps if self._maps.is_made_here(each)]
+        return [
+            name for name in made if name == predicted.name or _PROBABILITY.fullmatch(name)
+        ]  # in this order
+
+    def _follow(self) -> None:
+        """Learn again, once, from labels or with options that nothing was learned from yet."""
+        known, last = self._labels.current, self._requested
+        if not self._live or known is None or self._learned.get(known) == self._options:
+            return
+        again = last is not None and last.labels is known and last.options == self._options
+        if not again and not self.missing:
+            self._request(live=True)
+
+    def _request(self, *, live: bool) -> None:
+        solved, labels, spectrum = self._opened.solved, self._labels.current, self._opened.spectrum
+        assert solved is not None
+        assert labels is not None
+        assert spectrum is not None
+        mesh = solved.mesh
+        for each in mesh.maps:
+            mesh = mesh.without_map(each.name)  # which need not go to the worker
+        self._requested = ClassesJob(mesh, labels, spectrum, self._options, live)
+        self._work.request(self._requested)

@@ -1,0 +1,272 @@
+"""Classes in the window: learned from painted labels, predicted as maps, undone and redone."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import shapes
+from closed_form import give, part
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.classes import ClassesJob
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.vertex_map import VertexMap
+
+LEFT = Qt.MouseButton.LeftButton
+PATIENCE = 60_000
+POINTS, AROUND = 90, 18
+MADE = ["class", "probability of label 1", "probability of label 2", "uncertainty"]
+
+
+def spiny() -> tuple[Mesh, np.ndarray]:
+    """A shaft with 14 spines, and which vertices are spine."""
+    random = np.random.default_rng(4)
+    along, spoke = np.arange(POINTS), np.arange(AROUND)
+    line = np.linspace(0.0, 9000.0, POINTS)
+    bump = np.zeros((POINTS, AROUND))
+    for ring in np.linspace(5, POINTS - 6, 14).round():
+        turn = (spoke - random.integers(AROUND) + AROUND / 2) % AROUND - AROUND / 2
+        bump += np.exp(-((along[:, None] - ring) ** 2 + turn**2) / 3.0)
+    path = np.stack([line, 0.0 * line, 0.0 * line], axis=1)
+    vertices, faces = shapes.tube(path, 250.0 + 600.0 * bump, AROUND)
+    return Mesh(vertices, faces, "nm", "spiny"), np.append(bump.ravel() > 0.3, [False, False])
+
+
+MESH, SPINE = spiny()
+
+
+@pytest.fixture
+def window(open_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
+    """With 80 eigenpairs, and two labels that no vertex has."""
+    window = open_window(Document())
+    document = window.document
+    document.take_mesh(MESH)
+    qtbot.waitUntil(lambda: document.mesh is not None, timeout=PATIENCE)
+    document.solve.target = Target("count", 80)
+    document.solve.compute()
+    qtbot.waitUntil(lambda: document.solve.is_computed, timeout=PATIENCE)
+    window.arrangement.docks["label"].raise_()
+    document.labels.new_set()
+    document.labels.new_label()
+    rest(window, qtbot)
+    return window
+
+
+@pytest.fixture
+def painted(window: MainWindow, qtbot: QtBot) -> MainWindow:
+    """With strokes on some spines, and on the shaft at several places."""
+    spines = between(300, 1300) | between(4000, 4900) | between(7000, 7900)
+    rings = between(700, 1000) | between(2600, 2800) | between(4400, 4600) | between(7400, 7700)
+    paint(window, qtbot, SPINE & spines, Qt.Key.Key_1)
+    paint(window, qtbot, ~SPINE & rings, Qt.Key.Key_2)
+    return window
+
+
+def between(low: float, high: float) -> np.ndarray:
+    return (MESH.vertices[:, 0] >= low) & (MESH.vertices[:, 0] <= high)
+
+
+def rest(window: MainWindow, qtbot: QtBot) -> None:
+    catch_up()
+    parts = window.controller, window.label_panel, window.label_borders
+    qtbot.waitUntil(
+        lambda: window.document.work.job is None and all(each.idle for each in parts),
+        timeout=PATIENCE,
+    )
+    QTest.qWait(1)
+    catch_up()
+
+
+def paint(window: MainWindow, qtbot: QtBot, mask: np.ndarray, key: Qt.Key) -> None:
+    window.document.selection.set(mask)
+    catch_up()
+    table = part(window, "label_table")
+    table.setFocus()
+    QTest.keyClick(table, key)
+    rest(window, qtbot)
+
+
+def press(window: MainWindow, name: str) -> None:
+    QTest.mouseClick(part(window, name), LEFT)
+    catch_up()
+
+
+def names(window: MainWindow) -> list[str]:
+    return [each.name for each in window.document.mesh.maps]
+
+
+def predicted(window: MainWindow) -> VertexMap:
+    return window.document.mesh.map_named("class")
+
+
+def agreement(window: MainWindow) -> float:
+    """Share of the area whose class is right."""
+    right = predicted(window).values == np.where(SPINE, 1, 2)
+    return float(MESH.vertex_areas[right].sum() / MESH.area)
+
+
+def note(window: MainWindow) -> str:
+    return str(part(window, "class_note").text())
+
+
+def test_painted_labels_become_classes_of_all(painted: MainWindow, qtbot: QtBot) -> None:
+    document = painted.document
+    press(painted, "class_classify_button")
+    rest(painted, qtbot)
+    assert names(painted) == ["labels", *MADE]
+    assert agreement(painted) > 0.88, "and 0.77 of the area is shaft"
+    assert [each.name for each in predicted(painted).labels] == ["label 1", "label 2"]
+    assert painted.controller.field.title == "class"
+    assert document.labels.current.name == "labels", "the next labels go where they went"
+    assert note(painted).startswith("F1 on strokes left out: label 1 ")
+    press(painted, "class_uncertainty_button")
+    rest(painted, qtbot)
+    assert painted.controller.field.title == "uncertainty"
+    assert 0.0 <= np.nanmin(painted.controller.field.values) < 0.1
+
+    first = predicted(painted)
+    part(painted, "class_classifier_combo").setFocus()
+    QTest.keyClick(part(painted, "class_classifier_combo"), Qt.Key.Key_Down)
+    press(painted, "class_curvature_check")
+    give(part(painted, "class_smoothing_field").lineEdit(), "0.1 µm")
+    assert document.classes.options.smoothing == pytest.approx(100.0)
+    press(painted, "class_classify_button")
+    rest(painted, qtbot)
+    assert names(painted) == ["labels", *MADE], "they are replaced"
+    assert predicted(painted) is not first
+    assert document.display[OwnMaps].chosen == "uncertainty", "what was displayed still is"
+
+    document.history.undo()
+    catch_up()
+    assert predicted(painted) is first
+    document.history.undo()
+    rest(painted, qtbot)
+    assert names(painted) == ["labels"]
+    assert not part(painted, "class_uncertainty_button").isEnabled()
+    document.history.redo()
+    rest(painted, qtbot)
+    assert predicted(painted) is first
+    assert note(painted).startswith("F1 on strokes left out")
+
+
+def test_live_classes_follow_the_labels_through_undo(painted: MainWindow, qtbot: QtBot) -> None:
+    document, history = painted.document, painted.document.history
+    press(painted, "class_live_check")
+    rest(painted, qtbot)
+    before, steps = predicted(painted), len(history.past)
+    assert painted.controller.field.title == "labels", "the display stays"
+    paint(painted, qtbot, SPINE & between(5000, 6900), Qt.Key.Key_1)
+    after = predicted(painted)
+    assert after is not before
+    assert len(history.past) == steps + 2, "the selection, and the label with its classes"
+    history.undo()
+    rest(painted, qtbot)
+    assert predicted(painted) is before
+    history.redo()
+    rest(painted, qtbot)
+    assert predicted(painted) is after
+    press(painted, "class_live_check")
+    paint(painted, qtbot, between(0, 9000), Qt.Key.Key_2)
+    assert predicted(painted) is after
+    assert not document.classes.live
+
+
+def test_the_newest_request_wins_and_cancel_leaves_all(
+    painted: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document, run, begun = painted.document, ClassesJob.run, []
+
+    def slow(job: ClassesJob, channel) -> object:
+        begun.append(job)
+        while len(begun) == 1 or document.classes.options.kinds == ("wks",):
+            channel.report(Progress("training"))
+            if channel.cancelled():
+                break
+        return run(job, channel)
+
+    monkeypatch.setattr(ClassesJob, "run", slow)
+    press(painted, "class_classify_button")
+    qtbot.waitUntil(lambda: len(begun) == 1, timeout=PATIENCE)
+    assert part(painted, "status_progress").isVisible()
+    assert note(painted) == "Classifying …"
+    give(part(painted, "class_smoothing_field").lineEdit(), "50")
+    press(painted, "class_classify_button")
+    rest(painted, qtbot)
+    assert [job.options.smoothing for job in begun] == [0.0, 50.0]
+    assert [step.label for step in document.history.past].count("classes") == 1
+    assert "Cancelled" not in document.notices.last.text
+
+    first = predicted(painted)
+    press(painted, "class_wks_check")
+    press(painted, "class_hks_check")
+    press(painted, "class_classify_button")
+    qtbot.waitUntil(lambda: len(begun) == 3, timeout=PATIENCE)
+    press(painted, "status_cancel_button")
+    rest(painted, qtbot)
+    assert predicted(painted) is first
+    assert document.notices.last.text == "Cancelled: Classifying spiny."
+
+
+def test_what_is_missing_is_said(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = window.document
+
+    def refusal() -> str:
+        press(window, "class_classify_button")
+        rest(window, qtbot)
+        assert names(window) == ["labels"]
+        assert document.notices.last.text == note(window)
+        return note(window)
+
+    assert refusal() == "No vertex is labelled: label some of at least two classes."
+    paint(window, qtbot, SPINE & between(0, 2600), Qt.Key.Key_1)
+    assert note(window) == "", "it was said of other labels"
+    assert refusal().startswith("All labelled vertices are 'label 1': label some of at least two")
+    two = np.zeros(MESH.n_vertices, dtype=bool)
+    two[np.flatnonzero(~SPINE)[:2]] = True
+    paint(window, qtbot, two, Qt.Key.Key_2)
+    assert refusal() == "Class 'label 2' has 2 vertices on the surface: label at least 5."
+    with monkeypatch.context() as patch:
+        patch.setattr(importlib.util, "find_spec", lambda _name: None)
+        assert 'pip install "meshmash-viewer[learn]"' in refusal()
+    press(window, "class_hks_check")
+    assert note(window).startswith("Choose what to learn from")
+    assert not part(window, "class_classify_button").isEnabled()
+
+
+def test_without_eigenpairs_nothing_is_learned_and_computing_goes_first(
+    open_window: Callable[..., MainWindow], qtbot: QtBot
+) -> None:
+    window = open_window(Document())
+    document = window.document
+    document.take_mesh(MESH)
+    qtbot.waitUntil(lambda: document.mesh is not None, timeout=PATIENCE)
+    window.arrangement.docks["label"].raise_()
+    press(window, "label_new_set_button")
+    press(window, "label_new_button")
+    press(window, "class_live_check")
+    paint(window, qtbot, SPINE & between(0, 2600), Qt.Key.Key_1)
+    paint(window, qtbot, ~SPINE & between(0, 2600), Qt.Key.Key_2)
+    assert note(window).startswith("Classes are learned from eigenpairs: compute them")
+    assert not part(window, "class_classify_button").isEnabled()
+    document.solve.target = Target("count", 60)
+    document.work.request(DecomposeJob(MESH, document.solve.operator, document.solve.target))
+    qtbot.waitUntil(lambda: document.labels.predicted is not None, timeout=PATIENCE)
+    rest(window, qtbot)
+    assert [each.name for each in predicted(window).labels] == ["label 1", "label 2"]
+    document.labels.choose("class")
+    catch_up()
+    assert note(window) == "class is the prediction: choose the label set that you made."
