@@ -12,6 +12,7 @@ from PySide6.QtWidgets import (
     QProgressBar,
     QSizePolicy,
     QStackedLayout,
+    QVBoxLayout,
     QWidget,
 )
 
@@ -172,7 +173,7 @@ class MeshPanel(QWidget):
 
     # -- the part that is computed ------------------------------------------------------------
 
-    def _build_part(self) -> QHBoxLayout:
+    def _build_part(self) -> QVBoxLayout:
         document = self._document
         self.part_label = make.label("part_label", "Vertices that are computed", role="muted")
         self.selection_button = make.button(
@@ -190,7 +191,9 @@ class MeshPanel(QWidget):
             lambda: document.take_part(None),
             role="link",
         )
-        return row((self.part_label,), self.selection_button, self.whole_button)
+        # under each other, so that they do not widen the panel
+        buttons = row(self.selection_button, None), row(self.whole_button, None)
+        return column(self.part_label, *buttons, spacing=0)
 
     def _refresh_part(self) -> None:
         document = self._document
