@@ -146,7 +146,7 @@ def test_files_are_dropped_on_the_mesh(window: MainWindow, folder: Path) -> None
     QTest.mouseClick(listed.viewport(), LEFT, pos=listed.visualItemRect(listed.item(1)).center())
     rest(window)
     assert window.controller.field.title == "lh.thickness"
-    assert part(window, QLabel, "map_range_label").text() == "1 to 4"
+    assert part(window, QLabel, "map_range_label").text() == "1 to 4\N{NO-BREAK SPACE}mm"
     areas, values = mv.compute_vertex_areas(MESH), np.linspace(1.0, 4.0, MESH.n_vertices)
     mean = format_number(float(np.average(values, weights=areas)))
     assert part(window, QLabel, "map_mean_label").text() == mean != format_number(values.mean())
