@@ -432,7 +432,7 @@ def test_a_message_is_legible_over_a_narrow_render(window: MainWindow) -> None:
     QApplication.processEvents()
     action = bar.findChild(QAbstractButton, "message_action")
     assert action.width() >= action.sizeHint().width()
-    assert bar.findChild(QLabel, "message_text").width() >= 160
+    assert bar.findChild(QLabel, "message_text").width() >= 120
     top = bar.y()
     bar.keep_below(27)  # the line over each of two renders
     assert bar.y() == top + 27

@@ -16,7 +16,7 @@ _STAY = 7000
 _WIDEST = 620
 _NARROWEST = 360
 #: With fewer pixels than this it rather covers the colour bar.
-_TIGHTEST = 240
+_TIGHTEST = 180
 #: With fewer pixels than this the buttons are below the text.
 _STACKED = 330
 
