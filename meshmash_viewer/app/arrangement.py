@@ -205,5 +205,5 @@ class Arrangement:
         """Restore stored geometry and state."""
         self._window.restoreGeometry(layout[0])
         self._window.restoreState(layout[1], _VERSION)
-        beside = self._window.tabifiedDockWidgets(self.docks["field"])
-        self._field_aside = self._is_field_aside and self.docks["mesh"] in beside
+        aside = self._window.tabifiedDockWidgets(self.docks["field"])
+        self._field_aside = self._is_field_aside and self.docks["mesh"] in aside

@@ -239,7 +239,7 @@ class Controller(QObject):
     def _hide(self) -> None:
         """Hide vertices, or show them again, with the limits of what is visible."""
         hidden = self._document.hidden
-        if self._view.mesh is self._document.mesh and self._view.renderer.hidden is not hidden:
+        if self._document.is_shown(self._view.mesh) and self._view.renderer.hidden is not hidden:
             self._view.set_hidden(hidden)
             self.refresh()
 
@@ -247,5 +247,5 @@ class Controller(QObject):
         self._view.set_pins(self._document.pins.placed)
 
     def _show_selection(self) -> None:
-        if self._view.mesh is self._document.mesh:
+        if self._document.is_shown(self._view.mesh):
             self._view.set_selected(self._document.selection.mask)

@@ -313,7 +313,8 @@ class MainWindow(ScriptedWindow):
 
     def _show_shape(self, drawn: DrawnShape) -> None:
         """Draw the vertices at the computed positions."""
-        if self.scene.mesh is drawn.spectrum.mesh:
+        document = self.document
+        if document.is_shown(self.scene.mesh) and document.is_solved(drawn.spectrum.mesh):
             self.scene.set_shape(drawn.points, drawn.normals, rests=drawn.rests, text=drawn.text)
             self.shape_panel.show_shape(drawn)
 

@@ -185,7 +185,7 @@ class PinCommands:
 
     def fly_to(self, vertex: int) -> None:
         """Move the camera so that a vertex is in the middle."""
-        if self.scene is not None and self.scene.mesh is self._document.mesh:
+        if self.scene is not None and self._document.is_shown(self.scene.mesh):
             self.scene.centre_on(vertex)
 
     # -- one pin ------------------------------------------------------------------------------

@@ -344,7 +344,7 @@ class SelectTool(QObject):
     def _take_prepared(self, mesh: Mesh, made: Geodesics | Exception) -> None:
         if isinstance(made, Exception):
             raise made
-        if mesh is self._document.mesh:
+        if self._document.is_shown(mesh):
             self._geodesics = mesh, made
             self.changed.emit()
 
@@ -379,7 +379,7 @@ class SelectTool(QObject):
     def _on_mesh_changed(self) -> None:
         """Begin with a brush of a size that suits the mesh."""
         mesh, known = self._document.mesh, self._geodesics
-        if mesh is None or (known is not None and known[0] is mesh):
+        if mesh is None or (known is not None and self._document.is_shown(known[0])):
             return
         self._queue.clear()
         self._live.drop()

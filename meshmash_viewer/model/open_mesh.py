@@ -72,12 +72,12 @@ class OpenMesh:
         """The part of the mesh that eigenpairs are computed on; None if that is the whole."""
         return None if self.ready is None or self.ready.part is None else self.ready.part.mesh
 
-    def is_shown(self, mesh: Mesh) -> bool:
-        """Whether a mesh is the open one, possibly in another unit."""
+    def is_shown(self, mesh: Mesh | None) -> bool:
+        """Whether a mesh is the open one, possibly with other maps or in another unit."""
         return self.ready is not None and _same(self.ready.mesh, mesh)
 
-    def is_solved(self, mesh: Mesh) -> bool:
-        """Whether eigenpairs of a mesh, possibly in another unit, are those that are shown."""
+    def is_solved(self, mesh: Mesh | None) -> bool:
+        """Whether eigenpairs of a mesh are those that are shown, as `is_shown` compares."""
         return self.solved is not None and _same(self.solved.mesh, mesh)
 
     @property
@@ -120,5 +120,5 @@ class OpenMesh:
         self.spectrum = spectrum
 
 
-def _same(mesh: Mesh, other: Mesh) -> bool:
-    return mesh.vertices is other.vertices and mesh.faces is other.faces
+def _same(mesh: Mesh, other: Mesh | None) -> bool:
+    return other is not None and mesh.vertices is other.vertices and mesh.faces is other.faces

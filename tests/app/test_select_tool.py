@@ -286,3 +286,14 @@ def test_a_minus_that_is_typed_is_no_command(hand: Hand) -> None:
     hand.wait()
     assert field.value == -0.25
     assert np.array_equal(hand.chosen, mask)
+
+
+def test_a_selection_is_drawn_and_hidden_after_a_map_was_added(hand: Hand) -> None:
+    renderer, mask = hand.window.scene.renderer, hand.mesh.vertices[:, 2] > 0.5
+    hand.window.add_map("depth", hand.mesh.vertices[:, 2])
+    hand.document.selection.set(mask)
+    hand.wait()
+    np.testing.assert_array_equal(renderer.selected, mask)
+    hand.document.hiding.hide(mask)
+    hand.wait()
+    np.testing.assert_array_equal(renderer.hidden, mask)

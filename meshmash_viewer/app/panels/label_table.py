@@ -25,7 +25,7 @@ from meshmash_viewer.vertex_map import Label
 _Index: TypeAlias = QModelIndex | QPersistentModelIndex
 COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
 #: Widths of the columns; the names take the rest.
-_WIDTHS = {COLOR: 34, VERTICES: 54, AREA: 76, SHOWN: 23, LOCK: 23}
+_WIDTHS = {COLOR: 34, VERTICES: 58, AREA: 66, SHOWN: 23, LOCK: 23}
 #: Fewest and most rows in view.
 _LEAST, _MOST = 3, 9
 #: Labels that have a key.

@@ -158,7 +158,7 @@ class ShapePanel(QWidget):
             control.setEnabled(usable)
         self.save_button.setEnabled(shown)
         drawn, unit = self._drawn, self._document.unit
-        if drawn is not None and drawn.spectrum.mesh is not self._document.mesh:
+        if drawn is not None and not self._document.is_solved(drawn.spectrum.mesh):
             drawn = self._drawn = None
         current = shown and drawn is not None and drawn.spectrum is spectrum and drawn.count > 0
         values = {}
