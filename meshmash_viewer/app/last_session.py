@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
-import zipfile
-from collections.abc import Callable, Mapping
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal
 
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.atomic import written_whole
+from meshmash_viewer.io.kept_maps import KEPT_MAPS_ENDING, KeptMaps, read_kept_maps, write_kept_maps
 from meshmash_viewer.io.session import SESSION_ENDING, Session, read_session, write_session
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
-from meshmash_viewer.vertex_map import Label, VertexMap
+from meshmash_viewer.vertex_map import VertexMap
 
 #: Milliseconds from a change until it is written.
 _DELAY = 700
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
-_MAPS_ENDING = ".maps.npz"
 
 
 @dataclass(eq=False)
@@ -136,8 +132,7 @@ class LastSession(QObject):
             return
         maps = self._new_maps(document, self._kept)
         session = replace(session_of(document, camera, pair), kept_maps=self._kept.file)
-        about = _about_maps(document)
-        self._pool.start(lambda: self._write(path, session, about, maps))
+        self._pool.start(lambda: self._write(path, session, maps))
 
     def close(self) -> None:
         """Write the session, and wait for the thread."""
@@ -151,38 +146,29 @@ class LastSession(QObject):
         self._pool.waitForDone()
         _delete(self.path(mesh_path))
 
-    def restore_maps(self, name: str) -> int:
-        """Add the kept maps in a file of this name to the mesh again, and return their number."""
-        return self._restore_maps(self._document, self._kept, name)
+    def restore_maps(self, session: Path, name: str) -> int:
+        """Add the kept maps in a file next to a session to the mesh, and return their number."""
+        return self._restore_maps(self._document, self._kept, session, name)
 
     # -- details ------------------------------------------------------------------------------
 
-    def _restore_maps(self, document: Document, kept: _Kept, name: str) -> int:
+    def _restore_maps(self, document: Document, kept: _Kept, session: Path, name: str) -> int:
         mesh = document.mesh
         if mesh is None or document.path is None or not name:
             return 0
         self._pool.waitForDone()
         try:
-            with (self._folder / Path(name).name).open("rb") as file, np.load(file) as stored:
-                about = json.loads(str(stored["about"]))
-                maps = [
-                    VertexMap(
-                        one["name"],
-                        stored[f"values_{at}"],
-                        tuple(Label(*each) for each in one.get("labels", ())),
-                        one["unit"],
-                    )
-                    for at, one in enumerate(about["maps"])
-                ]
-            if about["mesh"] != mesh.content_hash:
-                return 0
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as fault:
+            stored = read_kept_maps(session.with_name(Path(name).name))
+        except InputError as fault:
             text = f"The maps kept of {document.path.name} cannot be read: {fault}"
             document.notices.say(text, Severity.WARNING)
             return 0
-        document.maps.restore(mesh, maps, about.get("edited", ()))
-        kept.maps, kept.file = tuple(maps), name
-        return len(maps)
+        if stored.mesh != mesh.content_hash:
+            return 0
+        document.maps.restore(mesh, stored.maps, stored.edited)
+        if session.parent == self._folder:
+            kept.maps, kept.file = stored.maps, Path(name).name
+        return len(stored.maps)
 
     def _save_second(self) -> None:
         """Write the session of the second mesh; once it is open, restore the maps kept of it."""
@@ -193,65 +179,46 @@ class LastSession(QObject):
         if path != document.path:
             known = self.stored(document.path)
             self._known_of_second = document.path, known
-            self._restore_maps(document, kept, "" if known is None else known.kept_maps)
+            name = "" if known is None else known.kept_maps
+            self._restore_maps(document, kept, self.path(document.path), name)
         now, maps = session_of(document, {}, None), self._new_maps(document, kept)
         if known is not None:
             now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
-        now, about = replace(now, kept_maps=kept.file), _about_maps(document)
+        now = replace(now, kept_maps=kept.file)
         if now != known:
             self._known_of_second = document.path, now
             file = self.path(document.path)
-            self._pool.start(lambda: self._write(file, now, about, maps))
+            self._pool.start(lambda: self._write(file, now, maps))
 
-    def _new_maps(self, document: Document, kept: _Kept) -> tuple[VertexMap, ...] | None:
+    def _new_maps(self, document: Document, kept: _Kept) -> KeptMaps | None:
         """Return the maps that are in no file; None if they have been written."""
         assert document.path is not None  # without one nothing is saved
-        assert document.mesh is not None
         key = _key(self.path(document.path))
         if not kept.file.startswith(key):  # of another file
             kept.maps, kept.file = (), ""
-        edited, in_file = document.maps.edited, document.maps.in_file
-        maps = tuple(
-            each
-            for each in document.mesh.maps
-            if each.name in edited or not (each.path or each.name in in_file)
-        )
+        unsaved = document.maps.unsaved
+        maps = unsaved.maps
         if len(maps) == len(kept.maps) and all(
             (one.values is other.values, one.labels) == (True, other.labels)
             for one, other in zip(maps, kept.maps, strict=True)
         ):
             return None
         kept.maps = maps
-        kept.file = f"{key}.{time.time_ns():x}{_MAPS_ENDING}" if maps else ""
-        return maps
+        kept.file = f"{key}.{time.time_ns():x}{KEPT_MAPS_ENDING}" if maps else ""
+        return unsaved
 
     def _write(
         self,
         path: Path,
         session: Session,
-        about: Mapping[str, Any],
-        maps: tuple[VertexMap, ...] | None,
+        maps: KeptMaps | None,
     ) -> None:
         """Write a session and new maps, in the thread."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            if maps:
-                named = [
-                    {
-                        "name": each.name,
-                        "unit": each.unit,
-                        "labels": [astuple(label) for label in each.labels],
-                    }
-                    for each in maps
-                ]
-                text = json.dumps({**about, "maps": named})
-                values: dict[str, Any] = {
-                    f"values_{at}": each.values for at, each in enumerate(maps)
-                }
+            if maps is not None and maps.maps:
                 # a new file, so that those of the session before stay until this one is written
-                kept = self._folder / session.kept_maps
-                with written_whole(kept) as part, part.open("wb") as file:
-                    np.savez(file, about=np.array(text), **values)
+                write_kept_maps(self._folder / session.kept_maps, maps)
             write_session(path, session)
             if maps is not None:
                 _delete_maps(path, session.kept_maps)
@@ -272,15 +239,9 @@ class LastSession(QObject):
             _delete(old)
 
 
-def _about_maps(document: Document) -> dict[str, Any]:
-    """What is written with kept maps: their mesh, and which of files were edited."""
-    assert document.mesh is not None
-    return {"mesh": document.mesh.content_hash, "edited": sorted(document.maps.edited)}
-
-
 def _delete_maps(session: Path, but: str = "") -> None:
     """Delete the files of maps of a session, but for one."""
-    for file in session.parent.glob(f"{_key(session)}.*{_MAPS_ENDING}"):
+    for file in session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}"):
         if file.name != but:
             file.unlink(missing_ok=True)
 

@@ -18,6 +18,8 @@ from meshmash_viewer.app.sessions import Restoration, session_of
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import writing_errors
+from meshmash_viewer.io.kept_maps import KEPT_MAPS_ENDING, write_kept_maps
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.pins import is_pin_table
 from meshmash_viewer.io.read import READABLE_ENDINGS
@@ -142,7 +144,7 @@ class Opening(QObject):
         """Say what of the last time is there again, and offer to open the file without it."""
         made = {
             "pin": len(self._document.pins.placed),
-            "map": self.last_session.restore_maps(session.kept_maps),
+            "map": self.last_session.restore_maps(self.last_session.path(path), session.kept_maps),
             "map file": len(session.maps),
             "second mesh": int(bool(session.second_path)),
             "rebuilt shape": int(self._document.display.shape.shown),
@@ -281,6 +283,8 @@ class Opening(QObject):
         except InputError as fault:
             self._document.notices.say(str(fault), Severity.ERROR)
             return
+        name = restoration.kept_maps
+        restoration.restored.connect(lambda: self.last_session.restore_maps(path, name))
         self._begin(restoration)
 
     def _begin(self, restoration: Restoration) -> None:
@@ -307,8 +311,17 @@ class Opening(QObject):
             self._second_restoration.begin()
 
     def store_session(self, path: Path) -> None:
-        """Write the session; raise `InputError` if the file cannot be written."""
-        write_session(path, session_of(self._document, *self._look_of()))
+        """Write the session, and next to it the maps that are in no file.
+
+        `InputError` is raised if a file cannot be written.
+        """
+        session, kept = session_of(self._document, *self._look_of()), self._document.maps.unsaved
+        if kept.maps:
+            name = f"{path.name.removesuffix(SESSION_ENDING)}{KEPT_MAPS_ENDING}"
+            with writing_errors(path.with_name(name)):
+                write_kept_maps(path.with_name(name), kept)
+            session = replace(session, kept_maps=name)
+        write_session(path, session)
 
     def save_session(self) -> None:
         """Ask for a file name, and save the session."""

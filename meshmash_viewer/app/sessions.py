@@ -224,6 +224,11 @@ class Restoration:
         return None
 
     @property
+    def kept_maps(self) -> str:
+        """Name of the file next to the session with maps that are in no other; "" for none."""
+        return self._session.kept_maps
+
+    @property
     def second(self) -> Session | None:
         """What there was of the second mesh, if there was one."""
         session = self._session

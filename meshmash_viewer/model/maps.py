@@ -10,6 +10,7 @@ import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.io.kept_maps import KeptMaps
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.history import History
@@ -99,6 +100,18 @@ class Maps:
     def is_made_here(self, known: VertexMap) -> bool:
         """Whether a map is from no file, changed or not."""
         return not known.path and known.name not in self.in_file | self.edited
+
+    @property
+    def unsaved(self) -> KeptMaps:
+        """The maps of the mesh that are in no file as they are now."""
+        mesh = self._opened.mesh
+        assert mesh is not None
+        maps = (
+            each
+            for each in mesh.maps
+            if each.name in self.edited or not (each.path or each.name in self.in_file)
+        )
+        return KeptMaps(tuple(maps), mesh.content_hash, sorted(self.edited))
 
     def restore(self, mesh: Mesh, maps: Sequence[VertexMap], edited: Collection[str]) -> None:
         """Add the maps that were kept the last time; those `edited` replace the ones of files."""

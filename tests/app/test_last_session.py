@@ -261,7 +261,13 @@ def test_label_sets_are_there_as_they_were_changed(
 
     made = sets(window)
     assert [len(labels) for labels, _ in made.values()] == [3, 3, 2]
+    session = folder / "saved.meshmash.json"
+    window.opening.store_session(session)
     window.close()
+    other = open_window()
+    other.opening.restore_session(session)
+    qtbot.waitUntil(lambda: sets(other) == made, timeout=PATIENCE)
+    other.close()
     again = opened(open_window(), path, qtbot)
     qtbot.waitUntil(lambda: again.background_io.idle, timeout=PATIENCE)
     assert sets(again) == made
