@@ -8,7 +8,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-from meshmash_viewer.app.panels.color_section import SEQUENTIAL
+from meshmash_viewer.app.panels.color_section import DIVERGING, SEQUENTIAL
 from meshmash_viewer.app.view.colors import DARK, LIGHT, RenderTheme, color_table, rgb
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
@@ -87,3 +87,20 @@ def test_the_dark_end_of_a_map_stands_out_from_the_dark_ground(name: str) -> Non
     dark = min(luminance(tuple(color[:3] / 255.0)) for color in color_table(name))
     for share in (0.0, 0.5, 1.0):
         assert (luminance(DARK.ground(share)) + 0.05) / (dark + 0.05) >= 1.5
+
+
+def lab(color: np.ndarray) -> np.ndarray:
+    """CIELAB coordinates of a colour of sRGB, for D65."""
+    linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
+    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    x, y, z = np.cbrt(to_xyz @ linear / [0.9505, 1.0, 1.089])
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+@pytest.mark.parametrize("name", [*SEQUENTIAL, *DIVERGING])
+def test_the_ends_of_a_map_have_another_colour_than_the_ground(name: str) -> None:
+    """By a difference of 20 (CIE 1976), where 2.3 can just be noticed."""
+    for end in color_table(name)[[0, -1], :3] / 255.0:
+        for share in (0.0, 0.5, 1.0):
+            ground = np.array(DARK.ground(share))
+            assert np.linalg.norm(lab(end) - lab(ground)) > 20.0
