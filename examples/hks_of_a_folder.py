@@ -15,6 +15,8 @@ folder = Path(sys.argv[1]) if len(sys.argv) > 1 else sample_path().parent
 bank = mv.heat_kernel_bank(np.geomspace(1e6, 1e8, 16))  # nm², so that columns agree
 
 for path in sorted(folder.glob("*.npz")):
+    if path.stem.endswith("_labels"):
+        continue
     mesh = mv.repair_mesh(mv.read_mesh(path), "drop_unreferenced_vertices")
     if mesh.unit != "nm":
         continue

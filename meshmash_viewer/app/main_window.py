@@ -200,8 +200,6 @@ class MainWindow(ScriptedWindow):
         self.label_panel = LabelPanel(self.document)
         for name in ("field", "spectrum", "profile", "shape", "pair", "label"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
-        theme.pad_fields(self)
-        self._field_wheel.watch(self)
         self.controller = Controller(self.document, self.scene, self)
         self.controller.drawn.connect(self._on_drawn)
         self.label_borders = LabelBorders(self.document, self.scene, self)
@@ -211,6 +209,8 @@ class MainWindow(ScriptedWindow):
         self.select_bar = SelectBar(self.document, self.select_tool, self.actions_)
         self.addToolBarBreak()
         self.addToolBar(self.select_bar)
+        theme.pad_fields(self)
+        self._field_wheel.watch(self)
         self.shape_source = ShapeSource(self.document, self)
         self.shape_source.shape_ready.connect(self._show_shape)
         self.shape_source.failed.connect(self.commands.say_failed)

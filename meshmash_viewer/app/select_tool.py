@@ -383,7 +383,7 @@ class SelectTool(QObject):
             return
         self._queue.clear()
         self._live.drop()
-        self._line, self._stroke = [], None
+        self._line, self._stroke, self._geodesics = [], None, None
         self.radius = _BRUSH * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         self._prepare()
         self.changed.emit()

@@ -146,7 +146,8 @@ class Classes:
         #: Scores by prediction, and the prediction from each label set that has one.
         self._scores: WeakKeyDictionary[VertexMap, str] = WeakKeyDictionary()
         self._learned: WeakKeyDictionary[VertexMap, ClassOptions] = WeakKeyDictionary()
-        self._requested: ClassesJob | None = None
+        #: Labels and options of the last request.
+        self._requested: tuple[VertexMap, ClassOptions] | None = None
         self._refused: tuple[VertexMap, str] | None = None
         for signal in (opened.spectrum_changed, labels.changed):
             signal.connect(self._follow)
@@ -242,11 +243,10 @@ class Classes:
 
     def _follow(self) -> None:
         """Learn again, once, from labels or with options that nothing was learned from yet."""
-        known, last = self._labels.current, self._requested
+        known = self._labels.current
         if not self._live or known is None or self._learned.get(known) == self._options:
             return
-        again = last is not None and last.labels is known and last.options == self._options
-        if not again and not self.missing:
+        if self._requested != (known, self._options) and not self.missing:
             self._request(live=True)
 
     def _request(self, *, live: bool) -> None:
@@ -257,5 +257,5 @@ class Classes:
         mesh = solved.mesh
         for each in mesh.maps:
             mesh = mesh.without_map(each.name)  # which need not go to the worker
-        self._requested = ClassesJob(mesh, labels, spectrum, self._options, live)
-        self._work.request(self._requested)
+        self._requested = labels, self._options
+        self._work.request(ClassesJob(mesh, labels, spectrum, self._options, live))

@@ -123,6 +123,8 @@ def ball(one_ball: MainWindow) -> MainWindow:
     document.solve.operator = OperatorOptions()
     document.solve.target = Target("count", 30)
     one_ball.stage.message_bar.dismiss()
+    one_ball.resize(1440, 900)
+    one_ball.arrangement.docks["mesh"].raise_()
     one_ball.activateWindow()
     one_ball.setFocus()
     wait_for(lambda: one_ball.isActiveWindow() and one_ball.controller.idle)

@@ -148,7 +148,7 @@ def test_files_are_dropped_on_the_mesh(window: MainWindow, folder: Path) -> None
     assert window.controller.field.title == "lh.thickness"
     assert part(window, QLabel, "map_range_label").text() == "1 to 4\N{NO-BREAK SPACE}mm"
     areas, values = mv.compute_vertex_areas(MESH), np.linspace(1.0, 4.0, MESH.n_vertices)
-    mean = format_number(float(np.average(values, weights=areas)))
+    mean = format_number(float(np.average(values, weights=areas))) + "\N{NO-BREAK SPACE}mm"
     assert part(window, QLabel, "map_mean_label").text() == mean != format_number(values.mean())
     QTest.mouseClick(part(window, QPushButton, "map_remove_button"), LEFT)
     rest(window)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shiboken6
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import QElapsedTimer, QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -36,6 +36,8 @@ class FocusKeys(QObject):
         super().__init__(parent)
         self._application = application
         self._watched: QWidget | None = None
+        #: Since a character was typed into a list, which searches for what follows soon.
+        self._typed = QElapsedTimer()
         application.focusChanged.connect(self._follow)
         self._follow(None, application.focusWidget())
 
@@ -48,6 +50,7 @@ class FocusKeys(QObject):
         if self._watched is not None and shiboken6.isValid(self._watched):
             self._watched.removeEventFilter(self)
             self._watched.destroyed.disconnect(self._forget)
+        self._typed.invalidate()
         self._watched = now if isinstance(now, _WATCHED) else None
         if self._watched is not None:
             self._watched.installEventFilter(self)
@@ -57,7 +60,9 @@ class FocusKeys(QObject):
         self._watched = None
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Leave Space and the arrows to the control, Undo and Redo to the command."""
+        """Leave Space, arrows and a search to the control, Undo and Redo to the command."""
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
+            self._typed.start()
         if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
             edit = watched if isinstance(watched, QLineEdit) else watched.findChild(QLineEdit)
             keys = QKeySequence.StandardKey
@@ -69,7 +74,10 @@ class FocusKeys(QObject):
             if isinstance(watched, (QLineEdit, QAbstractSpinBox)):
                 return False
             taken = _ARROWS if isinstance(watched, QTabBar) else (Qt.Key.Key_Space,)
-            if event.key() in taken:
+            interval = self._application.keyboardInputInterval()
+            searches = isinstance(watched, QComboBox) and self._typed.isValid()
+            searches = searches and self._typed.elapsed() < interval and event.text().isprintable()
+            if event.key() in taken or (searches and event.text()):
                 event.accept()
                 return True
         return False

@@ -269,7 +269,9 @@ class LabelPanel(QWidget):
             self.table.show_labels(shown_labels)
             self._measured = None
         show_quietly(self.borders_check, self._document.display.label_borders)
-        if mesh is not None and known is not None:
+        if mesh is None or known is None:
+            self._measured = None
+        else:
             measured, hidden = self._measured, self._document.hiding.mask
             same = measured is not None and measured[0].vertices is mesh.vertices
             if (
