@@ -38,7 +38,8 @@ def test_five_hundred_actions(walk: Walk) -> None:
     assert not walk.faults, "\n".join(walk.faults)
     assert after.meshes <= before.meshes
     assert after.widgets <= before.widgets + 20
-    assert after.files <= before.files + 10
+    # fonts that Matplotlib has once used stay open, and threads are made when first needed
+    assert after.files <= before.files + 30
     assert after.threads <= before.threads + 4
     # who has once worked in pieces keeps two that track what processes share, and no worker
     assert after.processes <= before.processes + 2
