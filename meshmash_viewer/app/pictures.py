@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
     from meshmash_viewer.app.view.figure import FigureOptions, Panel
+    from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.mesh import Mesh
 
@@ -47,7 +49,7 @@ class Pictures:
         self.scenes: Callable[[], list[MeshView]] = list
         #: Name of the mesh, path and options of the last picture, and the meshes of its preview.
         self._saved: tuple[str, Path, FigureOptions] | None = None
-        self._previewed: list[Mesh | None] = []
+        self._previewed: list[weakref.ref[Mesh]] = []
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
         self._background_io, self._closed = background_io, False
@@ -86,7 +88,8 @@ class Pictures:
             panel = seen_of(drawing, scene.plotter.pixels()[:2])
             full = scene.renderer
             panels.append(replace(panel, caption=full.shown_caption, pins=full.placed_pins()))
-        self._previewed = [scene.renderer.mesh for scene in self._scenes()]
+        # weak references, as the meshes may be closed before the next picture
+        self._previewed = [_reference(scene.renderer) for scene in self._scenes()]
         return panels
 
     def _write_picture(self, dialog: FigureDialog) -> None:
@@ -97,7 +100,7 @@ class Pictures:
         drawings = [scene.renderer.twin() for scene in scenes]
         try:
             # there may be another mesh than in the preview by now
-            if not panels or self._previewed != [drawing.mesh for drawing in drawings]:
+            if not panels or self._previewed != list(map(_reference, drawings)):
                 sizes = [scene.plotter.pixels()[:2] for scene in scenes]
                 panels = [seen_of(each, size) for each, size in zip(drawings, sizes, strict=True)]
             panels = sharpened(drawings, panels, options)
@@ -220,3 +223,8 @@ def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
         dialog.accepted.connect(accepted)
     dialog.finished.connect(dialog.deleteLater)
     dialog.open()
+
+
+def _reference(drawing: MeshRenderer) -> weakref.ref[Mesh]:
+    assert drawing.mesh is not None  # of renders that have one
+    return weakref.ref(drawing.mesh)
