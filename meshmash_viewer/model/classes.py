@@ -185,7 +185,7 @@ class Classes:
         if known is self._labels.predicted:
             return f"{known.name} is the prediction: choose the label set that you made."
         if spectrum is None or not spectrum.complete:
-            return "Classes are learned from eigenpairs: compute them in the Spectrum panel first."
+            return "Classes are learned from eigenpairs: compute them in the Mesh panel first."
         return "" if self._options.kinds else "Choose what to learn from: HKS, WKS or curvature."
 
     @property

@@ -425,7 +425,7 @@ class Document(OpenMesh):
                 self.solve.compute()
         elif isinstance(job.job, PartJob):
             computes, self._computes_part = self._computes_part, False
-            if computes and self.solve.can_compute:
+            if computes and self.part_mesh is not None and self.solve.can_compute:
                 self.solve.compute()
 
     # -- the displayed family ----------------------------------------------------------------

@@ -154,3 +154,20 @@ def test_a_session_has_the_part(
     same = other.document.spectrum.eigenvalues == document.spectrum.eigenvalues
     assert same.all()
     assert (other.document.part_mesh.referenced == document.part_mesh.referenced).all()
+
+
+def test_a_selection_without_a_face_is_refused_and_nothing_is_computed(
+    solved: MainWindow, qtbot: QtBot
+) -> None:
+    document = solved.document
+    document.solve.target = Target("count", 2 * N)  # which the whole mesh has not yet
+    document.selection.set(np.arange(document.mesh.n_vertices) == 3)
+    catch_up()
+    click(solved, "compute_selection_button")
+    bar = solved.stage.message_bar
+    qtbot.waitUntil(lambda: bar.notice is not None and not document.work.job, timeout=PATIENCE)
+    qtbot.wait(50)
+    assert "no whole face" in bar.notice.text
+    assert document.work.job is None
+    assert len(document.spectrum) == N
+    assert document.selection.mask is not None
