@@ -48,6 +48,7 @@ from meshmash_viewer.app.scripted_window import ScriptedWindow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.app.vertex_menu import close_menus
 from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -272,6 +273,7 @@ class MainWindow(ScriptedWindow):
         self.opening.read(Path(path), unit, maps)
 
     def _on_mesh_changed(self) -> None:
+        close_menus()
         ready = self.document.ready
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
@@ -319,6 +321,7 @@ class MainWindow(ScriptedWindow):
             self.shape_panel.show_shape(drawn)
 
     def _on_pair_changed(self, pair: Pair | None) -> None:
+        close_menus()
         self.pair_panel.set_pair(pair)
         if self.pair_panel.health is not None and self.opening.second_view is not None:
             self.pair_panel.health.scene = self.opening.second_view.scene

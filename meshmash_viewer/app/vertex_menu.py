@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QMenu, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.mesh import Mesh
@@ -17,6 +17,12 @@ from meshmash_viewer.units import NO_VOXEL, format_position, plain_text
 
 #: Significant digits of copied values.
 _DIGITS = 7
+
+
+def close_menus() -> None:
+    """Close the open menus: their entries refer to a mesh that has been replaced."""
+    while isinstance(menu := QApplication.activePopupWidget(), QMenu):
+        menu.close()
 
 
 @dataclass(frozen=True)

@@ -127,6 +127,14 @@ def test_a_right_drag_pans_and_opens_no_menu(window: MainWindow) -> None:
     assert scene.camera()["axes"] == before["axes"]
 
 
+def test_a_menu_closes_when_another_mesh_is_shown(window: MainWindow, qtbot: QtBot) -> None:
+    document, scene = window.document, window.scene
+    menu_at(window, scene.display_point(200), qtbot)
+    document.take_mesh(icosphere(1))
+    qtbot.waitUntil(lambda: document.mesh.n_vertices == 42, timeout=5000)
+    assert QApplication.activePopupWidget() is None
+
+
 def test_names_and_colours_are_given_by_the_menu(window: MainWindow, qtbot: QtBot) -> None:
     document, scene = window.document, window.scene
     document.pins.toggle(200)
