@@ -124,3 +124,19 @@ def test_neighbours_along_the_curve_are_neighbours_in_space(rng: np.random.Gener
     assert np.median(steps) < 2.0 * 4000 ** (-1 / 3)
     assert len(np.unique(curve_order(points))) > 3980
     assert (curve_order(np.ones((5, 3))) == 0).all()
+
+
+def test_corners_near_a_line_are_those_found_one_by_one(rng: np.random.Generator) -> None:
+    sphere = shapes.icosphere(4)
+    faces = sphere.faces[sphere.faces.min(axis=1) > 20]  # some vertices belong to no face
+    target = RayTarget(sphere.vertices, faces)
+    held = np.unique(faces)
+    for radius in (0.0, 0.03, 0.2, 5.0):
+        for _ in range(20):
+            towards, across, along = np.linalg.qr(rng.normal(size=(3, 3)))[0].T
+            through = rng.normal(size=3)
+            found = target.corners_near(through, np.array([across, along]), radius)
+            offset = sphere.vertices - through
+            away = np.linalg.norm(offset - np.outer(offset @ towards, towards), axis=1)
+            assert np.all(np.diff(away[found]) >= -1e-12)
+            assert set(found.tolist()) == set(held[away[held] <= radius].tolist())

@@ -85,6 +85,22 @@ class RayTarget:
         start = self._points[vertex] + 2e-3 * self._size * towards_eye
         return self.first_hit(start, start + 2.0 * self._size * towards_eye) is not None
 
+    def corners_near(
+        self, through: FloatArray, across: FloatArray, radius: float
+    ) -> npt.NDArray[np.integer]:
+        """Return the corners of faces within a distance of a line, the nearest first.
+
+        The line goes through a point, and is perpendicular to the unit vectors `across`, (2, 3).
+        """
+        middle, half = (self._high + self._low) / 2.0, (self._high - self._low) / 2.0
+        away = np.abs(across @ (middle - through[:, None])) - np.abs(across) @ half
+        groups = np.flatnonzero((away <= radius).all(axis=0))
+        places = groups[:, None] * self._group + np.arange(self._group)
+        corners = np.unique(self._faces[self._order[places[places < len(self._order)]]])
+        squared = (((self._points[corners] - through) @ across.T) ** 2).sum(axis=1)
+        order = np.argsort(squared, kind="stable")
+        return corners[order[: np.count_nonzero(squared <= radius**2)]]
+
     def first_hit(self, start: FloatArray, end: FloatArray) -> Hit | None:
         """Return the first point of the mesh between two points, or None.
 

@@ -354,18 +354,13 @@ class MeshView(QWidget):
         Pin and nearest vertex are within a few pixels.
         """
         vertex, drawing = self.pinned_or_at(x, y), self.renderer
-        if vertex >= 0 or drawing.picker is None or drawing.view is None or self.mesh is None:
+        if vertex >= 0 or drawing.picker is None or drawing.view is None:
             return vertex
-        width, height, ratio = self.plotter.pixels()
-        places = drawing.view.to_pixels(drawing.drawn[0] + drawing.centre, width, height)
-        squared = ((places[:, :2] - self.plotter.to_pixels(x, y)) ** 2).sum(axis=1)
-        squared[~self.mesh.referenced] = np.inf
-        if drawing.hidden is not None:
-            squared[drawing.hidden] = np.inf
-        near = np.flatnonzero(squared <= (_NEAR * ratio) ** 2)
-        eye = drawing.view.axes[2]
-        for vertex in near[squared[near].argsort()][:_TRIED].tolist():
-            if not drawing.picker.hidden(vertex, eye):
+        (width, height, ratio), view = self.plotter.pixels(), drawing.view
+        through = view.from_pixels(*self.plotter.to_pixels(x, y), width, height) - drawing.centre
+        radius = _NEAR * ratio * view.length_per_pixel(width, height)
+        for vertex in drawing.picker.corners_near(through, view.axes[:2], radius)[:_TRIED].tolist():
+            if not drawing.picker.hidden(vertex, view.axes[2]):
                 return int(vertex)
         return -1
 
