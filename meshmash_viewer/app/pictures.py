@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
-    from meshmash_viewer.app.view.figure import FigureOptions, Panel
+    from meshmash_viewer.app.view.figure import FigureOptions, Frame
     from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.mesh import Mesh
@@ -76,21 +75,19 @@ class Pictures:
         """The renders that have a mesh."""
         return [scene for scene in self.scenes() if scene.mesh is not None]
 
-    def _seen(self) -> list[Panel]:
-        """Find what the renders show; empty while a stand-in of a large mesh is being made."""
-        from meshmash_viewer.app.view.figure import seen_of
+    def _seen(self) -> list[Frame]:
+        """What the renders show; empty while a stand-in of a large mesh is being made."""
+        from meshmash_viewer.app.view.figure import frame_of
 
-        panels = []
+        frames = []
         for scene in self._scenes():
-            drawing = scene.small_drawing()
-            if drawing is None:
+            pixels = scene.frames.mesh_alone()
+            if pixels is None:
                 return []
-            panel = seen_of(drawing, scene.plotter.pixels()[:2])
-            full = scene.renderer
-            panels.append(replace(panel, caption=full.shown_caption, pins=full.placed_pins()))
+            frames.append(frame_of(scene.renderer, pixels))
         # weak references, as the meshes may be closed before the next picture
         self._previewed = [_reference(scene.renderer) for scene in self._scenes()]
-        return panels
+        return frames
 
     def _write_picture(self, dialog: FigureDialog) -> None:
         from meshmash_viewer.app.view.figure import compose, save_figure, seen_of, sharpened

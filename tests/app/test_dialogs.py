@@ -27,6 +27,7 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 import meshmash_viewer as mv
+import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.dialogs.files import SaveDialog
@@ -103,10 +104,12 @@ def test_a_picture_that_cannot_be_written_leaves_the_dialog_as_it_was(
 
 
 def test_a_picture_has_the_width_of_a_journal_and_is_previewed(
-    qtbot: QtBot, window: MainWindow, tmp_path: Path
+    qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window.document.pins.toggle(40)
-    dialog = pictured(qtbot, window)
+    with monkeypatch.context() as patch:  # which would block the window for a tenth of a second
+        patch.setattr(picture_module, "new_window", lambda: pytest.fail("another window"))
+        dialog = pictured(qtbot, window)
     size, shown = dialog.findChild(QLabel, "figure_size_label"), dialog.preview
     assert size.text().startswith("85 × ")
     assert "× " in size.text()

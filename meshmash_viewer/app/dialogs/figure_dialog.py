@@ -18,7 +18,14 @@ from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.layout import column, grid, row
 from meshmash_viewer.app.dialogs.files import FormatDialog
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.app.view.figure import FigureOptions, Panel, compose, picture_of
+from meshmash_viewer.app.view.figure import (
+    FigureOptions,
+    Frame,
+    Panel,
+    compose,
+    panel_of,
+    picture_of,
+)
 from meshmash_viewer.app.view.page import MM
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import CancelCallback
@@ -126,26 +133,28 @@ class SheetDialog(FormatDialog):
 
 @dataclass(frozen=True, eq=False)
 class _Preview:
-    """A request for a preview that fits into some pixels."""
+    """A request for a preview that fits into some pixels, of frames or of their panels."""
 
-    panels: Sequence[Panel]
+    seen: Sequence[Frame | Panel]
     options: FigureOptions
     room: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """A preview, and the size of the figure in mm."""
+    """A preview, the size of the figure in mm, and its panels."""
 
     pixels: npt.NDArray[np.uint8]
     size: tuple[float, float]
+    panels: Sequence[Panel]
 
 
 def _drawn(request: _Preview, _cancel: CancelCallback) -> _Drawn:
-    figure = compose(request.panels, request.options)
+    panels = [panel_of(each) if isinstance(each, Frame) else each for each in request.seen]
+    figure = compose(panels, request.options)
     wide, high = figure.get_size_inches()
     pixels = picture_of(figure, min(request.room[0] / wide, request.room[1] / high))
-    return _Drawn(pixels, (wide * MM, high * MM))
+    return _Drawn(pixels, (wide * MM, high * MM), panels)
 
 
 class FigureDialog(SheetDialog):
@@ -157,11 +166,12 @@ class FigureDialog(SheetDialog):
     def __init__(
         self,
         path: Path,
-        seen: Callable[[], Sequence[Panel]],
+        seen: Callable[[], Sequence[Frame]],
         parent: QWidget | None = None,
         before: FigureOptions | None = None,
     ) -> None:
         self._seen = seen
+        self._frames: Sequence[Frame] = ()
         self._panels: Sequence[Panel] = ()
         super().__init__(path, parent, before, _FORMATS)
         self._painter: LatestThread[_Preview] = LatestThread(_drawn, self._take, parent=self)
@@ -209,13 +219,9 @@ class FigureDialog(SheetDialog):
 
     def look(self) -> None:
         """Draw the preview if the renders can be drawn."""
-        if not self._panels and self.isVisible():
-            try:
-                self._panels = self._seen()
-            except InputError as fault:
-                self._show_fault(fault)
-            else:
-                self._change()
+        if not self._frames and self.isVisible():
+            self._frames = self._seen()
+            self._change()
 
     def choose_ending(self, ending: str) -> None:
         """Choose the format with an ending."""
@@ -233,11 +239,12 @@ class FigureDialog(SheetDialog):
 
     def _change(self, *_: object) -> None:
         super()._change()
-        if not self._panels or not self.accept_button.isEnabled():
+        seen = self._panels or self._frames
+        if not seen or not self.accept_button.isEnabled():
             return
         ratio = self.devicePixelRatioF()
         size = round(ratio * self.preview.width()), round(ratio * self.preview.height())
-        self._painter.ask(_Preview(self._panels, self.options, size))
+        self._painter.ask(_Preview(seen, self.options, size))
 
     def _take(self, _request: _Preview, drawn: _Drawn | Exception) -> None:
         if isinstance(drawn, InputError):
@@ -245,6 +252,7 @@ class FigureDialog(SheetDialog):
         elif isinstance(drawn, Exception):
             raise drawn
         else:
+            self._panels = drawn.panels
             self.preview.show_pixels(drawn.pixels)
             dpi = self.options.dpi
             mm = " × ".join(f"{round(side, 1):g}" for side in drawn.size)

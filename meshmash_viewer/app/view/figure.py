@@ -1,8 +1,8 @@
 """Pictures with a size on paper: renders as images; text, colour bar and scale bar as vectors.
 
-They are made in three steps: `seen_of` finds what a render shows of its mesh, `sharpened` draws
-that with the pixels that it has on paper, and `compose` adds the rest. Only the last may run in
-another thread.
+They are made in three steps: `panel_of` finds what a frame shows of the mesh, `sharpened` draws
+that with the pixels that it has on paper, and `compose` adds the rest. The first and the last may
+run in another thread.
 """
 
 from __future__ import annotations
@@ -112,6 +112,28 @@ class Panel:
         return replace(self.view, half_size=self.view.half_size * share)
 
 
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame of a mesh alone, and what is drawn around it."""
+
+    #: Shape (height, width, 4), with premultiplied alpha, see `OffScreen.draw`.
+    pixels: npt.NDArray[np.uint8]
+    view: View
+    caption: Caption | None
+    pins: Sequence[Pin]
+    unit: str
+    #: Of the render.
+    theme: RenderTheme
+
+
+def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
+    """The frame of a drawing, of which the pixels are given."""
+    assert drawing.view is not None
+    assert drawing.mesh is not None
+    caption, pins = drawing.shown_caption, drawing.placed_pins()
+    return Frame(pixels, drawing.view, caption, pins, drawing.mesh.unit, drawing.theme)
+
+
 @dataclass(frozen=True)
 class _Place:
     """Where a panel is: its part of the page, room of the image, image, and lines below `top`."""
@@ -131,10 +153,18 @@ def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> 
     wide, high = (max(round(side * _TRIAL / max(size)), 1) for side in size)
     drawing.annotated = False
     with closing(OffScreen(drawing, (wide, high), transparent=True, samples=1)) as window:
-        picture = straight(window.draw())
-    view, mesh = drawing.view, drawing.mesh
+        return panel_of(frame_of(drawing, window.draw()))
+
+
+def panel_of(frame: Frame) -> Panel:
+    """Find what a frame shows of its mesh, in any thread.
+
+    `InputError` is raised if it shows nothing of it.
+    """
+    view, (high, wide, _) = frame.view, frame.pixels.shape
+    picture = straight(frame.pixels)
     opaque = picture[..., 3] > 0
-    if view is None or mesh is None or not opaque.any():
+    if not opaque.any():
         raise InputError("No part of the mesh is in the view: reset the camera.")
     picture = np.pad(picture, ((_AROUND, _AROUND), (_AROUND, _AROUND), (0, 0)))
     across, along = (np.flatnonzero(opaque.any(axis=axis)) for axis in (0, 1))
@@ -147,10 +177,10 @@ def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> 
         replace(view, focus=view.from_pixels(*middle, wide, high), half_size=half),
         picture[top:foot, left:right],
         float((foot - top) / (right - left)),
-        drawing.shown_caption,
-        drawing.placed_pins(),
-        mesh.unit,
-        drawing.theme,
+        frame.caption,
+        frame.pins,
+        frame.unit,
+        frame.theme,
     )
 
 

@@ -101,6 +101,31 @@ class Frames(QObject):
         self._request_stand_in()
         return self._drawing.coarse_twin()
 
+    def mesh_alone(self) -> npt.NDArray[np.uint8] | None:
+        """The mesh as it is seen, without background and annotations; see `OffScreen.draw`.
+
+        Where frames are slow it is the stand-in; the result is None until `stand_in_made`.
+        """
+        drawing = self._drawing
+        if self.slow and self._large and drawing.coarse is None:
+            self._request_stand_in()
+            return None
+        before, faults = drawing.shows_coarse, drawing.marks.get("faults")
+        drawing.show_coarse(self.slow)
+        drawing.annotated = False
+        drawing.leave_background()
+        if faults is not None:
+            faults.actor.VisibilityOff()
+        try:
+            drawing.prepare(*self._canvas.pixels())
+            return self._canvas.draw_aside()
+        finally:
+            if faults is not None:
+                faults.actor.VisibilityOn()
+            drawing.set_theme(drawing.dark)
+            drawing.annotated = True
+            drawing.show_coarse(before)
+
     @property
     def _large(self) -> bool:
         """Whether the mesh has many more vertices than its stand-in would."""

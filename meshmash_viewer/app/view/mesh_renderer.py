@@ -103,6 +103,7 @@ class MeshRenderer:
         self.renderer.SetBackground(*rgb(self.theme.background_bottom))
         self.renderer.SetBackground2(*rgb(self.theme.background_top))
         self.renderer.GradientBackgroundOn()
+        self.renderer.SetBackgroundAlpha(1.0)
         for surface in self._surfaces:
             surface.set_theme(self.theme)
 

@@ -311,16 +311,6 @@ class MeshView(QWidget):
         """Draw what is on the screen at any size; RGBA of shape (height, width, 4)."""
         return draw_picture(self.renderer.twin(), size or self.plotter.pixels()[:2], transparent)
 
-    def small_drawing(self) -> MeshRenderer | None:
-        """A copy for small pictures, coarse for a large mesh; see `Frames.small_twin`."""
-        small, surface = self.frames.small_twin(), self.renderer.surface
-        if small is None:
-            return None
-        drawing, picked = small
-        if picked is not None and surface is not None:
-            drawing.set_field(surface.values[picked], self.renderer.caption)
-        return drawing
-
     def display_point(self, vertex: int) -> QPoint:
         """Position of a vertex on this widget."""
         (width, height, ratio), view = self.plotter.pixels(), self.renderer.view

@@ -164,21 +164,28 @@ class OffScreen:
         width, height = self.size
         self.drawing.prepare(width, height, text_scale(self.size), plates=not self.transparent)
         self._window.Render()
-        pixels = vtkUnsignedCharArray()
-        corners = (0, 0, width - 1, height - 1)
-        if self.transparent:
-            # averages the samples of a pixel with their opacity, unlike the frame on the screen
-            self._window.GetRGBACharPixelData(*corners, 0, pixels, 0)
-        else:
-            # the frame of the screen, whose samples have been averaged already
-            self._window.GetPixelData(*corners, 1, pixels, 0)
-        rows: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(height, width, -1)
-        return np.ascontiguousarray(rows[::-1])
+        return pixels_of(self._window, self.size, self.transparent)
 
     def close(self) -> None:
         """Release the memory of the graphics card."""
         self._window.RemoveRenderer(self.drawing.renderer)
         self._window.Finalize()
+
+
+def pixels_of(
+    window: vtkRenderWindow, size: tuple[int, int], transparent: bool
+) -> npt.NDArray[np.uint8]:
+    """The last frame of a window; see `OffScreen.draw`."""
+    pixels, (width, height) = vtkUnsignedCharArray(), size
+    corners = (0, 0, width - 1, height - 1)
+    if transparent:
+        # averages the samples of a pixel with their opacity, unlike the frame on the screen
+        window.GetRGBACharPixelData(*corners, 0, pixels, 0)
+    else:
+        # the frame of the screen, whose samples have been averaged already
+        window.GetPixelData(*corners, 1, pixels, 0)
+    rows: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(height, width, -1)
+    return np.ascontiguousarray(rows[::-1])
 
 
 def text_scale(size: tuple[int, int]) -> float:

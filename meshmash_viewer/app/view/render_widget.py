@@ -26,6 +26,8 @@ from PySide6.QtWidgets import QApplication, QWidget
 from pyvistaqt import QtInteractor
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
+from meshmash_viewer.app.view.picture import pixels_of
+
 
 class RenderWidget(QtInteractor):
     """A `pyvista.Plotter` in Qt, without VTK's interactor styles.
@@ -133,6 +135,30 @@ class RenderWidget(QtInteractor):
             window.SetSize(width, height)
         window.SetDPI(round(72 * ratio))
         window.Render()
+
+    def draw_aside(self) -> npt.NDArray[np.uint8] | None:
+        """Draw a frame that is not shown, with its opacity; see `OffScreen.draw`.
+
+        None before the first frame. The shaders and arrays of the window are there already, for
+        which another window takes a tenth of a second.
+        """
+        window: Any = self.window_of_vtk
+        if not window.GetReadyForRendering():
+            return None
+        self.makeCurrent()
+        state = window.GetState()
+        state.Reset()
+        state.Push()
+        self._drawing = True
+        window.SetSwapBuffers(False)
+        try:
+            window.Render()
+            return pixels_of(window, window.GetSize(), transparent=True)
+        finally:
+            window.SetSwapBuffers(True)
+            self._drawing = False
+            state.Pop()
+            self.doneCurrent()
 
     @property
     def image(self) -> npt.NDArray[np.uint8]:  # type: ignore[override]

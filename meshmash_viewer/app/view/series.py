@@ -134,7 +134,7 @@ def turntable(drawing: MeshRenderer, view: View, count: int) -> list[View]:
 def aspect(drawing: MeshRenderer) -> float:
     """Width over height of the mesh in its view."""
     axes = drawing.axes if drawing.view is None else drawing.view.axes
-    wide, high = np.ptp(drawing.sample @ axes[:2].T, axis=0)
+    wide, high = np.ptp(axes[:2] @ drawing.sample.T, axis=1)
     return float(np.clip(wide / max(high, 1e-300), 0.25, 4.0))
 
 
@@ -146,8 +146,8 @@ def _shows_all(view: View, points: npt.NDArray[np.float64], size: tuple[int, int
 def _middle(
     points: npt.NDArray[np.float64], axes: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    seen = points @ axes.T
-    return np.asarray((seen.min(axis=0) + seen.max(axis=0)) / 2 @ axes)
+    seen = axes @ points.T
+    return np.asarray((seen.min(axis=1) + seen.max(axis=1)) / 2 @ axes)
 
 
 def _cylinder(
@@ -155,11 +155,9 @@ def _cylinder(
 ) -> npt.NDArray[np.float64]:
     """Corners, shape (4, 3), of the area that points sweep as they turn about the vertical."""
     middle = _middle(points, axes)
-    seen = (points - middle) @ axes.T
-    reach = float(np.hypot(seen[:, 0], seen[:, 2]).max())
+    seen = axes @ (points - middle).T
+    reach = float(np.hypot(seen[0], seen[2]).max())
     corners = [
-        (side * reach, end, 0.0)
-        for side in (-1.0, 1.0)
-        for end in (seen[:, 1].min(), seen[:, 1].max())
+        (side * reach, end, 0.0) for side in (-1.0, 1.0) for end in (seen[1].min(), seen[1].max())
     ]
     return np.asarray(middle + np.array(corners) @ axes)

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
 import meshmash_viewer.app.view.frames as frames_module
+import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.render_widget import Ring
 from meshmash_viewer.app.view.scene import displayed_surface
@@ -359,6 +360,26 @@ def test_pictures_of_any_size_and_without_background(scene: MeshView, sphere: Me
     assert clear.shape == (333, 500, 4)
     assert clear[..., 3].min() == 0
     assert clear[..., 3].max() == 255
+
+
+def test_the_mesh_alone_is_drawn_by_the_window_that_there_is(
+    scene: MeshView, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = show(scene, sphere, qtbot)
+    scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    before = on_screen(scene)
+    monkeypatch.setattr(picture_module, "new_window", lambda: pytest.fail("another window"))
+    alone = scene.frames.mesh_alone()
+    assert alone.shape == (scene.height(), scene.width(), 4)
+    left, right = np.flatnonzero((alone[..., 3] > 0).any(axis=0))[[0, -1]]
+    assert left > 20, "neither title nor scale bar"
+    assert right < scene.width() - 60, "no colour bar"
+    inside = alone[scene.height() // 2, (left + right) // 2 - 100 : (left + right) // 2 + 100]
+    assert (np.ptp(inside[:, :3].astype(int), axis=1) > 40).any(), "with its field"
+    scene.plotter.update()
+    np.testing.assert_array_equal(on_screen(scene), before)
+    scene.plotter.render()
+    np.testing.assert_array_equal(on_screen(scene), before)
 
 
 def test_slow_frames_get_a_stand_in_while_something_moves(
