@@ -66,7 +66,10 @@ class LastSession(QObject):
         self._timer = QTimer(self, singleShot=True, interval=_DELAY)
         self._timer.timeout.connect(self.save)
         listen(document.mesh_changed, self.changed)
-        changes = document.history.changed, document.display.events, document.solve.changed
+        changes = (
+            document.history.changed, document.display.events, document.solve.changed,
+            document.classes.changed,
+        )  # fmt: skip
         listen(changes, self.changed)
         self._rest = QTimer(self, singleShot=True, interval=_DELAY)
         self._rest.timeout.connect(self.save)

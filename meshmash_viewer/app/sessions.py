@@ -16,6 +16,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, packed_mask, read_session, unpacked_mask
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.classes import read_saved_classes
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import ReadJob
@@ -47,6 +48,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         operator=asdict(document.solve.operator),
         target={"kind": document.solve.target.kind, "value": document.solve.target.value},
         display=display_to_json(document.display, mesh.file_index),
+        classes=document.classes.plain(),
         pins=[mesh.file_index(pin.vertex) for pin in pins],
         pin_numbers=[pin.number for pin in pins],
         pin_names=[pin.name for pin in pins],
@@ -99,6 +101,7 @@ class Restoration:
         if not session.mesh_path:
             raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
         self._display = read_display(session.display, path)
+        self._classes = read_saved_classes(session.classes, path)
         #: From where the session was saved.
         self.camera: View | None = None
         if session.camera:
@@ -186,6 +189,7 @@ class Restoration:
         part = self._mask(session.part, "part")
         if part is not None:
             document.take_part(part)
+        document.classes.restore(self._classes)
         document.maps.open([Path(each) for each in session.maps], shown=False)
         self.done = True
         self.restored.emit()

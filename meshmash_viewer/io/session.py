@@ -134,6 +134,8 @@ class Session(Parameters):
     target: dict[str, Any] = parameter(dict, _Target())
     #: The displayed field with its limits and colours, as the model writes it.
     display: dict[str, Any] = parameter(dict, Record({}))
+    #: How classes are learned, and what is known of their prediction, as the model writes it.
+    classes: dict[str, Any] = parameter(dict, Record({}))
     #: Pinned vertices, by their index in the file, and the numbers of their pins.
     pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
     pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
@@ -187,7 +189,7 @@ def write_session(path: str | Path, session: Session) -> None:
 def read_session(path: str | Path) -> Session:
     """Read a session, with absolute paths.
 
-    `display` is not checked here (see `model.display.read_display`).
+    `display` and `classes` are not checked here, but by the model.
 
     `InputError` is raised if the file cannot be read, is not a session, was written by a newer
     program, or has an entry of the wrong type or out of bounds.
@@ -219,7 +221,7 @@ def read_session(path: str | Path) -> Session:
         for name, each in Session.declared().items()
         if name in content
     }
-    session["display"] = content.get("display", {})
+    session |= {name: content.get(name, {}) for name in ("display", "classes")}
     session["file_indices"] = version == _VERSION or not session.get("repairs")
     beyond = [pin for pin in session.get("pins", []) if pin >= session.get("n_vertices", 0)]
     if session.get("n_vertices") and beyond:

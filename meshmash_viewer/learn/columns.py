@@ -146,6 +146,22 @@ class ClassColumns:
                 found += [f"log_{name}" for name in bank.columns]
         return tuple(found)
 
+    @property
+    def kind_of_each(self) -> tuple[str, ...]:
+        """Kind of each column."""
+        size = {"curvature": len(_CURVATURES) * self.n_lengths}
+        return tuple(kind for kind in self.kinds for _ in range(size.get(kind, self.n_times)))
+
+    @property
+    def time_of_each(self) -> FloatArray:
+        """Diffusion time of each column, in squared `unit`: of an energy 1/λ, of a length l²."""
+        times = {
+            "hks": self.times,
+            "wks": np.exp(-self._energies),
+            "curvature": np.repeat(self.lengths**2, len(_CURVATURES)),
+        }
+        return np.concatenate([times[kind] for kind in self.kinds])
+
     def limit(self, mesh: Mesh) -> float:
         """Return the largest eigenvalue in the unit of a mesh."""
         return self.max_eigenvalue / self.scale(mesh) ** 2
@@ -230,10 +246,15 @@ class ClassColumns:
         assert isinstance(exact.rows, np.ndarray)
         return eigenvalues[:count], exact.rows[:count]
 
+    @property
+    def _energies(self) -> FloatArray:
+        """Logarithms of the eigenvalues at the middle of each band."""
+        return np.linspace(-math.log(self.t_max), math.log(self.max_eigenvalue), self.n_times)
+
     def _bank(self, kind: str, eigenvalues: FloatArray) -> FilterBank:
         if kind == "hks":
             return heat_kernel_bank(self.times)
-        energies = np.linspace(-math.log(self.t_max), math.log(self.max_eigenvalue), self.n_times)
+        energies = self._energies
         spacing = energies[-1] - energies[0]
         spacing = spacing / (self.n_times - 1) if self.n_times > 1 else 1.0
         return wave_kernel_bank(eigenvalues, energies=energies, sigma=_WIDTH * abs(spacing))

@@ -5,15 +5,30 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.parameter import (
+    ABOVE_ZERO,
+    MOST_NAME,
+    Choice,
+    Flag,
+    Listing,
+    Number,
+    Parameters,
+    Record,
+    Refused,
+    Text,
+    parameter,
+    understood,
+)
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.learn import KINDS, Classifier
+from meshmash_viewer.learn import CLASSIFIERS, KINDS, Classifier
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.jobs import heard_warnings
 from meshmash_viewer.model.labels import Labels
@@ -34,21 +49,69 @@ if TYPE_CHECKING:
 _PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
 
 
+#: Most columns of a model, and most letters of the name of one.
+_MOST_COLUMNS, _MOST_LETTERS = 1000, 200
+
+
 @dataclass(frozen=True)
-class ClassOptions:
+class ClassOptions(Parameters):
     """How classes are learned, see `train_classes`; the smoothing is in the unit of the mesh."""
 
-    kinds: tuple[str, ...] = tuple(KINDS)[:1]
-    classifier: Classifier = "forest"
-    smoothing: float = 0.0
+    kinds: tuple[str, ...] = parameter(
+        tuple(KINDS)[:1], Listing(Choice(KINDS), len(KINDS), into=tuple, different=True)
+    )
+    classifier: Classifier = parameter("forest", Choice(CLASSIFIERS))
+    smoothing: float = parameter(0.0, Number(0.0))
+
+
+@dataclass(frozen=True)
+class Learned(Parameters):
+    """What is known of a prediction besides its maps: scores, and the importance of each column."""
+
+    #: The scores in one line, or why there are none.
+    said: str = parameter("", Text())
+    #: Name of the label set that was learned from.
+    labels: str = parameter("", Text(MOST_NAME))
+    #: Unit of length of `times`.
+    unit: str = parameter("", Text(_MOST_LETTERS))
+    #: Names and kinds of the columns, their diffusion times, and `ClassModel.importance`.
+    names: tuple[str, ...] = parameter((), Listing(Text(_MOST_LETTERS), _MOST_COLUMNS, into=tuple))
+    kinds: tuple[str, ...] = parameter((), Listing(Choice(KINDS), _MOST_COLUMNS, into=tuple))
+    times: tuple[float, ...] = parameter((), Listing(Number(ABOVE_ZERO), _MOST_COLUMNS, into=tuple))
+    importance: tuple[float, ...] = parameter(
+        (), Listing(Number(0.0, 1.0), _MOST_COLUMNS, into=tuple)
+    )
+
+    @classmethod
+    def from_plain(cls, value: object) -> Learned | None:
+        """Make it from the result of `plain`, or raise `Refused`."""
+        if value is None:
+            return None
+        known = cls(**cls.entries()(value))
+        if (
+            len({len(each) for each in (known.names, known.kinds, known.times, known.importance)})
+            > 1
+        ):
+            raise Refused("an object with as many names, kinds, times and importance", value)
+        return known
+
+
+#: The check of what `Classes.plain` returns.
+_SAVED = Record({**ClassOptions.entries().kinds, "live": Flag(), "learned": Learned.from_plain})
+
+
+def read_saved_classes(content: object, path: Path) -> dict[str, Any]:
+    """Check the classes in a session file; `InputError` is raised if an entry is not valid."""
+    taken: dict[str, Any] = understood(_SAVED, content, path, "classes")
+    return taken
 
 
 @dataclass(frozen=True, eq=False)
 class Classified:
-    """Maps of a prediction, and its scores in one line; or no map, and why."""
+    """Maps of a prediction with what is known of it; or no map, and why."""
 
     maps: tuple[VertexMap, ...]
-    said: str
+    learned: Learned
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +136,15 @@ class ClassesJob:
             with heard_warnings() as heard:
                 model, maps = self._answered(channel)
         except InputError as fault:
-            return Classified((), str(fault))
+            return Classified((), Learned(str(fault)))
         said = _described(model) if self._scored else "Press Classify for scores."
-        return Classified(maps, " ".join([said, *heard]))
+        columns = model.columns
+        learned = Learned(
+            " ".join([said, *heard]), self.labels.name, columns.unit, columns.names,
+            columns.kind_of_each, tuple(columns.time_of_each.tolist()),
+            tuple(model.importance.tolist()),
+        )  # fmt: skip
+        return Classified(maps, learned)
 
     @property
     def _scored(self) -> bool:
@@ -143,9 +212,11 @@ class Classes:
         self._opened, self._maps, self._labels = opened, maps, labels
         self._work, self._notices = work, notices
         self._options, self._live = ClassOptions(), False
-        #: Scores by prediction, and the prediction from each label set that has one.
-        self._scores: WeakKeyDictionary[VertexMap, str] = WeakKeyDictionary()
+        #: What is known of each prediction, and the options of that from each label set.
+        self._known: WeakKeyDictionary[VertexMap, Learned] = WeakKeyDictionary()
         self._learned: WeakKeyDictionary[VertexMap, ClassOptions] = WeakKeyDictionary()
+        #: What a session knows of a prediction whose maps come later.
+        self._awaiting: Learned | None = None
         #: Labels and options of the last request.
         self._requested: tuple[VertexMap, ClassOptions] | None = None
         self._refused: tuple[VertexMap, str] | None = None
@@ -191,10 +262,31 @@ class Classes:
     @property
     def said(self) -> str:
         """Scores of the prediction, or why there is none, in one line."""
-        known, predicted = self._labels.current, self._labels.predicted
-        if self._refused is not None and self._refused[0] is known:
+        if self._refused is not None and self._refused[0] is self._labels.current:
             return self._refused[1]
-        return "" if predicted is None else self._scores.get(predicted, "")
+        return "" if self.learned is None else self.learned.said
+
+    @property
+    def learned(self) -> Learned | None:
+        """What is known of the prediction; None without one."""
+        predicted = self._labels.predicted
+        return None if predicted is None else self._known.get(predicted)
+
+    def plain(self) -> dict[str, Any]:
+        """Return the choices, and what is known of the prediction, as JSON has them."""
+        learned = None if self.learned is None else self.learned.plain()
+        return {**self._options.plain(), "live": self._live, "learned": learned}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Set what `read_saved_classes` returned; missing entries become their defaults."""
+        given = {name: saved[name] for name in ClassOptions.declared() if name in saved}
+        self._options, self._live = ClassOptions(**given), saved.get("live", False)
+        self._awaiting, self._refused = saved.get("learned"), None
+        self.changed.emit()
+
+    def forget(self) -> None:
+        """Return to the defaults, as another mesh is open."""
+        self.restore({})
 
     def classify(self) -> None:
         """Request that classes are learned from the current labels, and predicted."""
@@ -214,20 +306,20 @@ class Classes:
         same = job.labels is self._labels.current
         if not self._opened.is_solved(job.mesh) or (job.live and not same):
             return
-        self._refused = None
+        self._refused = self._awaiting = None
         if result.maps:
             self._learned[job.labels] = job.options
             own, displayed = self._own, self._maps.displayed
             self._maps.exchange("" if job.live else "classes", own, result.maps)
             predicted = self._labels.predicted
             assert predicted is not None
-            self._scores[predicted] = result.said
+            self._known[predicted] = result.learned
             if not job.live and displayed not in self._own:
                 self._maps.show(predicted.name)
         else:
-            self._refused = job.labels, result.said
+            self._refused = job.labels, result.learned.said
             if not job.live:
-                self._notices.say(result.said, Severity.WARNING)
+                self._notices.say(result.learned.said, Severity.WARNING)
         self.changed.emit()
 
     @property
@@ -243,11 +335,22 @@ class Classes:
 
     def _follow(self) -> None:
         """Learn again, once, from labels or with options that nothing was learned from yet."""
+        self._recall()
         known = self._labels.current
         if not self._live or known is None or self._learned.get(known) == self._options:
             return
         if self._requested != (known, self._options) and not self.missing:
             self._request(live=True)
+
+    def _recall(self) -> None:
+        """Take what a session knows of a prediction, once its maps and labels are there."""
+        learned, predicted = self._awaiting, self._labels.predicted
+        if learned is not None and predicted is not None:
+            self._known[predicted] = learned
+            for each in self._labels.sets:
+                if each.name == learned.labels:
+                    self._learned[each], self._awaiting = self._options, None
+            self.changed.emit()
 
     def _request(self, *, live: bool) -> None:
         solved, labels, spectrum = self._opened.solved, self._labels.current, self._opened.spectrum

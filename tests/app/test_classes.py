@@ -22,6 +22,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import format_quantity
 from meshmash_viewer.vertex_map import VertexMap
 
 LEFT = Qt.MouseButton.LeftButton
@@ -131,6 +132,18 @@ def test_painted_labels_become_classes_of_all(painted: MainWindow, qtbot: QtBot)
     assert painted.controller.field.title == "class"
     assert document.labels.current.name == "labels", "the next labels go where they went"
     assert note(painted).startswith("F1 on strokes left out: label 1 ")
+    plot = part(painted, "class_importance_plot")
+    assert plot.isVisible()
+    assert plot.labels == ("t (nm²)", "Importance")
+    curve, *columns = plot.numbers()
+    assert (curve.name, len(columns)) == ("HKS", 32)
+    assert np.sum(curve.y) == pytest.approx(1.0)
+    np.testing.assert_allclose([each.y for each in columns], np.reshape(curve.y, (-1, 1)))
+    most = format_quantity(curve.x[np.argmax(curve.y)], "nm", 2).replace(" ", "&nbsp;")
+    assert (
+        f"Most important: HKS&nbsp;at&nbsp;{most}&nbsp;("
+        in part(painted, "class_importance_legend").text()
+    )
     press(painted, "class_uncertainty_button")
     rest(painted, qtbot)
     assert painted.controller.field.title == "uncertainty"
@@ -146,6 +159,9 @@ def test_painted_labels_become_classes_of_all(painted: MainWindow, qtbot: QtBot)
     rest(painted, qtbot)
     assert names(painted) == ["labels", *MADE], "they are replaced"
     assert predicted(painted) is not first
+    hks, curvature, *columns = plot.numbers()
+    assert (hks.name, curvature.name, len(columns)) == ("HKS", "Curvature (l = √t)", 80)
+    assert np.sum(hks.y) + np.sum(curvature.y) == pytest.approx(1.0)
     assert document.display[OwnMaps].chosen == "uncertainty", "what was displayed still is"
 
     document.history.undo()
@@ -155,6 +171,7 @@ def test_painted_labels_become_classes_of_all(painted: MainWindow, qtbot: QtBot)
     rest(painted, qtbot)
     assert names(painted) == ["labels"]
     assert not part(painted, "class_uncertainty_button").isEnabled()
+    assert not plot.isVisible()
     document.history.redo()
     rest(painted, qtbot)
     assert predicted(painted) is first
@@ -233,7 +250,7 @@ def test_what_is_missing_is_said(
 
     assert refusal() == "No vertex is labelled: label some of at least two classes."
     paint(window, qtbot, SPINE & between(0, 2600), Qt.Key.Key_1)
-    assert note(window) == "", "it was said of other labels"
+    assert note(window).startswith("Press Classify for classes"), "it was said of other labels"
     assert refusal().startswith("All labelled vertices are 'label 1': label some of at least two")
     two = np.zeros(MESH.n_vertices, dtype=bool)
     two[np.flatnonzero(~SPINE)[:2]] = True

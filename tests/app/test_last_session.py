@@ -15,12 +15,15 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.classes import ClassOptions
 from meshmash_viewer.model.display import Shape
 from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap
 
 PATIENCE = 60_000
@@ -277,6 +280,68 @@ def test_label_sets_are_there_as_they_were_changed(
     made = sets(again)
     again.close()
     assert sets(opened(open_window(), path, qtbot)) == made
+
+
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_classes_are_there_with_choices_scores_and_importance(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot, by_hand: bool
+) -> None:
+    ball, path = shapes.blob(3), folder / "blob.npz"
+    np.savez(path, vertices=ball.vertices, faces=ball.faces, unit="nm")
+    window = opened(open_window(), path, qtbot)
+    document = window.document
+    document.solve.target = Target("count", 40)
+    document.solve.compute()
+    qtbot.waitUntil(lambda: document.solve.is_computed, timeout=PATIENCE)
+    document.labels.new_set()
+    document.labels.new_label()
+    x, y, z = shapes.icosphere(3).vertices.T
+    for key, side in ((1, z > 0.6), (2, z < 0.2)):
+        for half in (x > 0.3, x < -0.3):
+            document.selection.set(side & half & (np.abs(y) < 0.3))
+            document.labels.assign(key)
+    classes = document.classes
+    classes.options = ClassOptions(("curvature", "hks"), "logistic", 0.02)
+    classes.classify()
+    qtbot.waitUntil(lambda: classes.learned is not None, timeout=PATIENCE)
+    window.arrangement.docks["label"].raise_()
+    catch_up()
+    note, learned = part(window, "class_note").text(), classes.learned
+    assert note.startswith("F1 on strokes left out: label 1 ")
+    classes.live = True
+    saved = folder / "saved.meshmash.json"
+    window.opening.store_session(saved)
+    window.close()
+
+    window = open_window()
+    if by_hand:
+        window.opening.restore_session(saved)
+    else:
+        window.open_mesh(path)
+    document, classes = window.document, window.document.classes
+    qtbot.waitUntil(lambda: classes.learned is not None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: document.work.job is None, timeout=PATIENCE)
+    window.arrangement.docks["label"].raise_()
+    catch_up()
+    assert classes.options == ClassOptions(("curvature", "hks"), "logistic", 0.02)
+    assert classes.live
+    assert classes.learned == learned
+    assert part(window, "class_note").text() == note
+    kinds = [
+        part(window, f"class_{kind}_check").isChecked() for kind in ("hks", "wks", "curvature")
+    ]
+    assert kinds == [True, False, True]
+    assert part(window, "class_classifier_combo").currentText() == "Logistic regression"
+    assert part(window, "class_smoothing_field").value == 0.02
+    assert part(window, "class_importance_plot").isVisible()
+    if document.spectrum is None:
+        document.solve.target = Target("count", 40)
+        document.solve.compute()
+    qtbot.waitUntil(
+        lambda: document.solve.is_computed and document.work.job is None, timeout=PATIENCE
+    )
+    assert classes.learned is not None
+    assert classes.learned == learned, "what is live is not learned again"
 
 
 def test_pins_and_maps_of_the_second_mesh_are_there_again(

@@ -19,6 +19,7 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.sessions import Restoration, session_of
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.io.session import write_session
 from meshmash_viewer.model.display import (
@@ -143,3 +144,23 @@ def test_a_session_of_before_with_a_count_that_is_a_float(tmp_path: Path) -> Non
     read = Restoration(Document(), path)
     assert read._target == Target("count", 50)
     assert isinstance(read._target.value, int)
+
+
+@pytest.mark.parametrize(
+    ("classes", "said"),
+    [
+        ({"kinds": ["heat"]}, r'classes.kinds\[0\] = "heat", which should be "hks" or'),
+        ({"smoothing": -1.0}, r"classes.smoothing = -1.0"),
+        ({"live": 3}, r"classes.live = 3"),
+        ({"learned": {"names": ["a"]}}, r"classes.learned = .* as many names, kinds, times"),
+    ],
+)
+def test_classes_that_make_no_sense_are_refused(
+    tmp_path: Path, classes: dict[str, object], said: str
+) -> None:
+    path = tmp_path / "a.meshmash.json"
+    write_session(path, session_of(rectangle_document(), {}))
+    content = json.loads(path.read_text()) | {"mesh_path": "ball.npz"}
+    path.write_text(json.dumps(content | {"classes": classes}))
+    with pytest.raises(InputError, match=said):
+        Restoration(Document(), path)

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
@@ -14,6 +15,7 @@ from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.plots.importance_plot import ImportancePlot
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
 from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.document import Document
@@ -23,6 +25,7 @@ _SCORES = (
     "F1 weighs by area how many vertices of a class are found, and how many that are found are of"
     " it (1 is best). It is measured where whole strokes were left out of the training."
 )
+_EMPTY = "Press Classify for classes, their scores, and the importance of each column."
 
 
 class ClassSection(QWidget):
@@ -69,6 +72,9 @@ class ClassSection(QWidget):
             classes.show_uncertainty, tip="Shows where another label would help most",
         )  # fmt: skip
         self.note = note("class_note")
+        self.importance = ImportancePlot(document)
+        self.legend = note("class_importance_legend")
+        self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.setLayout(
             column(
                 make.heading("Classes"),
@@ -79,6 +85,8 @@ class ClassSection(QWidget):
                 ),
                 row(self.classify_button, self.live_check, None, self.uncertainty_button),
                 self.note,
+                self.importance,
+                self.legend,
             )
         )
         changes = (
@@ -86,6 +94,7 @@ class ClassSection(QWidget):
             document.mesh_changed, document.work.changed,
         )  # fmt: skip
         follow(changes, self.refresh)
+        theme.notifier().changed.connect(self._show_importance)
         self.refresh()
 
     def _choose_kinds(self) -> None:
@@ -108,5 +117,16 @@ class ClassSection(QWidget):
         self.uncertainty_button.setEnabled(labels.predicted is not None)
         runs = job is not None and isinstance(job.job, ClassesJob)
         missing = classes.missing if labels.current is not None else ""
-        show_note(self.note, missing or ("Classifying …" if runs else classes.said))
+        said = "Classifying …" if runs else classes.said
+        empty = "" if labels.current is None else _EMPTY
+        show_note(self.note, missing or said or empty)
         self.note.setToolTip(_SCORES if classes.said and not missing and not runs else "")
+        self._show_importance()
+
+    def _show_importance(self) -> None:
+        """Draw the importance of the columns, where there is a prediction."""
+        learned = self._document.classes.learned
+        self.importance.setVisible(learned is not None)
+        if learned is not None:
+            self.importance.show_learned(learned)
+        show_note(self.legend, "" if learned is None else self.importance.legend())
