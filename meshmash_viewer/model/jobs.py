@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -179,6 +180,7 @@ class PartJob(_OnMesh):
 
     def run(self, channel: Channel) -> PartReady:
         if self.mask is None:
+            channel.report(Progress("checking", message="Checking the stored eigenpairs"))
             known, remark = _stored(self.mesh, self.operator, channel)
             return PartReady(None, known, remark)
         part = _inspect(self.mesh.masked(self.mask), self.operator, channel)
@@ -276,13 +278,20 @@ def _inspect(
     *,
     path: Path | None = None,
 ) -> MeshReady:
-    """Measure a mesh, and look up its eigenpairs in the store."""
-    channel.report(Progress("inspecting", message="Looking for faults of the mesh"))
-    health = mesh_health(mesh)
-    channel.report(Progress("preparing", message="Preparing the render"))
-    normals = mesh.vertex_normals
-    known, remark = _stored(mesh, operator, channel)
-    sample, small = mesh.area_sample(), mesh.small_components
+    """Measure a mesh, and look up its eigenpairs in the store, meanwhile.
+
+    Reading 300 eigenvectors at a million vertices to compare them with their checksums takes a
+    second, and the measures several: together they take no longer.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        stored = thread.submit(_stored, mesh, operator, channel)
+        channel.report(Progress("inspecting", message="Looking for faults of the mesh"))
+        health = mesh_health(mesh)
+        channel.report(Progress("preparing", message="Preparing the render"))
+        normals, sample, small = mesh.vertex_normals, mesh.area_sample(), mesh.small_components
+        if not stored.done():
+            channel.report(Progress("checking", message="Checking the stored eigenpairs"))
+        known, remark = stored.result()
     return MeshReady(
         mesh,
         health,
@@ -301,5 +310,4 @@ def _stored(
     """Look up the eigenpairs of a mesh in the store."""
     from meshmash_viewer.io.spectrum import find_eigenpairs
 
-    channel.report(Progress("checking", message="Checking the stored eigenpairs"))
     return find_eigenpairs(mesh, operator, cancel=channel.cancelled)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 import shapes
 from listeners import Listener
 
+import meshmash_viewer.io.spectrum as spectrum
+import meshmash_viewer.model.jobs as jobs
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.laplacian import OperatorOptions
@@ -66,6 +69,27 @@ def test_other_voxels_and_repairs_are_derived_and_add_up(sphere: Mesh, listener:
     mended = RepairJob(scaled.mesh, name, path, earlier=("one",)).run(listener)
     assert (mended.repairs, mended.derived, mended.path) == (("one", name), True, path)
     assert listener.reports[0].message == REPAIRS[name].label
+
+
+def test_stored_pairs_are_checked_while_the_mesh_is_measured(
+    sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So a mesh with many stored pairs is shown as early as one with none."""
+    checking, health = threading.Event(), jobs.mesh_health
+    find = spectrum.find_eigenpairs
+
+    def checked(*given: object, **options: object) -> object:
+        checking.set()
+        return find(*given, **options)
+
+    def measured(mesh: Mesh) -> object:
+        assert checking.wait(20.0), "the pairs are checked only afterwards"
+        return health(mesh)
+
+    DecomposeJob(sphere, PLAIN, Target("count", 8)).run(listener)
+    monkeypatch.setattr(spectrum, "find_eigenpairs", checked)
+    monkeypatch.setattr(jobs, "mesh_health", measured)
+    assert len(InspectJob(sphere, PLAIN).run(listener).known) == 8
 
 
 def test_each_job_looks_for_the_pairs_of_its_own_operator(
