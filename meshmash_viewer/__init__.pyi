@@ -5,6 +5,9 @@ from meshmash_viewer.errors import InputError as InputError
 from meshmash_viewer.errors import MeshWarning as MeshWarning
 from meshmash_viewer.errors import MissingValuesWarning as MissingValuesWarning
 from meshmash_viewer.errors import TruncationWarning as TruncationWarning
+from meshmash_viewer.features.points import Points as Points
+from meshmash_viewer.features.points import ProjectedPoints as ProjectedPoints
+from meshmash_viewer.features.points import project_points as project_points
 from meshmash_viewer.features.regions import Regions as Regions
 from meshmash_viewer.features.regions import regions as regions
 from meshmash_viewer.health import largest_component as largest_component
@@ -14,6 +17,8 @@ from meshmash_viewer.io.maps import read_labels as read_labels
 from meshmash_viewer.io.maps import read_maps as read_maps
 from meshmash_viewer.io.maps import read_mask as read_mask
 from meshmash_viewer.io.napari import to_napari as to_napari
+from meshmash_viewer.io.points import read_points as read_points
+from meshmash_viewer.io.points import write_points as write_points
 from meshmash_viewer.io.read import read_mesh as read_mesh
 from meshmash_viewer.io.write import unused_path as unused_path
 from meshmash_viewer.io.write import write_eigenpairs as write_eigenpairs

@@ -10,6 +10,7 @@ from typing import Any
 
 import nibabel.freesurfer
 import numpy as np
+import pandas
 import pytest
 import trimesh
 
@@ -90,6 +91,12 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for sample in ("dendrite", "neuron"):
         (folder / f"{sample}.npz").symlink_to(sample_path(sample))
         (folder / f"{sample}_labels.npz").symlink_to(labels_path(sample))
+    ball = trimesh.creation.icosphere(4, 3000.0).vertices
+    synapses = pandas.DataFrame({"id": range(len(ball)), **dict(zip("xyz", ball.T, strict=True))})
+    synapses.to_parquet(folder / "synapses_nm.parquet")
+    synapses[["x", "y", "z"]] /= [4.0, 4.0, 40.0]
+    synapses.to_csv(folder / "synapses.csv")
+    np.savez(folder / "parts.npz", parts=np.where(ball[:, 2] > 0.0, 1, 2))
     neuron = mv.read_mesh(sample_path("neuron"))
     parts = mv.read_labels(labels_path("neuron"), neuron)
     mv.write_classes(folder / "spines.skops", mv.train_classes(neuron, parts, scored=False))

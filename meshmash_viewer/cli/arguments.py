@@ -31,6 +31,7 @@ _COMMANDS = {
     "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
     "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
     "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
+    "points": ("MESH --points FILE -o OUT", "vertex and features of synapses, counts"),
     "carry": ("A B... --labels L -o OUT", "labels and maps of A at the vertices of others"),
     "train": ("MESH --labels L ... -o OUT.skops", "a model of classes from labels"),
     "predict": ("MESH... --model M -o OUT", "classes by a model"),
@@ -181,7 +182,28 @@ def command_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="the first eigenvalue above zero of each region with a free border",
     )
+    _add_points(measured, required=False)
     _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
+
+    placed = command("points", "project points such as synapses onto the mesh")
+    _add_points(placed)
+    placed.add_argument(
+        "--kind",
+        action="append",
+        choices=tuple(kind for kind, family in EXPORTS.items() if family().makes_features()),
+        default=[],
+        help="features at each point; may be given many times",
+    )
+    _add_columns(placed, f"number of columns, {_usual_counts(EXPORTS)}")
+    _add_families(placed, EXPORTS)
+    placed.add_argument(
+        "--labels", metavar="FILE[:MAP]", help="the label at each point, and counts of each label"
+    )
+    _add_maps(placed)
+    placed.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
+    about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
+    placed.add_argument("--id-map", type=Path, metavar="OUT.npz", help=about)
+    _add_output(placed, "OUT", "table to write: .csv .parquet")
 
     carried = command("carry", "carry labels and maps of the first mesh to the others", None)
     carried.add_argument(
@@ -457,6 +479,44 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         help="solve on these vertices only, NaN elsewhere: those of a label, of all others after -"
         " (lh.aparc.annot:-unknown), with a value but zero, or that meet a condition"
         " ('lh.thickness>0.5', in quotes)",
+    )
+
+
+def _add_points(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add the options of a table of points."""
+    parser.add_argument(
+        "--points",
+        required=required,
+        type=Path,
+        metavar="FILE",
+        help="table of points, such as synapses: CSV, Parquet or Feather",
+    )
+    parser.add_argument(
+        "--position",
+        default="",
+        metavar="NAME",
+        help="which position, where a row has several: pre_pt, ctr_pt_position",
+    )
+    unit = parser.add_mutually_exclusive_group()
+    unit.add_argument(
+        "--points-unit",
+        type=said(_unit),
+        default="",
+        metavar="U",
+        help=f"of the points: {UNIT_FORMS}; default: that of the mesh",
+    )
+    unit.add_argument(
+        "--voxel",
+        type=numbers.number(),
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="size of the voxels that the points count, in the unit of the mesh",
+    )
+    parser.add_argument(
+        "--max-distance",
+        type=numbers.quantity(1),
+        metavar="L",
+        help="from a vertex (unit); default a hundredth of the diagonal of the mesh",
     )
 
 

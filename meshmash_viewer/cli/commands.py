@@ -24,6 +24,7 @@ from meshmash_viewer.cli.batch import (
     until_interrupted,
     with_maps,
 )
+from meshmash_viewer.cli.points import projected
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     check_comparable,
@@ -290,7 +291,11 @@ def _write_measured(mesh: Mesh, options: Namespace) -> Report:
         table = measured_regions(
             mesh, labels, maps, lambda2=options.lambda2, progress=bar, cancel=cancel
         )
+    if options.points is not None:
+        table = table.with_points(projected(mesh, options))
     made: dict[str, Any] = {"labels": options.labels, "repairs": list(options.repair)}
+    if options.points is not None:
+        made["points"] = str(options.points)
     write_regions(path, table, {**made, **({"mask": options.mask} if options.mask else {})})
     n_labels = len(set(table["label"].tolist()))
     report = {

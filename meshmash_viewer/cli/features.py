@@ -133,7 +133,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
     mesh = _with_chosen_maps(prepared(raw, options), family, options, remarks)
     family = family.at_vertices(mesh.vertex_of)
     family.check_mesh(mesh)
-    pairs, target = _solved_target(mesh, family, options, remarks)
+    pairs, target = solved_target(mesh, family, options, remarks)
     seconds = time.perf_counter() - began
     report: dict[str, Any] = {
         "mesh": mesh.name,
@@ -152,7 +152,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
         }
     results: Features | Eigenpairs | None = pairs
     if family.makes_features():
-        results = _computed_features(mesh, family, pairs, target, options, report)
+        results = computed_features(mesh, family, pairs, target, options, report)
     assert results is not None
     made = export_options(
         family.export,
@@ -181,7 +181,7 @@ def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: l
     return with_maps(mesh, options.map)
 
 
-def _solved_target(
+def solved_target(
     mesh: Mesh, family: Family, options: Namespace, remarks: list[str]
 ) -> tuple[Eigenpairs | None, Target]:
     """Return the eigenpairs that a family needs, and the target they were solved for."""
@@ -205,7 +205,7 @@ def _solved_target(
         raise InputError(f"{fault} {limit}".strip()) from fault
 
 
-def _computed_features(
+def computed_features(
     mesh: Mesh,
     family: Family,
     pairs: Eigenpairs | None,

@@ -16,11 +16,13 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
 from meshmash_viewer.surface.edges import connected, edges_of, side_codes
 from meshmash_viewer.surface.necks import neck_widths
-from meshmash_viewer.units import counted, power_unit
+from meshmash_viewer.units import counted, format_quantity, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from meshmash_viewer.features.points import ProjectedPoints
 
 #: Columns that are quantities, and their powers of length.
 POWERS = {
@@ -79,6 +81,40 @@ class Regions:
         """Return the unit of a column, such as "nm²"; "" for none."""
         named = {f"{what} {each.name}": each.unit for each in self.mesh.maps for what in _OF_MAPS}
         return named.get(column) or power_unit(self.mesh.unit, POWERS.get(column, 0))
+
+    def with_points(self, found: ProjectedPoints) -> Regions:
+        """Add the number of points in each region, and the sums of their columns.
+
+        Parameters
+        ----------
+        found : ProjectedPoints
+            On the mesh of the regions; for the columns see `ProjectedPoints.sums`.
+
+        Returns
+        -------
+        Regions
+            With a remark on points in no region.
+
+        Examples
+        --------
+        >>> cap = mv.regions(ball, ball.vertices[:, 2] > 0.5, neck=False)
+        >>> found = mv.project_points(ball, [[0, 0, 1.01], [0.1, 0, 1], [0, 0, -1]])
+        >>> cap.with_points(found)["points"].tolist()
+        [2]
+        """
+        if found.mesh.n_vertices != len(self.rows):
+            raise InputError(
+                f"The points are of a mesh of {found.mesh.n_vertices:,} vertices and the regions of"
+                f" one of {len(self.rows):,}: project them onto the same."
+            )
+        more = found.sums(self.rows, len(self))
+        said = list(self.remarks)
+        if left := found.n_near - int(more["points"].sum()):
+            said.append(f"{counted(left, 'point')} in no region.")
+        if far := len(found) - found.n_near:
+            within = format_quantity(found.max_distance, self.mesh.unit)
+            said.append(f"{counted(far, 'point')} not within {within} of a vertex.")
+        return replace(self, columns={**self.columns, **more}, remarks=tuple(said))
 
     def to_frame(self) -> DataFrame:
         """Return a pandas ``DataFrame``, one row a region."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.atomic import writing_errors, written_whole
-from meshmash_viewer.io.formats.tables import is_label_set, text_layout
+from meshmash_viewer.io.formats.tables import is_label_set, text_rows
 from meshmash_viewer.units import LENGTH_UNITS
 
 __all__ = ["MOST_PINS", "PinTable", "is_pin_table", "pin_table", "read_pins", "write_pins"]
@@ -76,7 +76,7 @@ def read_pins(path: str | Path) -> PinTable:
     try:
         if path.stat().st_size > _LARGEST:
             raise InputError(f"{path.name} is too large for a table of pins: select some rows.")
-        rows, decimal = _rows(path)
+        rows, decimal = text_rows(path)
     except OSError as fault:
         raise InputError(
             f"{path} cannot be read ({fault.strerror}): check its name and permission."
@@ -124,22 +124,13 @@ def is_pin_table(path: str | Path) -> bool:
     try:
         if path.suffix.lower() not in (".csv", ".tsv") or path.stat().st_size > _LARGEST:
             return False
-        names = next(iter(_rows(path)[0]), [])
+        names = next(iter(text_rows(path)[0]), [])
         columns = _columns(names)
     except (OSError, csv.Error):
         return False
     placed = "index" in columns or columns.keys() >= set(_AXES)
     labels = is_label_set(names) and not columns.keys() >= set(_AXES) and "index" not in names
     return not labels and placed and ("name" in columns or "color" in columns)
-
-
-def _rows(path: Path) -> tuple[list[list[str]], str]:
-    """Return the rows that are not empty, that of the names first, and the decimal sign."""
-    layout, separator, decimal = text_layout(path)
-    text = path.read_text(layout["encoding"], "replace").removeprefix("\ufeff")
-    lines = text.splitlines()[layout["skip_rows"] :]
-    rows = [row for row in csv.reader(lines, delimiter=separator) if any(map(str.strip, row))]
-    return ([layout["column_names"]] if layout["column_names"] else []) + rows, decimal
 
 
 def _columns(names: Sequence[str]) -> dict[str, int]:

@@ -40,7 +40,8 @@ class FeatureTable:
     extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     #: Names of the numbers in a label set.
     labels: tuple[Label, ...] = ()
-    #: What a row is: a "vertex", or else a "pair" or "region" of which the archive has all columns.
+    #: What a row is: a "vertex", or else a "pair", "region" or "point" of which the archive has all
+    #: columns.
     index: str = "vertex"
 
     @property
@@ -299,7 +300,7 @@ MESH_WRITERS: dict[str, Writer] = {
     ".surf.gii": _gifti_surface,
 }
 
-#: The same for what a map is on eigenpairs, and for regions.
+#: The same for what a map is on eigenpairs, for regions, and for points.
 SPECTRUM_WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
 
 #: The same for label sets.
@@ -340,6 +341,7 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "movie": ("movies", dict.fromkeys(MOVIE_ENDINGS)),
     "scene": ("scenes", dict.fromkeys(SCENE_ENDINGS)),
     "pins": ("pins", {".csv": None}),
+    "points": ("points", SPECTRUM_WRITERS),
 }
 
 

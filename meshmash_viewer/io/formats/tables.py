@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import csv
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 #: What stands where a number is missing, besides those that pyarrow knows.
 _MISSING = ("None", "none", "NONE", "Null", "<NA>", "Nan", "nAn", "-", ".", "?", "NaT", "missing")
 #: Columns that only count the rows, as pandas calls them.
-_ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
+ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
 #: Columns that describe the one called "label".
 _TEXTS = ("name", "color", "colour")
 #: Bytes from which the kind of a table is known.
@@ -104,6 +105,20 @@ def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
     return layout, separator, decimal
 
 
+def text_rows(path: Path, most: int = -1) -> tuple[list[list[str]], str]:
+    """Return the rows that are not empty, that of the names first, and the decimal sign.
+
+    With `most`, only those of about so many characters are read.
+    """
+    layout, separator, decimal = text_layout(path)
+    with path.open(encoding=layout["encoding"], errors="replace") as file:
+        lines = file.read(most).removeprefix("\ufeff").splitlines()[layout["skip_rows"] :]
+    if most >= 0:
+        lines = lines[:-1] or lines  # the last one is not whole
+    rows = [row for row in csv.reader(lines, delimiter=separator) if any(map(str.strip, row))]
+    return ([layout["column_names"]] if layout["column_names"] else []) + rows, decimal
+
+
 def _encoding(beginning: bytes) -> str:
     """UTF-16 or UTF-8 by their marks, UTF-8 without, and else that of Windows."""
     if beginning.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -124,8 +139,13 @@ def _is_number(word: str) -> bool:
     try:
         float(word)
     except ValueError:
-        return word in _MISSING or word.lower() in ("", "na", "n/a", "#n/a", "null")
+        return is_missing(word)
     return "_" not in word
+
+
+def is_missing(word: str) -> bool:
+    """Whether a field says that there is no value, other than NaN."""
+    return word in _MISSING or word.lower() in ("", "na", "n/a", "#n/a", "null")
 
 
 def _maps(table: pyarrow.Table) -> RawMesh:
@@ -144,7 +164,7 @@ def _maps(table: pyarrow.Table) -> RawMesh:
         except InputError as fault:
             left_out.append(f"{printable(name, 60)!r} ({fault})")
             continue
-        if name not in _ROW_NUMBERS or not np.array_equal(values, np.arange(len(values))):
+        if name not in ROW_NUMBERS or not np.array_equal(values, np.arange(len(values))):
             columns.append((name, values))
     order, rows = _rows([values for name, values in columns if name == "vertex"])
     found = [

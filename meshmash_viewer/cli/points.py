@@ -1,0 +1,105 @@
+"""The command points: nearest vertices of points, and what is there."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from dataclasses import replace
+from typing import Any
+
+from meshmash_viewer.cli.arguments import chosen_family, options_of, refuse_others
+from meshmash_viewer.cli.batch import Report, for_each, with_maps
+from meshmash_viewer.cli.features import computed_features, solved_target
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.points import ProjectedPoints, project_points
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.io.maps import read_labels
+from meshmash_viewer.io.points import read_points, write_points
+from meshmash_viewer.io.write import check_output
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.units import counted, format_quantity, written_unit
+from meshmash_viewer.vertex_map import VertexMap
+
+
+def projected(mesh: Mesh, options: Namespace) -> ProjectedPoints:
+    """Read the points of the options, and project them onto a mesh."""
+    unit = options.points_unit
+    if options.voxel is not None:
+        if not mesh.unit:
+            raise InputError("--voxel is in the unit of the mesh, which states none: give --unit.")
+        unit = written_unit(mesh.unit, tuple(options.voxel))
+    points = read_points(options.points, unit, options.position)
+    return project_points(mesh, points, options.max_distance)
+
+
+def points(options: Namespace) -> int:
+    """Project points onto a mesh, and write them with what is at their vertices."""
+    if options.output.suffix.lower() == ".npz":
+        raise InputError(f"{options.output} is no table: end it in .csv or .parquet, or --id-map.")
+    check_output(options.output, "points")
+    if options.id_map is not None:
+        if options.id_map.suffix.lower() != ".npz":
+            raise InputError(f"--id-map {options.id_map} is written as NPZ: end it in .npz.")
+        check_output(options.id_map, "points")
+    families = [EXPORTS[kind] for kind in options.kind]
+    own = [each.option for family in families for each in options_of(family).values()]
+    refuse_others(options, EXPORTS, own)
+    return for_each(options, lambda mesh, _, own: _write(mesh, own))
+
+
+def _write(mesh: Mesh, options: Namespace) -> Report:
+    began = time.perf_counter()
+    found = projected(mesh, options)
+    remarks = list(found.remarks)
+    maps: list[VertexMap] = list(with_maps(mesh, options.map).maps[len(mesh.maps) :])
+    report: dict[str, Any] = {
+        "mesh": mesh.name,
+        "output": str(options.output),
+        "unit": mesh.unit,
+        "n_points": len(found),
+        "n_near": found.n_near,
+        "max_distance": found.max_distance,
+        "remarks": remarks,
+    }
+    if options.labels:
+        labels = read_labels(options.labels, mesh)
+        maps.insert(0, replace(labels, name="label"))
+        columns = found.per_label(labels)
+        report["labels"] = {name: values.tolist() for name, values in columns.items()}
+    features = [_features(mesh, kind, options, remarks) for kind in dict.fromkeys(options.kind)]
+    made = {
+        "features": list(options.kind),
+        "labels": options.labels,
+        "repairs": list(options.repair),
+        "mask": options.mask,
+    }
+    write_points(options.output, found, *maps, *features, meta=made)
+    if options.id_map is not None:
+        write_points(options.id_map, found, meta=made)
+    report["seconds"] = round(time.perf_counter() - began, 3)
+    within = format_quantity(found.max_distance, mesh.unit)
+    of = f"{found.n_near:,} of {counted(len(found), 'point')}"
+    said = f"{options.output}: {of} within {within} of a vertex"
+    if options.labels:
+        counts = zip(report["labels"]["label"], report["labels"]["points"], strict=True)
+        said += "; " + ", ".join(f"{name} {count:,}" for name, count in counts)
+    return report, said
+
+
+def _features(mesh: Mesh, kind: str, options: Namespace, remarks: list[str]) -> Features:
+    """Compute the features of a kind, with those of the options that are its own."""
+    known = {each.option for each in options_of(EXPORTS[kind]).values()}
+    others = (each.option for family in EXPORTS.values() for each in options_of(family).values())
+    without = dict.fromkeys(option for option in others if option not in known)
+    options = Namespace(**{**vars(options), **without, "kind": kind, "tail": None})
+    options.component_column = False
+    family = chosen_family(options, EXPORTS).at_vertices(mesh.vertex_of)
+    family.check_mesh(mesh)
+    said: list[str] = []
+    for each in mesh.maps:
+        mesh = mesh.without_map(each.name)
+    pairs, target = solved_target(mesh, family, options, said)
+    found = computed_features(mesh, family, pairs, target, options, {"remarks": said})
+    remarks += [f"{kind}: {each}" for each in said]
+    return found

@@ -1,0 +1,406 @@
+"""Points near a mesh, such as synapses: nearest vertices, counts, sums, and features there."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.quantities import parse_unit
+from meshmash_viewer.units import (
+    METRES,
+    NO_VOXEL,
+    Voxel,
+    counted,
+    format_quantity,
+    format_share,
+    written_unit,
+)
+from meshmash_viewer.vertex_map import VertexMap
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from scipy.spatial import cKDTree
+
+#: Default of the largest distance from a vertex, as a share of the diagonal of the mesh.
+NEAR = 0.01
+#: Names of columns whose values are identifiers, of which sums mean nothing.
+_IDENTIFIER = re.compile(
+    "(.*[^a-z])?((pre|post)?(root|body|seg|segment|supervoxel|synapse|cell)_?)?ids?", re.IGNORECASE
+)
+#: Voxels that volumes of electron microscopy often have, in nm.
+_VOXELS = ((4, 4, 40), (8, 8, 40), (16, 16, 40), (32, 32, 40), (4, 4, 30), (8, 8, 8), (16, 16, 16))
+#: Points that are looked at to find their likely unit.
+_SAMPLE = 300
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points with their other columns, as a file has them; see `read_points`.
+
+    Parameters
+    ----------
+    positions : array_like, shape (k, 3)
+        Finite coordinates.
+    columns : dict of str to ndarray, shape (k,)
+        Numbers, or objects: text, and whole numbers of which some are missing, as None.
+    unit : str
+        As `parse_unit` reads it: "µm", or "4 × 4 × 40 nm" for coordinates that count voxels; "" for
+        that of the mesh.
+    id : str
+        The column that identifies them; "" for none.
+    name : str
+    path : str
+        The file; "" if they are from a script.
+    remarks : tuple of str
+        What was left out.
+
+    Raises
+    ------
+    InputError
+        If there is no point, or a coordinate is not finite.
+
+    Examples
+    --------
+    >>> two = mv.Points([[0, 0, 1.01], [0, 1, 0]], {"size": np.array([3, 4])})
+    >>> len(two), two.summed
+    (2, ('size',))
+    """
+
+    positions: FloatArray
+    columns: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    unit: str = ""
+    id: str = ""
+    name: str = ""
+    path: str = ""
+    remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        given = np.array(self.positions, dtype=np.float64)
+        if given.ndim != 2 or given.shape[1] != 3 or not len(given):
+            raise InputError(f"Points of shape {given.shape} are none: give positions (k, 3).")
+        if bad := int(np.count_nonzero(~np.isfinite(given).all(axis=1))):
+            raise InputError(f"{counted(bad, 'point')} of {len(given):,} not finite: leave it out.")
+        object.__setattr__(self, "positions", given)
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.positions)
+
+    @cached_property
+    def summed(self) -> tuple[str, ...]:
+        """Names of the columns that have sums: those of numbers, but no identifiers."""
+        return tuple(
+            name
+            for name, values in self.columns.items()
+            if name != self.id and not _IDENTIFIER.fullmatch(name) and _is_numeric(values)
+        )
+
+    def positions_in(self, mesh: Mesh, unit: str = "") -> FloatArray:
+        """Return the positions in the unit of a mesh, shape (k, 3); `unit` replaces their own."""
+        voxel, own = parse_unit(unit or self.unit) if unit or self.unit else (NO_VOXEL, mesh.unit)
+        if own == mesh.unit:
+            return self.positions * voxel
+        if not (own and mesh.unit):
+            if own:
+                raise InputError(f"The mesh states no unit, and the points are in {own}: state it.")
+            raise InputError(f"The points have no unit, and the mesh is in {mesh.unit}: state it.")
+        return self.positions * voxel * 10.0 ** (METRES[own] - METRES[mesh.unit])
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedPoints:
+    """Points with the nearest vertex of a mesh, a result of `project_points`.
+
+    Parameters
+    ----------
+    points : Points
+    mesh : Mesh
+    positions : ndarray of float64, shape (k, 3)
+        In the unit of the mesh.
+    vertices : ndarray of int64, shape (k,)
+        Nearest vertex of the mesh, -1 for points that are farther than `max_distance`.
+    distances : ndarray of float64, shape (k,)
+        From that vertex; NaN for those.
+    max_distance : float
+    remarks : tuple of str
+        What was left out, and whether the points may be in another unit.
+
+    Examples
+    --------
+    >>> found = mv.project_points(ball, ball.vertices[[5, 7]] * 1.01)
+    >>> found.vertices.tolist(), found.at(ball.vertices)[:, 2].round(2).tolist()
+    ([5, 7], [0.85, -0.85])
+    """
+
+    points: Points
+    mesh: Mesh
+    positions: FloatArray
+    vertices: IntArray
+    distances: FloatArray
+    max_distance: float
+    remarks: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.vertices)
+
+    @cached_property
+    def near(self) -> npt.NDArray[np.bool_]:
+        """Which points have a vertex, shape (k,)."""
+        return np.asarray(self.vertices >= 0)
+
+    @property
+    def n_near(self) -> int:
+        """How many points have a vertex."""
+        return int(np.count_nonzero(self.near))
+
+    @property
+    def file_vertices(self) -> IntArray:
+        """The vertices by their index in the mesh file, before all repairs; -1 for none."""
+        return np.where(self.near, self.mesh.file_indices[self.vertices], -1)
+
+    def at(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Values of shape (n, ...) at the vertex of each point; NaN, or None, without one."""
+        found = values[self.vertices]
+        if not self.near.all():
+            kind = found.dtype if found.dtype.kind in "fO" else np.float64
+            found = found.astype(kind)
+            found[~self.near] = None if found.dtype.kind == "O" else np.nan
+        return found
+
+    def sums(self, groups: npt.NDArray[np.integer], n_groups: int) -> dict[str, npt.NDArray[Any]]:
+        """Count the points of each group, and sum their columns without rounding between.
+
+        Parameters
+        ----------
+        groups : ndarray of int, shape (n,)
+            Group of each vertex from 0, -1 for none.
+        n_groups : int
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n_groups,)
+            ``points``, and ``sum NAME`` of each column of `Points.summed`, without missing values.
+        """
+        of_point = np.where(self.near, groups[self.vertices], -1)
+        inside = np.flatnonzero(of_point >= 0)
+        order = inside[np.argsort(of_point[inside], kind="stable")]
+        counts = np.bincount(of_point[inside], minlength=n_groups)
+        ends = np.cumsum(counts)[:-1]
+        result: dict[str, npt.NDArray[Any]] = {"points": counts}
+        for name in self.points.summed:
+            parts = np.split(self.points.columns[name][order], ends)
+            result[f"sum {name}"] = np.array([_sum(part) for part in parts])
+        return result
+
+    def per_label(self, labels: VertexMap | npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
+        """Count the points of each label or domain, and sum their columns.
+
+        Parameters
+        ----------
+        labels : VertexMap or array_like, shape (n,)
+            Without names, each number is one, also 0 and -1.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``label``, and those of `sums`.
+
+        Examples
+        --------
+        >>> found = mv.project_points(ball, ball.vertices[:10] * 1.01, 0.1)
+        >>> found.per_label(ball.vertices[:, 2] > 0)["points"].tolist()
+        [6, 4]
+        """
+        if isinstance(labels, VertexMap) and labels.labels:
+            fitted = self.mesh.with_maps(labels).maps[-1]
+            groups = np.nan_to_num(fitted.shown, nan=-1.0).astype(np.int64)
+            names = np.array([each.name for each in fitted.labels])
+        else:
+            values = np.asarray(labels.values if isinstance(labels, VertexMap) else labels)
+            if values.shape != (self.mesh.n_vertices,):
+                raise InputError(
+                    f"Labels of shape {values.shape} do not fit {self.mesh.n_vertices:,} vertices:"
+                    " give one a vertex."
+                )
+            names, groups = np.unique(values, return_inverse=True)
+            if names.dtype.kind == "f" and np.array_equal(names, np.rint(names)):
+                names = names.astype(np.int64)
+        return {"label": names, **self.sums(groups, len(names))}
+
+    def table(self, *features: Features | VertexMap) -> dict[str, npt.NDArray[Any]]:
+        """Return all columns by name, one row a point, with features or maps at its vertex.
+
+        After those of `Points` come ``x``, ``y``, ``z`` in the unit of the mesh, ``vertex``, the
+        index in the mesh file, and ``distance``. Points without a vertex have None as that, and NaN
+        or None after it. Of a map with labels, names are given. A name that is taken gets a number.
+        """
+        vertex = self.at(self.mesh.file_indices.astype(object))
+        own = {**dict(zip("xyz", self.positions.T, strict=True)), "vertex": vertex}
+        if self.near.all():
+            own["vertex"] = vertex.astype(np.int64)
+        found = dict(self.points.columns)
+        more = [*own.items(), ("distance", self.distances)]
+        for each in features:
+            if isinstance(each, Features):
+                more += [*zip(each.columns, self.at(each.values).T, strict=True)]
+            else:
+                more.append((each.name, self.at(_named_values(self.mesh.with_maps(each).maps[-1]))))
+        for name, values in more:
+            free, number = name, 2
+            while free in found:
+                free, number = f"{name} {number}", number + 1
+            found[free] = values
+        return found
+
+    def to_frame(self, *features: Features | VertexMap) -> DataFrame:
+        """Return the columns of `table` as a pandas ``DataFrame``."""
+        import pandas
+
+        return pandas.DataFrame(self.table(*features))
+
+    def id_to_mesh_map(self) -> IntArray:
+        """Return identifier and vertex in the file of each point that has one, shape (m, 2).
+
+        `InputError` is raised if there is no column of identifiers, or they are no whole numbers.
+        """
+        ids = self.points.columns.get(self.points.id)
+        if ids is None:
+            raise InputError(f"{self.points.name or 'The table'} has no column id: name one so.")
+        if ids.dtype.kind not in "iu":
+            raise InputError(f"The column {self.points.id} is not a whole number in each row.")
+        return np.column_stack([ids, self.file_vertices])[self.near].astype(np.int64)
+
+    def describe(self, point: int) -> str:
+        """Write what a point is: its identifier or row, and its distance from the vertex."""
+        ids = self.points.columns.get(self.points.id)
+        named = f"point {point:,}" if ids is None else f"{self.points.id} {ids[point]}"
+        return f"{named}, {format_quantity(float(self.distances[point]), self.mesh.unit)} away"
+
+
+def project_points(
+    mesh: MeshLike, points: Points | npt.ArrayLike, max_distance: float | None = None
+) -> ProjectedPoints:
+    """Find the nearest vertex of each point.
+
+    Vertices of no face are not taken.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+    points : Points or array_like, shape (k, 3)
+        Positions alone are in the unit of the mesh.
+    max_distance : float, optional
+        Distance up to which a point has a vertex, in the unit of the mesh; by default a hundredth
+        of the diagonal of the mesh, at least two edges of a typical triangle. ``np.inf`` for all
+        points.
+
+    Returns
+    -------
+    ProjectedPoints
+
+    Raises
+    ------
+    InputError
+        If no point is within the distance; the message names the likely unit.
+
+    Examples
+    --------
+    >>> found = mv.project_points(ball, [[0, 0, 1.01], [0, 0, 9]])
+    >>> ball.vertices[found.vertices[0]].round(3).tolist(), found.near.tolist()
+    ([0.0, 0.0, 1.0], [True, False])
+    """
+    from scipy.spatial import cKDTree
+
+    surface = as_mesh(mesh)
+    table = points if isinstance(points, Points) else Points(np.asarray(points, dtype=np.float64))
+    places = table.positions_in(surface)
+    low, high = surface.bounds
+    limit = max_distance
+    if limit is None:
+        typical = 3.0 * math.sqrt(surface.area / surface.n_faces)
+        limit = max(NEAR * float(np.linalg.norm(high - low)), typical)
+    if not limit >= 0.0:
+        raise InputError(f"The largest distance is {limit}: give a number from 0.")
+    used = np.flatnonzero(surface.referenced)
+    tree = cKDTree(surface.vertices[used], compact_nodes=False, balanced_tree=False)
+    far = np.nextafter(limit, np.inf)
+    distances, found = map(np.asarray, tree.query(places, distance_upper_bound=far))
+    near = np.isfinite(distances)
+    vertices = np.full(len(places), -1, dtype=np.int64)
+    vertices[near] = used[found[near]]
+    distances[~near] = np.nan
+    outside = int((((places < low - limit) | (places > high + limit)).any(axis=1)).sum())
+    remark = ""
+    if np.count_nonzero(near) < 0.5 * len(near):
+        remark = _elsewhere(surface, table, tree, limit, outside, int(np.count_nonzero(near)))
+    if not near.any():
+        within = format_quantity(limit, surface.unit)
+        of = f" of {table.name}" if table.name else ""
+        remedy = remark or "check the unit of the points, or allow a larger distance."
+        raise InputError(f"No point{of} is within {within} of the mesh; {remedy}")
+    said = (*table.remarks, remark) if remark else table.remarks
+    return ProjectedPoints(table, surface, places, vertices, distances, limit, said)
+
+
+def likely_unit(mesh: Mesh, points: Points, tree: cKDTree, limit: float) -> tuple[str, float]:
+    """Return the unit in which most points are near a mesh, and their share; "" for none."""
+    sample = Points(points.positions[:: max(1, len(points) // _SAMPLE)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.rint(mesh.bounds.mean(axis=0) / np.median(points.positions, axis=0))
+    sizes: list[Sequence[float]] = [ratio.tolist(), *_VOXELS] if mesh.unit == "nm" else [ratio]
+    voxels: list[Voxel] = [mesh.voxel]
+    voxels += [(x, y, z) for x, y, z in sizes if min(x, y, z) > 0.0 and math.isfinite(x + y + z)]
+    units = [written_unit(mesh.unit, each) for each in voxels if mesh.unit and each != NO_VOXEL]
+    units += [each for each in ("nm", "µm", "mm") if mesh.unit and each != mesh.unit]
+    best, most = "", 0.0
+    for unit in units:
+        places = sample.positions_in(mesh, unit)
+        distances, _ = tree.query(places, distance_upper_bound=limit)
+        share = float(np.isfinite(distances).mean())
+        if share > most:
+            best, most = unit, share
+    return best, most
+
+
+def _elsewhere(
+    mesh: Mesh, points: Points, tree: cKDTree, limit: float, outside: int, n_near: int
+) -> str:
+    """Say that most points are far from a mesh, and in which unit they would not be."""
+    unit, share = likely_unit(mesh, points, tree, limit)
+    where = f"{outside:,} of {counted(len(points), 'point')} lie outside the box of the mesh"
+    if share > max(0.5, 2.0 * n_near / len(points)):
+        near = f"in {unit} {format_share(share, 2)} are near it: state that as their unit"
+        return f"{where}, and {near}." if outside else f"{near}."
+    return f"{where}: check their unit, or allow a larger distance." if outside else ""
+
+
+def _is_numeric(values: npt.NDArray[Any]) -> bool:
+    if values.dtype.kind != "O":
+        return values.dtype.kind in "biuf"
+    return all(each is None or isinstance(each, int) for each in values.tolist())
+
+
+def _sum(values: npt.NDArray[Any]) -> float | int:
+    """The sum without missing values: exact of whole numbers, else rounded once."""
+    known = [each for each in values.tolist() if each is not None and each == each]
+    return sum(known) if values.dtype.kind in "biuO" else math.fsum(known)
+
+
+def _named_values(known: VertexMap) -> npt.NDArray[Any]:
+    """Values of a map, or the names of its labels, None without one."""
+    if not known.labels:
+        return known.values
+    names = np.array([*(each.name for each in known.labels), None], dtype=object)
+    return np.asarray(names[np.nan_to_num(known.shown, nan=-1.0).astype(np.int64)])

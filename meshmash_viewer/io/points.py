@@ -1,0 +1,373 @@
+"""Tables of points, such as synapses: CSV, Parquet and Feather."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import math
+import re
+from collections.abc import Iterable, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.errors import InputError, not_installed, printable
+from meshmash_viewer.features.points import Points, ProjectedPoints
+from meshmash_viewer.io.formats.tables import ROW_NUMBERS, is_missing, text_rows
+from meshmash_viewer.io.write import write_table
+from meshmash_viewer.io.writers import FeatureTable
+from meshmash_viewer.units import counted
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.vertex_map import VertexMap
+
+_TEXT_ENDINGS = (".csv", ".tsv", ".txt")
+#: Endings of tables of points.
+POINT_ENDINGS = (*_TEXT_ENDINGS, ".parquet", ".feather", ".arrow")
+_AXES = ("x", "y", "z")
+#: The name of a column of one coordinate: "x", "ctr_pt_x", "pre_pt_position_x".
+_AXIS = re.compile(r"(?:(?P<stem>.+)[_ .])?(?P<axis>[xyz])", re.IGNORECASE)
+_NUMBER = r"(?:np\.\w+\()?([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\)?"
+#: Three numbers in one field: "[1 2 3]", "(1.5, 2, 3)".
+_TRIPLE = re.compile(rf"\s*[\[(]\s*{_NUMBER}[\s,;]+{_NUMBER}[\s,;]+{_NUMBER}\s*[\])]\s*")
+#: Names of the column that identifies a point, in lower case.
+_IDS = ("id", "synapse_id", "point_id", "object_id")
+#: Characters of a text from which its columns are known.
+_BEGINNING = 20_000
+_TRUTHS = {"true": True, "false": False}
+
+Columns = dict[str, npt.NDArray[Any]]
+
+
+class SeveralPositionsError(InputError):
+    """A table has several positions in a row, of which one has to be named."""
+
+    def __init__(self, name: str, stems: Iterable[str]) -> None:
+        self.stems = tuple(stem or "x" for stem in stems)
+        named = ", ".join(self.stems)
+        super().__init__(f"{name} has several positions in a row: name one of {named}.")
+
+
+def read_points(
+    table: str | Path | Mapping[str, Any], unit: str = "", position: str = ""
+) -> Points:
+    """Read points with the other columns of their table, which keep their types.
+
+    Positions are three columns ``x``, ``y``, ``z``, or such as ``ctr_pt_x``, ``ctr_pt_y``,
+    ``ctr_pt_z``; or one of three numbers such as ``ctr_pt_position``, in text as "[1 2 3]". Rows
+    without one are left out. A column ``id`` or ``synapse_id`` identifies the points.
+
+    Parameters
+    ----------
+    table : str, Path or mapping of str to array_like
+        CSV, Parquet or Feather file, or a table in memory such as a pandas ``DataFrame``.
+    unit : str
+        Unit of the positions: "nm", or "4 x 4 x 40 nm" if they count voxels; "" for that of the
+        mesh that they will be projected onto.
+    position : str
+        Which position, where there are several: "pre_pt_position".
+
+    Returns
+    -------
+    Points
+        With a remark on rows that are left out.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has no rows or no positions, or several of which none is named.
+
+    Examples
+    --------
+    >>> synapses = mv.read_points({"ctr_pt_position": [[0, 0, 1], [0, 1, 0]], "size": [310, 25]})
+    >>> synapses.positions.tolist(), synapses.columns["size"].tolist()
+    ([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]], [310, 25])
+    """
+    path = Path(table) if isinstance(table, (str, Path)) else None
+    name = "The table" if path is None else path.name
+    if path is None:
+        columns = {str(key): _held(table[key]) for key in table.keys()}  # type: ignore[index,union-attr]  # noqa: SIM118
+    else:
+        columns = _read(path)
+    columns = {each: values for each, values in columns.items() if not _counts_rows(each, values)}
+    if not any(map(len, columns.values())):
+        raise InputError(f"{name} has no rows: export it again.")
+    found = _positions(columns)
+    if position:
+        found = {stem: names for stem, names in found.items() if position in (stem, *names)}
+    if not found:
+        named = ", ".join(printable(each, 30) for each in columns) or "none"
+        wanted = f"no position {position!r}" if position else "no position"
+        raise InputError(
+            f"{name} has {wanted}, which three columns such as x, y, z are, or one of three"
+            f" numbers: its columns are {named}."
+        )
+    if len(found) > 1:
+        raise SeveralPositionsError(name, found)
+    names = next(iter(found.values()))
+    places = _coordinates(name, columns, names)
+    given = np.isfinite(places).all(axis=1)
+    if not given.any():
+        raise InputError(f"{name} has no position in any of its rows: export it again.")
+    left_out = int(np.count_nonzero(~given))
+    others = {each: values for each, values in columns.items() if each not in names}
+    lower = {each.lower(): each for each in others}
+    return Points(
+        places[given],
+        {each: values[given] for each, values in others.items()} if left_out else others,
+        unit,
+        next((lower[each] for each in _IDS if each in lower), ""),
+        "" if path is None else path.name,
+        "" if path is None else str(path.absolute()),
+        (f"{counted(left_out, 'row')} without a position left out.",) if left_out else (),
+    )
+
+
+def has_positions(path: Path) -> bool:
+    """Whether a file is a table of points: with a position in each row, for no named vertices."""
+    try:
+        columns = _read(path, beginning=True)
+    except InputError:
+        return False
+    return "vertex" not in columns and bool(_positions(columns))
+
+
+def write_points(
+    path: str | Path,
+    found: ProjectedPoints,
+    *features: Features | VertexMap,
+    meta: dict[str, Any] | None = None,
+) -> None:
+    """Write points with their vertex, distance, and features there, as CSV, Parquet or NPZ.
+
+    Columns are those of `ProjectedPoints.table`. NPZ is the map from identifiers to vertices alone,
+    ``id_to_mesh_map`` of shape (m, 2).
+
+    Parameters
+    ----------
+    path : str or Path
+    found : ProjectedPoints
+    *features : Features or VertexMap
+        Of the vertices of its mesh.
+    meta : dict, optional
+        JSON-able options that led to it, or a result of `provenance`.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown, the file cannot be written, or a map has no identifiers.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> synapses = mv.read_points({"id": [7, 9], "x": [0, 0], "y": [0, 1], "z": [1, 0]})
+    >>> found = mv.project_points(ball, synapses)
+    >>> with TemporaryDirectory() as folder:
+    ...     mv.write_points(folder + "/synapses.npz", found)
+    ...     np.load(folder + "/synapses.npz")["id_to_mesh_map"][:, 0].tolist()
+    [7, 9]
+    """
+    if Path(path).suffix.lower() == ".npz":
+        columns: Columns = {"id_to_mesh_map": found.id_to_mesh_map()}
+    else:
+        columns = found.table(*features)
+    table = FeatureTable(
+        np.empty((len(found), 0)), (), found.mesh, np.empty(0), archive=columns, index="point"
+    )
+    said = {
+        "kind": "points",
+        "points": found.points.path or found.points.name,
+        "points_unit": found.points.unit or found.mesh.unit,
+        "unit": found.mesh.unit,
+        "max_distance": found.max_distance,
+        "remarks": list(found.remarks),
+    }
+    write_table(path, "points", table, said, meta)
+
+
+# -- files -------------------------------------------------------------------------------------
+
+
+def _read(path: Path, *, beginning: bool = False) -> Columns:
+    """Read the columns of a file; of its `beginning` some rows."""
+    ending = path.suffix.lower()
+    if ending not in POINT_ENDINGS:
+        raise InputError(
+            f"{path.name} is no table of points: give one of {' '.join(POINT_ENDINGS)}."
+        )
+    try:
+        if ending in _TEXT_ENDINGS:
+            rows, decimal = text_rows(path, _BEGINNING if beginning else -1)
+            return _text_columns(path.name, rows, decimal)
+        return _arrow_columns(path, ending, beginning)
+    except ModuleNotFoundError as fault:
+        raise InputError(f"{path.name} is read by {not_installed('pyarrow')}.") from fault
+    except OSError as fault:
+        said = fault.strerror or printable(fault)
+        raise InputError(f"{path} cannot be read ({said}): check its name and content.") from fault
+    except csv.Error as fault:
+        raise InputError(f"{path.name} is no table ({fault}): choose another file.") from fault
+
+
+def _text_columns(name: str, rows: list[list[str]], decimal: str) -> Columns:
+    if not rows:
+        raise InputError(f"{name} is empty: export it again.")
+    names, width = [each.strip() for each in rows[0]], len(rows[0])
+    if repeated := sorted({each for each in names if names.count(each) > 1}):
+        raise InputError(f"{name} has two columns called {repeated[0]!r}: rename one.")
+    for at, row in enumerate(rows[1:], 1):
+        if len(row) != width:
+            raise InputError(
+                f"{name} has {len(row)} fields in row {at} and {width} columns: correct that row."
+            )
+    return {
+        each: _typed([row[at].strip() for row in rows[1:]], decimal)
+        for at, each in enumerate(names)
+    }
+
+
+def _typed(texts: list[str], decimal: str) -> npt.NDArray[Any]:
+    """Whole numbers, numbers, truth values or text; None, or NaN among numbers, where missing."""
+    if "_" not in "".join(texts):  # which Python takes for digits grouped
+        for kind in (int, float):
+            with contextlib.suppress(ValueError):  # such as in a column of text
+                found = [kind(text.replace(decimal, ".")) for text in texts]
+                if not any(map(math.isnan, found)):
+                    return _packed(found)
+    missing = {text for text in set(texts) if is_missing(text) or text.lower() == "nan"}
+    if missing and len(missing) < len(set(texts)):
+        known = _typed([text for text in texts if text not in missing], decimal).tolist()
+        rest = iter(known)
+        return _packed([None if text in missing else next(rest) for text in texts])
+    if {text.lower() for text in texts} <= _TRUTHS.keys():
+        return np.array([_TRUTHS[text.lower()] for text in texts])
+    return _packed([None if text in missing else text for text in texts])
+
+
+def _packed(values: list[Any]) -> npt.NDArray[Any]:
+    """An array of the type of the values; of objects where it could not hold them all."""
+    kinds = {type(each) for each in values}
+    if float in kinds and kinds <= {float, int, type(None)}:
+        return np.array([np.nan if each is None else each for each in values])
+    if len(kinds) == 1 and kinds <= {bool, int}:
+        made = np.array(values)
+        if made.dtype.kind in "bi":  # not beyond 64 bits
+            return made
+    made = np.empty(len(values), dtype=object)
+    made[:] = values
+    return made
+
+
+def _held(given: Any) -> npt.NDArray[Any]:
+    """A column in memory; text, and lists such as three numbers, as objects."""
+    made = np.asarray(given)
+    return made if made.ndim == 1 and made.dtype.kind not in "US" else _packed(list(given))
+
+
+def _counts_rows(name: str, values: npt.NDArray[Any]) -> bool:
+    """Whether a column is the number of each row, as pandas adds it."""
+    whole = name in ROW_NUMBERS and values.dtype.kind in "iu"
+    return whole and np.array_equal(values, np.arange(len(values)))
+
+
+def _arrow_columns(path: Path, ending: str, beginning: bool) -> Columns:
+    import pyarrow
+    import pyarrow.ipc
+    import pyarrow.parquet
+
+    try:
+        if ending == ".parquet":
+            with pyarrow.parquet.ParquetFile(path) as file:
+                batches = list(islice(file.iter_batches(100), 1)) if beginning else []
+                schema = file.schema_arrow
+                table = pyarrow.Table.from_batches(batches, schema) if beginning else file.read()
+        else:
+            import pyarrow.feather
+
+            table = pyarrow.feather.read_table(path, memory_map=False)
+    except pyarrow.ArrowException as fault:
+        raise InputError(
+            f"{path.name} is no table ({printable(fault)}): export it again."
+        ) from fault
+    named = zip(table.schema.names, table.columns, strict=True)
+    return {name: _from_arrow(column) for name, column in named}
+
+
+def _from_arrow(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
+    from pyarrow import types
+
+    kind = column.type
+    if types.is_floating(kind) or types.is_temporal(kind):
+        return np.asarray(column.to_numpy())
+    if (types.is_integer(kind) or types.is_boolean(kind)) and not column.null_count:
+        return np.asarray(column.to_numpy())
+    made = np.empty(len(column), dtype=object)
+    made[:] = column.to_pylist()
+    return made
+
+
+# -- positions ---------------------------------------------------------------------------------
+
+
+def _positions(columns: Columns) -> dict[str, tuple[str, ...]]:
+    """The names of the columns of each position, by what they have in common."""
+    stems: dict[str, dict[str, str]] = {}
+    for name in columns:
+        if match := _AXIS.fullmatch(name):
+            stems.setdefault(match["stem"] or "", {})[match["axis"].lower()] = name
+    found = {
+        stem: tuple(axes[axis] for axis in _AXES) for stem, axes in stems.items() if len(axes) == 3
+    }
+    return found | {name: (name,) for name, each in columns.items() if _is_triple(each)}
+
+
+def _is_triple(values: npt.NDArray[Any]) -> bool:
+    """Whether a column holds three numbers in a field."""
+    if values.dtype.kind != "O":
+        return False
+    first = next((each for each in values if each is not None), None)
+    if isinstance(first, str):
+        return bool(_TRIPLE.fullmatch(first))
+    return first is not None and np.shape(first) == (3,) and np.asarray(first).dtype.kind in "iuf"
+
+
+def _coordinates(name: str, columns: Columns, names: tuple[str, ...]) -> FloatArray:
+    """The positions in some columns, shape (k, 3); NaN where there is none."""
+    if len(names) == 3:
+        return np.column_stack([_numbers(name, each, columns[each]) for each in names])
+    values = columns[names[0]]
+    places = np.full((len(values), 3), np.nan)
+    for at, each in enumerate(values):
+        if each is None:
+            continue
+        match = _TRIPLE.fullmatch(each) if isinstance(each, str) else None
+        found = match.groups() if match else () if isinstance(each, str) else each
+        if np.shape(found) != (3,):
+            raise _no_number(name, each, names[0], at, "three numbers")
+        places[at] = [np.nan if one is None else float(one) for one in found]
+    return places
+
+
+def _numbers(name: str, column: str, values: npt.NDArray[Any]) -> FloatArray:
+    if values.dtype.kind in "iuf":
+        return values.astype(np.float64)
+    made = np.full(len(values), np.nan)
+    for at, each in enumerate(values.tolist()):
+        if each is not None:
+            try:
+                made[at] = float(each)
+            except (TypeError, ValueError) as fault:
+                raise _no_number(name, each, column, at, "a number") from fault
+    return made
+
+
+def _no_number(name: str, value: object, column: str, row: int, wanted: str) -> InputError:
+    said = f"{printable(value, 30)!r} as {column} in row {row + 1}"
+    return InputError(f"{name} has {said}, which is not {wanted}: correct that row.")

@@ -1,0 +1,313 @@
+"""Points such as synapses: nearest vertices by brute force, exact sums, and every bad input."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+from meshmash_viewer.cli.main import main
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.write import write_mesh
+
+BALL = shapes.icosphere(3, radius=4000.0).in_unit("nm")
+#: Far from the origin, as neurons in their volume are.
+FAR = mv.Mesh(BALL.vertices + np.array([4e5, 8e5, 4e6]), BALL.faces, "nm", "far")
+UP = BALL.vertices[:, 2] > 0.0
+
+
+def synapses(n: int = 300, seed: int = 0) -> pandas.DataFrame:
+    """Points around a sphere, some farther from it, with an identifier beyond 53 bits."""
+    rng = np.random.default_rng(seed)
+    places = rng.normal(size=(n, 3))
+    places *= rng.uniform(3000.0, 5500.0, n)[:, None] / np.linalg.norm(places, axis=1)[:, None]
+    columns = dict(zip(("ctr_pt_x", "ctr_pt_y", "ctr_pt_z"), places.T, strict=True))
+    return pandas.DataFrame(
+        {
+            "id": 720575940612345678 + np.arange(n),
+            **columns,
+            "size": rng.integers(1, 2000, n),
+            "score": rng.uniform(-1.0, 1.0, n),
+            "type": rng.choice(["excitatory", "inhibitory"], n),
+            "pre_pt_root_id": 720575940600000000 + np.arange(n),
+        }
+    )
+
+
+def test_nearest_vertices_are_those_of_brute_force() -> None:
+    table = mv.read_points(synapses())
+    found = mv.project_points(BALL, table, 700.0)
+    all_of_them = np.linalg.norm(BALL.vertices[None] - table.positions[:, None], axis=2)
+    nearest = all_of_them.min(axis=1)
+    np.testing.assert_array_equal(found.near, nearest <= 700.0)
+    assert 0 < found.n_near < len(found)
+    np.testing.assert_allclose(found.distances[found.near], nearest[found.near], rtol=1e-12)
+    np.testing.assert_array_equal(found.vertices, np.where(found.near, all_of_them.argmin(1), -1))
+    assert np.isnan(found.distances[~found.near]).all()
+
+
+def test_vertices_are_those_of_the_file_after_a_repair() -> None:
+    stray = np.vstack([[[9e3, 0.0, 0.0]], BALL.vertices])
+    mesh = mv.Mesh(stray, BALL.faces + 1, "nm")
+    repaired = mv.repair_mesh(mesh, "drop_unreferenced_vertices")
+    table = mv.read_points(synapses())
+    found = mv.project_points(repaired, table)
+    np.testing.assert_array_equal(mesh.vertices[0], stray[0])
+    assert found.near.any()
+    whole = mv.project_points(mesh, table)  # in which the stray vertex is never the nearest
+    np.testing.assert_array_equal(found.file_vertices, whole.vertices)
+    assert whole.vertices.min() != 0
+
+
+def test_sums_and_counts_of_regions_and_labels_are_exact() -> None:
+    table = mv.read_points(synapses(2000))
+    found = mv.project_points(BALL, table, 1000.0)
+    assert table.summed == ("size", "score"), "identifiers and text have no sums"
+    down = BALL.vertices[:, 2] < -2000.0
+    names = (mv.Label(1, "up", "#4477aa"), mv.Label(2, "down", "#ee6677"))
+    labels = mv.VertexMap("part", np.where(UP, 1, np.where(down, 2, 0)), names)
+    measured = mv.regions(BALL, labels, neck=False)
+    regions = measured.with_points(found)
+    by_label = found.per_label(labels)
+    assert by_label["label"].tolist() == ["up", "down"]
+    for row in range(len(regions)):
+        inside = found.near & (measured.rows[found.vertices] == row)
+        assert regions["points"][row] == np.count_nonzero(inside)
+        assert regions["sum size"][row] == sum(table.columns["size"][inside].tolist())
+        assert regions["sum score"][row] == math.fsum(table.columns["score"][inside])
+    for row, half in enumerate((UP, down)):
+        inside = found.near & half[found.vertices]
+        assert by_label["points"][row] == np.count_nonzero(inside)
+        assert by_label["sum score"][row] == math.fsum(table.columns["score"][inside])
+    left = found.n_near - regions["points"].sum()
+    assert left > 0
+    assert any(each.startswith(f"{left:,} points in no region") for each in regions.remarks)
+    domains = np.arange(BALL.n_vertices) % 7 - 1  # -1 is a number like others
+    columns = found.per_label(domains)
+    np.testing.assert_array_equal(
+        columns["points"], np.bincount(domains[found.vertices[found.near]] + 1, minlength=7)
+    )
+    assert columns["label"].tolist() == list(range(-1, 6))
+    with pytest.raises(InputError, match="project them onto the same"):
+        mv.regions(shapes.icosphere(2), np.ones(162), neck=False).with_points(found)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "feather"])
+@pytest.mark.parametrize("how", ["three columns", "one column"])
+def test_tables_keep_their_columns_and_types(tmp_path: Path, ending: str, how: str) -> None:
+    table, path = synapses(20), tmp_path / f"synapses.{ending}"
+    axes = ["ctr_pt_x", "ctr_pt_y", "ctr_pt_z"]
+    places = table[axes].to_numpy().copy()
+    table["size"] = table["size"].astype(pandas.Int64Dtype())
+    table.loc[4, "size"] = pandas.NA
+    table.loc[7, "ctr_pt_y"] = np.nan
+    table["valid"] = np.arange(20) % 2 == 0
+    if how == "one column":
+        each = [None if at == 7 else place for at, place in enumerate(places)]
+        table = table.drop(columns=axes).assign(ctr_pt_position=each)
+    write = {"csv": table.to_csv, "parquet": table.to_parquet, "feather": table.to_feather}
+    write[ending](path)
+    found = mv.read_points(path, "nm")
+    kept = np.arange(20) != 7
+    digits = 0.01 if how == "one column" and ending == "csv" else 0.0
+    np.testing.assert_allclose(found.positions, places[kept], rtol=1e-14, atol=digits)
+    assert found.remarks == ("1 row without a position left out.",)
+    assert found.id == "id"
+    assert found.columns["id"].tolist() == table["id"][kept].tolist(), "all digits"
+    assert found.columns["size"][4] is None
+    assert found.columns["size"][5] == table["size"][5]
+    assert found.columns["valid"].dtype == bool
+    assert found.columns["type"].tolist() == table["type"][kept].tolist()
+    assert (found.name, found.path, found.unit) == (path.name, str(path), "nm")
+
+
+def test_csv_is_read_without_pyarrow(tmp_path: Path) -> None:
+    synapses(5).to_csv(tmp_path / "synapses.csv", index=False)
+    code = (
+        "import sys; sys.modules['pyarrow'] = sys.modules['pandas'] = None\n"
+        "import meshmash_viewer as mv\n"
+        "print(len(mv.read_points('synapses.csv')))\n"
+        "try: mv.read_points('synapses.parquet')\n"
+        "except mv.InputError as fault: print(fault)"
+    )
+    (tmp_path / "synapses.parquet").write_bytes(b"PAR1")
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines() == [
+        "5",
+        "synapses.parquet is read by pyarrow, which is not installed: pip install pyarrow.",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "s.csv is empty: export it again."),
+        ("x,y,z\n", "s.csv has no rows: export it again."),
+        (
+            "a,b\n1,2\n",
+            "s.csv has no position, which three columns such as x, y, z are, or one of three"
+            " numbers: its columns are a, b.",
+        ),
+        (
+            "pre_x,pre_y,pre_z,post_x,post_y,post_z\n1,2,3,4,5,6\n",
+            "s.csv has several positions in a row: name one of pre, post.",
+        ),
+        ("x,y,z\nnan,1,2\n,,\n", "s.csv has no position in any of its rows: export it again."),
+        (
+            "x,y,z\n1,2,3\n1,two,3\n",
+            "s.csv has 'two' as y in row 2, which is not a number: correct that row.",
+        ),
+        ("x,y,z\n1,2,3\n1,2\n", "s.csv has 2 fields in row 2 and 3 columns: correct that row."),
+        ("x,y,z,x\n1,2,3,4\n", "s.csv has two columns called 'x': rename one."),
+        (
+            "id,pos\n1,[1 2 3]\n2,[1 2]\n",
+            "s.csv has '[1 2]' as pos in row 2, which is not three numbers: correct that row.",
+        ),
+    ],
+)
+def test_bad_tables(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "s.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as fault:
+        mv.read_points(path)
+    assert str(fault.value) == said
+
+
+def test_other_bad_input(tmp_path: Path) -> None:
+    table = synapses(50)
+    (tmp_path / "s.parquet").write_bytes(b"PAR1 no table PAR1")
+    table.to_csv(tmp_path / "s.csv")
+    bad: list[tuple[Any, str]] = [
+        (lambda: mv.read_points(tmp_path / "s.parquet"), "s.parquet is no table"),
+        (lambda: mv.read_points(tmp_path / "s.xlsx"), "s.xlsx is no table of points: give one of"),
+        (lambda: mv.read_points(tmp_path / "none.csv"), "cannot be read"),
+        (lambda: mv.read_points(tmp_path / "s.csv", position="q"), "s.csv has no position 'q'"),
+        (lambda: mv.Points([[1.0, 2.0]]), "give positions (k, 3)"),
+        (lambda: mv.Points([[np.nan, 0, 0]]), "1 point of 1 not finite: leave it out."),
+        (lambda: mv.project_points(BALL, [[0, 0, 4e3]], -1.0), "give a number from 0"),
+        (lambda: mv.project_points(BALL, [[0, 0, 0]], 5.0), "No point is within 5 nm of the mesh;"),
+        (
+            lambda: mv.project_points(shapes.icosphere(1), mv.Points([[0, 0, 1]], unit="nm")),
+            "The mesh states no unit, and the points are in nm",
+        ),
+    ]
+    for act, said in bad:
+        with pytest.raises(InputError) as fault:
+            act()
+        assert said in str(fault.value).replace("\N{NO-BREAK SPACE}", " ")
+    found = mv.project_points(BALL, mv.read_points(table.drop(columns="id")))
+    with pytest.raises(InputError, match="no column id"):
+        found.id_to_mesh_map()
+    with pytest.raises(InputError, match="not a whole number"):
+        mv.project_points(BALL, mv.read_points(table.assign(id="a"))).id_to_mesh_map()
+
+
+def test_points_in_voxels_are_refused_with_their_likely_size() -> None:
+    places = (FAR.vertices[:100] + 5.0) / [4.0, 4.0, 40.0]
+    with pytest.raises(InputError) as fault:
+        mv.project_points(FAR, places)
+    assert "100 of 100 points lie outside the box of the mesh" in str(fault.value)
+    assert "in 4 × 4 × 40 nm 100" in str(fault.value)
+    found = mv.project_points(FAR, mv.Points(places, unit="4 x 4 x 40 nm"))
+    np.testing.assert_array_equal(found.vertices, np.arange(100))
+    in_microns = mv.project_points(FAR, mv.Points(FAR.vertices[:9] / 1000.0, unit="µm"))
+    np.testing.assert_array_equal(in_microns.vertices, np.arange(9))
+    mixed = np.vstack([places, FAR.vertices[:30]])  # most of them are far: said, not refused
+    (remark,) = mv.project_points(FAR, mixed).remarks
+    assert remark.startswith("100 of 130 points lie outside the box of the mesh, and in 4 × 4 × 40")
+
+
+def test_a_table_has_features_and_labels_at_each_point() -> None:
+    table = mv.read_points(synapses().assign(vertex=1.5))
+    found = mv.project_points(BALL, table, 500.0)
+    height = mv.VertexMap("height", BALL.vertices[:, 2])
+    half = mv.VertexMap("half", np.where(UP, 1, 0), (mv.Label(1, "up", "#4477aa"),))
+    features = mv.Features(BALL.vertices[:, :2], ("a", "b"))
+    columns = found.to_frame(features, height, half)
+    near = found.near
+    np.testing.assert_array_equal(columns["height"][near], BALL.vertices[found.vertices[near], 2])
+    np.testing.assert_array_equal(columns["b"][near], BALL.vertices[found.vertices[near], 1])
+    assert columns["height"][~near].isna().all()
+    assert set(columns["half"][near].fillna("none")) == {"up", "none"}
+    assert columns["vertex"].tolist() == [1.5] * 300, "that of the table"
+    assert columns["vertex 2"][~near].isna().all()
+    assert columns["vertex 2"][near].tolist() == found.vertices[near].tolist()
+
+
+# -- the command line --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    write_mesh("far.ply", FAR)
+    table = synapses(200)
+    table[["ctr_pt_x", "ctr_pt_y", "ctr_pt_z"]] += [400_000.0, 800_000.0, 4_000_000.0]
+    table[["ctr_pt_x", "ctr_pt_y", "ctr_pt_z"]] /= [4.0, 4.0, 40.0]
+    table.to_csv("synapses.csv", index=False)
+    np.savez("half.npz", half=np.where(UP, 1, 2))
+    return tmp_path
+
+
+POINTS = ("--points", "synapses.csv", "--voxel", "4", "4", "40", "--max-distance", "0.6 µm")
+
+
+def test_points_from_the_command_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    more = ["--kind", "hks", "--kind", "wks", "--n-components", "3", "--count", "12", "--json"]
+    out = ("--labels", "half.npz", "-o", "out.parquet", "--id-map", "map.npz")
+    assert main(["points", "far.ply", "--unit", "nm", *POINTS, *more, *out]) == 0
+    said = json.loads(capsys.readouterr().out)
+    found = mv.project_points(FAR, mv.read_points("synapses.csv", "4 × 4 × 40 nm"), 600.0)
+    assert (said["n_points"], said["n_near"]) == (200, found.n_near)
+    written = pandas.read_parquet("out.parquet")
+    assert written["id"].tolist() == found.points.columns["id"].tolist()
+    np.testing.assert_array_equal(written["vertex"].fillna(-1), found.vertices)
+    assert sum(each.startswith(("hks_", "wks_")) for each in written) == 6
+    assert written.filter(like="hks").notna().all(axis=1).sum() == found.n_near
+    assert said["labels"]["points"] == found.per_label(np.where(UP, 1, 2))["points"].tolist()
+    ids = np.load("map.npz")["id_to_mesh_map"]
+    np.testing.assert_array_equal(ids, found.id_to_mesh_map())
+    assert ids.shape == (found.n_near, 2)
+    meta = json.loads(str(np.load("map.npz")["meta"]))
+    assert meta["options"]["points_unit"] == "4 × 4 × 40 nm"
+
+
+def test_regions_count_points(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["regions", "far.ply", "--unit", "nm", "--labels", "half.npz", *POINTS]
+    assert main([*arguments, "-o", "regions.csv"]) == 0
+    table = pandas.read_csv("regions.csv")
+    found = mv.project_points(FAR, mv.read_points("synapses.csv", "4 × 4 × 40 nm"), 600.0)
+    measured = mv.regions(FAR, np.where(UP, 1, 2)).with_points(found)
+    assert table["points"].tolist() == measured["points"].tolist()
+    assert table["sum size"].tolist() == measured["sum size"].tolist()
+    assert "not within 600 nm of a vertex" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--unit", "nm", "--points", "synapses.csv"), "in 4 × 4 × 40 nm"),
+        (("--unit", "none", *POINTS[:6]), "give --unit"),
+        (("--points", "synapses.csv", "-o", "o.npz"), "end it in .csv or .parquet, or --id-map"),
+        (("--points", "synapses.csv", "--id-map", "o.csv"), "is written as NPZ"),
+        (("--points", "none.csv"), "cannot be read"),
+        (("--points", "synapses.csv", "--t-min", "3"), "--t-min is of --kind hks"),
+    ],
+)
+def test_refusals_of_the_command(
+    here: Path, arguments: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["points", "far.ply", "-o", "o.csv", *arguments]) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("o.csv").exists()
