@@ -42,6 +42,7 @@ from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.structures import brain_side
+from meshmash_viewer.vertex_map import VertexMap
 
 #: How the cameras are linked, with its label; "free" is the absence of the other two.
 CAMERAS = {"camera": "Linked", "mirror": "Mirrored", "free": "Free"}
@@ -124,14 +125,16 @@ class Pair:
         self.comparison: Comparison | None = None
         #: Whether the second shows the field of the first, transferred by the match of vertices.
         self.carries = False
+        #: Maps of either mesh that were carried to it from the other.
+        self.carried: tuple[VertexMap, ...] = ()
         self._matched_in = next(iter(MATCHED_IN))
         self._refined = False
         self._request: ComparisonRequest | None = None
         #: The request that `comparison` answers.
         self._answered: ComparisonRequest | None = None
         self._asked: tuple[Any, Any] = None, None
-        #: Families of the first that were last applied to the second.
-        self._applied: dict[str, Family] = {}
+        #: Families of the first that were last applied to the second, and as they were shown then.
+        self._applied: dict[str, tuple[Family, Family]] = {}
         #: By pin number: vertices that were pinned on the second, as their index in its file.
         self._pinned: dict[int, int] = {}
         #: The history of the first before the last vertex was pinned on the second.
@@ -511,20 +514,21 @@ class Pair:
             return
         moved = []
         for name, family in mine.fields.items():
-            before = self._applied.get(name)
+            before, was = self._applied.get(name, (None, None))
             if family is before and not everything:
                 continue
-            carried = family.filled_in(known, mine.fields).carried(to)
+            shown = family.filled_in(known, mine.fields)
+            carried = shown.carried(to)
             stays = [
                 each
                 for each in family.own
-                if before is not None and getattr(before, each) == getattr(family, each)
+                if was is not None and getattr(was, each) == getattr(shown, each)
             ]
             if "position" not in self.links:
                 stays += family.position
             kept = {each: getattr(other.fields[name], each) for each in stays}
             moved.append(replace(carried, **kept))
-            self._applied[name] = family
+            self._applied[name] = family, shown
         other.put(*moved)
         if "kind" in self.links:
             other.kind = mine.kind

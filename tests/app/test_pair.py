@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
+from closed_form import turn_wheel
 from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtTest import QTest
@@ -495,21 +496,30 @@ def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
     opened, first = beside(window, folder / "copy.npz", monkeypatch), window.document
     matrix = part(window, MatrixView, "pair_matrix_plot")
     assert not matrix.isVisible()
+    height = FIRST.vertices[:, 2]
+    parts = (mv.Label(1, "upper", "#aa0000"), mv.Label(2, "lower", "#00aa00"))
+    halves = mv.VertexMap("halves", np.where(height > 0.0, 1, 2), parts)
+    given = [each.name for each in opened.document.mesh.maps]
+    first.maps.add(first.mesh, [mv.VertexMap("height", height, unit="mm"), halves])
+    rest(window)
+    carry = part(window, QPushButton, "carry_to_second_button")
+    QTest.mouseClick(carry, LEFT)
+    rest(window)
     QTest.mouseClick(part(window, QCheckBox, "pair_refine_check"), LEFT, pos=QPoint(8, 8))
+    catch_up()
+    assert not carry.isEnabled()  # the match is that of before
     wait_for(lambda: opened.pair.comparison.functional is not None)
     rest(window)
     found, mesh = opened.pair.comparison, opened.document.mesh
     np.testing.assert_array_equal(matrix.matrix, found.functional.matrix)
+    whole = matrix.viewRange()
+    turn_wheel(matrix.viewport(), 3)
+    assert matrix.viewRange() == whole  # the panel scrolls
     assert not matrix.isHidden()
     before = [each.name for each in mesh.maps]
-    parts = (mv.Label(1, "upper", "#aa0000"), mv.Label(2, "lower", "#00aa00"))
-    height = FIRST.vertices[:, 2]
-    halves = mv.VertexMap("halves", np.where(height > 0.0, 1, 2), parts)
-    first.maps.add(first.mesh, [mv.VertexMap("height", height, unit="mm"), halves])
+    QTest.mouseClick(carry, LEFT)  # once more, by the functional map
     rest(window)
-    QTest.mouseClick(part(window, QPushButton, "carry_to_second_button"), LEFT)
-    rest(window)
-    score, carried, labels = opened.document.mesh.maps[len(before) :]
+    score, carried, labels = opened.document.mesh.maps[len(given) :]
     np.testing.assert_array_equal(score.values, found.back.scores)
     np.testing.assert_array_equal(carried.values, height[found.back.indices])
     np.testing.assert_array_equal(labels.values, halves.values[found.back.indices])

@@ -457,6 +457,18 @@ def test_a_map_of_the_second_is_looked_at_on_it() -> None:
     assert third.display[OwnMaps].chosen == "thickness"
 
 
+def test_a_map_that_comes_later_is_shown_on_both() -> None:
+    ball = shapes.icosphere(2)
+    kept, late = (VertexMap(name, ball.vertices[:, 2]) for name in ("kept", "late"))
+    pair = paired(opened(ball.with_maps(kept)), opened(ball.with_maps(kept, late)))
+    pair.first.solve.target = Target("count", 8)
+    pair.first.solve.compute()
+    pair.first.display.show(OwnMaps(chosen="late"))  # its file is still being read
+    assert pair.second.display[OwnMaps].chosen == "kept"
+    pair.first.maps.add(pair.first.mesh, [late], shown=False)
+    assert pair.second.display[OwnMaps].chosen == "late"
+
+
 def test_the_first_click_of_two_on_the_second_is_taken_back(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
 ) -> None:

@@ -130,7 +130,7 @@ class PairPanel(QWidget):
         )  # fmt: skip
         self.carry_buttons = [
             make.button(
-                f"To the {name}", f"carry_to_{name}_button",
+                f"To {name}", f"carry_to_{name}_button",
                 f"Carry maps and labels to the {name} mesh, with the score of each vertex",
                 partial(self._carry_maps, name),
             )
@@ -289,8 +289,9 @@ class PairPanel(QWidget):
         self.matrix.setVisible(found is not None and found.functional is not None)
         if found is not None and found.functional is not None:
             self.matrix.show_matrix(found.functional.matrix)
-        for control in (self.carry_check, self.save_button, self.keep_button, *self.carry_buttons):
-            control.setEnabled(found is not None)
+        self.carry_check.setEnabled(found is not None)
+        for control in (self.save_button, self.keep_button, *self.carry_buttons):
+            control.setEnabled(found is not None and not pair.comparing)  # not by the match before
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         for control in (self.map_button, self.export_button):
             control.setEnabled(other is not None)

@@ -18,8 +18,9 @@ from PySide6.QtGui import (
     QGuiApplication,
     QPen,
     QResizeEvent,
+    QWheelEvent,
 )
-from PySide6.QtWidgets import QToolButton
+from PySide6.QtWidgets import QScrollArea, QToolButton
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.scale_marks import power_text
@@ -189,8 +190,9 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
 class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     """A plot in the theme's colours.
 
-    The wheel zooms, a drag pans, and the button "Fit" shows everything. A right click or the menu
-    key requests a menu, see `meshmash_viewer.app.plots.saving`.
+    The wheel zooms, in a panel that scrolls only after a click; a drag pans, and the button "Fit"
+    shows everything. A right click or the menu key requests a menu, see
+    `meshmash_viewer.app.plots.saving`.
     """
 
     #: Position in plot coordinates.
@@ -221,6 +223,16 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.scene().sigMouseMoved.connect(self._move)
         theme.notifier().changed.connect(self.dress)
         self.dress()
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Zoom, or leave the wheel to a panel that scrolls unless the plot has the focus."""
+        panel = self.parentWidget()
+        while panel is not None and not isinstance(panel, QScrollArea):
+            panel = panel.parentWidget()
+        if panel is None or self.hasFocus():
+            super().wheelEvent(event)
+        else:
+            event.ignore()
 
     def paint_later(self) -> None:
         """Paint in a later iteration of the event loop, since a new layout takes some time."""
