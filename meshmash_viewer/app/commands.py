@@ -86,7 +86,7 @@ class Commands:
             "compute_selection": lambda: document.take_part(
                 document.selection.mask, then_compute=True
             ),
-            "compute_whole": partial(document.take_part, None),
+            "compute_whole": partial(document.take_part, None, then_compute=True),
             "clear_pins": document.pins.clear,
             "grow_selection": document.selection.grow,
             "shrink_selection": document.selection.shrink,

@@ -227,13 +227,14 @@ class Controller(QObject):
         """Draw the mesh, from where one looks if it has only another unit."""
         ready, before = self._document.ready, self._view.mesh
         if ready is not None:
-            camera = self._view.camera()
+            camera, turned = self._view.camera(), self._view.turned_by_hand
             self._view.set_mesh(ready.mesh, ready.normals, self._document.hidden)
             self._show_pins()
             self._show_selection()
             self._shown = None
             if before is not None and before.vertices is ready.mesh.vertices and camera:
                 self._view.set_camera(camera)
+                self._view.turned_by_hand = turned  # else a colour bar that comes is not given room
                 self.draw()
 
     def _hide(self) -> None:

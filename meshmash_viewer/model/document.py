@@ -426,7 +426,8 @@ class Document(OpenMesh):
                 self.solve.compute()
         elif isinstance(job.job, PartJob):
             computes, self._computes_part = self._computes_part, False
-            if computes and self.part_mesh is not None and self.solve.can_compute:
+            taken = (self.part_mesh is None) == (job.job.mask is None)
+            if computes and taken and self.solve.can_compute:
                 self.solve.compute()
 
     # -- the displayed family ----------------------------------------------------------------

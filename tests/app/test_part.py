@@ -110,6 +110,25 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
     assert np.allclose(document.spectrum.eigenvalues, whole, atol=1e-9 * whole[-1])
 
 
+def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
+    solved: MainWindow, qtbot: QtBot
+) -> None:
+    document, scene = solved.document, solved.scene
+    solved.commands.reset_camera()
+    before = scene.camera()
+    assert not scene.turned_by_hand
+    click(solved, "compute_selection_button")
+    qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    assert scene.camera() == before  # beside the colour bar
+    document.solve.target = Target("count", N + 5)
+    catch_up()
+    click(solved, "compute_whole_button")
+    qtbot.waitUntil(lambda: document.part_mesh is None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    assert len(document.spectrum) == N + 5
+
+
 def test_a_part_stays_with_its_maps_and_unit_and_goes_by_a_repair(
     solved: MainWindow, qtbot: QtBot, tmp_path: Path
 ) -> None:

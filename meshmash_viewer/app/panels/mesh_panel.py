@@ -187,8 +187,8 @@ class MeshPanel(QWidget):
         self.whole_button = make.button(
             "On the whole mesh",
             "compute_whole_button",
-            "Use the eigenpairs of the whole mesh again",
-            lambda: document.take_part(None),
+            "Use the eigenpairs of the whole mesh again, and compute what is missing",
+            lambda: document.take_part(None, then_compute=True),
             role="link",
         )
         # under each other, so that they do not widen the panel
