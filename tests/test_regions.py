@@ -164,6 +164,22 @@ def test_vertices_in_no_region_are_counted() -> None:
     assert alone.startswith("1 vertex of spot in no region: no face around has three corners")
 
 
+def test_one_remark_is_of_all_labels_in_no_region() -> None:
+    ball = shapes.icosphere(2)
+    labels = np.ones(ball.n_vertices, dtype=int)
+    labels[:8] = np.arange(2, 10)
+    table = mv.regions(ball, labels, neck=False)
+    (said,) = table.remarks
+    assert said.startswith("8 vertices of 2, 3, 4, 5 and 4 more labels in no region: no face")
+
+
+def test_a_map_of_the_mesh_keeps_its_name_in_the_table() -> None:
+    height = mv.VertexMap("height", shapes.icosphere(2).vertices[:, 2].copy())
+    ball = shapes.icosphere(2).with_maps(height)
+    table = mv.regions(ball, height.values > 0.0, [height], neck=False)
+    assert "mean height" in table.columns
+
+
 def test_maps_are_averaged_over_the_area() -> None:
     ball = shapes.icosphere(4)
     height = mv.VertexMap("height", ball.vertices[:, 2].copy(), unit="mV")

@@ -35,6 +35,10 @@ POWERS = {
 }
 
 
+#: Labels of which a remark has the names.
+_NAMED = 4
+
+
 @dataclass(frozen=True, eq=False)
 class Regions:
     """A table of regions, one a row; see `regions` for its columns.
@@ -203,8 +207,8 @@ def regions(
     (['north', 'south'], [1, 1], array([5.6, 5.7]))
     """
     surface = as_mesh(mesh)
-    surface = surface.with_maps(label_map(labels), *maps)
-    known, *measured = surface.maps[len(surface.maps) - len(maps) - 1 :]
+    surface = surface.with_only_maps(*maps, label_map(labels))
+    *measured, known = surface.maps
     rows, numbers = _rows(surface, known)
     k = len(numbers)
     inside = np.flatnonzero(rows >= 0)
@@ -378,10 +382,12 @@ def _remarks(known: VertexMap, rows: IntArray, volume: FloatArray) -> tuple[str,
     if without := int(np.count_nonzero(~labelled)):
         said.append(f"{counted(without, 'vertex')} without a label.")
     alone = np.bincount(known.shown[labelled & (rows < 0)].astype(np.int64))
-    for place in np.flatnonzero(alone):
+    if (places := np.flatnonzero(alone)).size:
+        names = ", ".join(known.labels[place].name for place in places[:_NAMED])
+        rest = f" and {len(places) - _NAMED} more labels" if len(places) > _NAMED else ""
         said.append(
-            f"{counted(int(alone[place]), 'vertex')} of {known.labels[place].name} in no region:"
-            " no face around has three corners with this label."
+            f"{counted(int(alone.sum()), 'vertex')} of {names}{rest} in no region:"
+            " no face around has three corners with the same label."
         )
     if wrong := int(np.count_nonzero(np.isnan(volume))):
         said.append(

@@ -150,6 +150,17 @@ def test_sizes_follow_the_labels(labelled: MainWindow, qtbot: QtBot) -> None:
     assert texts(labelled)[0][2:] == ["0", "–"]
 
 
+def test_names_have_the_room_in_a_narrow_panel(labelled: MainWindow, qtbot: QtBot) -> None:
+    (table,) = labelled.findChildren(QTableView, "label_table")
+    dock = labelled.arrangement.docks["label"]
+    for width, shown in ((290, False), (420, True)):
+        labelled.resizeDocks([dock], [width], Qt.Orientation.Horizontal)
+        qtbot.waitUntil(lambda at=shown: table.isColumnHidden(VERTICES) is not at, timeout=10_000)
+        assert table.columnWidth(NAME) >= 80
+    tip = table.model().index(0, NAME).data(Qt.ItemDataRole.ToolTipRole)
+    assert tip.endswith(f": {UP.sum()} vertices")
+
+
 def test_a_name_is_edited_in_its_place(labelled: MainWindow) -> None:
     shown = table(labelled)
     click(labelled, 1, NAME)

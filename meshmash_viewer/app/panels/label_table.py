@@ -12,20 +12,22 @@ from PySide6.QtCore import (
     Qt,
     Signal,
 )
-from PySide6.QtGui import QContextMenuEvent, QKeyEvent
+from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.labels import Labels, LabelSizes
-from meshmash_viewer.units import engineering, format_number, power_unit
+from meshmash_viewer.units import counted, engineering, format_number, power_unit
 from meshmash_viewer.vertex_map import Label
 
 _Index: TypeAlias = QModelIndex | QPersistentModelIndex
 COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
 #: Widths of the columns; the names take the rest.
-_WIDTHS = {COLOR: 34, VERTICES: 58, AREA: 66, SHOWN: 23, LOCK: 23}
+_WIDTHS = {COLOR: 34, VERTICES: 64, AREA: 74, SHOWN: 23, LOCK: 23}
+#: Width of the names below which the number of vertices is left to the tip.
+_NAME_WIDTH = 110
 #: Fewest and most rows in view.
 _LEAST, _MOST = 3, 9
 #: Labels that have a key.
@@ -124,7 +126,10 @@ class _Rows(QAbstractTableModel):
         if column == LOCK:
             text = "Locked: its vertices are given to no other label"
             return text if label.locked else "Not locked: click to keep its vertices"
-        return self._text(label, row, column)
+        text = self._text(label, row, column)
+        if column == NAME and self._sizes is not None:
+            return f"{text}: {counted(int(self._sizes.counts[row]), 'vertex')}"
+        return text
 
     def setData(self, index: _Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
         self._document.labels.rename(self.labels[index.row()].key, str(value))
@@ -187,6 +192,12 @@ class LabelTable(QTableView):
             self.setColumnWidth(column, width)
         self.clicked.connect(self._act)
         theme.notifier().changed.connect(self.viewport().update)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave out the number of vertices where it takes the width of the names."""
+        room = self.viewport().width() - sum(_WIDTHS.values())
+        self.setColumnHidden(VERTICES, room < _NAME_WIDTH)
+        super().resizeEvent(event)
 
     @property
     def chosen(self) -> list[int]:
