@@ -28,10 +28,10 @@ from meshmash_viewer.features.filters import (
     get_hks_filter,
 )
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
-from meshmash_viewer.mesh import Mesh, MeshLike, masked
+from meshmash_viewer.mesh import Mesh, MeshLike, mask_text, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.checked_solve import check_bands, solve_and_warn
-from meshmash_viewer.units import counted, whole_number
+from meshmash_viewer.units import whole_number
 
 __all__ = [
     "compute_geometry_vectors",
@@ -187,10 +187,6 @@ def decompose_mesh(
     """
     mesh = masked(mesh, mask)
     stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
-    name = mesh.name if isinstance(mesh, Mesh) else ""
-    if mask is not None:
-        count = int(np.count_nonzero(mask))
-        name = f"{name or 'mesh'}, on a mask of {counted(count, 'vertex')}"
     return _decomposed(
         stiffness,
         mass,
@@ -199,7 +195,8 @@ def decompose_mesh(
         prefactor,
         op_inv=op_inv,
         tol=tol,
-        name=name,
+        name=mesh.name if isinstance(mesh, Mesh) else "",
+        mask="" if mask is None else mask_text(mesh),
         progress=progress,
         cancel=cancel,
     )

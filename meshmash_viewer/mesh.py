@@ -554,6 +554,13 @@ def masked(mesh: MeshLike, mask: npt.ArrayLike | None) -> MeshLike:
     return mesh if mask is None else as_mesh(mesh).masked(mask)
 
 
+def mask_text(part: MeshLike) -> str:
+    """Describe the mask of a result of `Mesh.masked`: "of 331 of 642 vertices"."""
+    mesh = as_mesh(part)
+    n = mesh.n_vertices
+    return f"of {n - len(mesh.unreferenced):,} of {counted(n, 'vertex')}"
+
+
 def mesh_to_poly(mesh: MeshLike) -> Any:
     """Copy a mesh into a new pyvista ``PolyData``, ready to take per-vertex values.
 

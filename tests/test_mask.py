@@ -13,6 +13,8 @@ import trimesh
 
 import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
+from meshmash_viewer.errors import UnprovenWarning
+from meshmash_viewer.spectral.certificate import Certificate
 
 COUNT = 12
 
@@ -68,6 +70,21 @@ def test_all_vertices_are_the_whole_mesh() -> None:
     expected = mv.compute_geometry_vectors(mesh, count=20, n_components=4)
     found = mv.compute_geometry_vectors(mesh, count=20, n_components=4, mask=whole)
     np.testing.assert_array_equal(found, expected)
+
+
+def test_the_proof_names_the_mask(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = shapes.blob(2)
+    half = mesh.vertices[:, 2] > 0.0
+    said = f"on the mask of {len(np.unique(mesh.masked(half).faces)):,} of 162 vertices only"
+    mv.compute_hks(mesh, count=9, mask=half, verbose=True)
+    assert said in capsys.readouterr().err
+    mv.compute_hks(mesh, count=9, verbose=True)
+    assert "on the mask" not in capsys.readouterr().err
+    monkeypatch.setattr(Certificate, "lacks", ("a reason",))
+    with pytest.warns(UnprovenWarning, match=f"not proven complete: a reason.*{said}$"):
+        mv.decompose_mesh(mesh, 9, mask=half)
 
 
 def test_the_store_distinguishes_masks() -> None:

@@ -184,11 +184,7 @@ def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
         )
     if remark:
         say(remark)
-    if options.mask is None:
-        return pairs
-    known = pairs.certificate
-    parts = [known.remark, f"on the mask {options.mask} only"]
-    return replace(pairs, certificate=replace(known, remark=" · ".join(filter(None, parts))))
+    return pairs.on_mask(options.mask or "")
 
 
 def progress_bar(mesh: Mesh) -> contextlib.AbstractContextManager[ProgressBar | None]:

@@ -44,7 +44,7 @@ from meshmash_viewer.features.truncation import (
     warn_of_truncation,
 )
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
-from meshmash_viewer.mesh import Mesh, masked
+from meshmash_viewer.mesh import Mesh, mask_text, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.checked_solve import (
     DEFAULT_MAX_EIGENVALUE,
@@ -155,7 +155,7 @@ def spectral_geometry_filter(
     check_bands(max_eigenvalue, band_size)
     computation = _Computation(
         masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
-        progress, cancel,
+        progress, cancel, mask is not None,
     )  # fmt: skip
     if filter is None:
         result = computation.solve(None, max_eigenvalue, None, stacklevel=4)
@@ -237,7 +237,7 @@ def compute_hks(
     check_bands(max_eigenvalue, band_size)
     computation = _Computation(
         masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
-        progress, cancel,
+        progress, cancel, mask is not None,
     )  # fmt: skip
 
     def bank(_: npt.NDArray[np.float64]) -> Filter:
@@ -316,7 +316,7 @@ def compute_geometry_vectors(
         bspline_bank(0.0, bound, n_bands)  # raises now rather than after the decomposition
     computation = _Computation(
         masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
-        progress, cancel,
+        progress, cancel, mask is not None,
     )  # fmt: skip
 
     def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank:
@@ -338,6 +338,7 @@ class _Computation:
     verbose: int
     progress: ProgressCallback | None
     cancel: CancelCallback | None
+    is_masked: bool
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -377,6 +378,7 @@ class _Computation:
             verbose=self.verbose,
             unit=self.mesh.unit if isinstance(self.mesh, Mesh) else "",
             name=self.name,
+            mask=mask_text(self.mesh) if self.is_masked else "",
             stacklevel=stacklevel,
             progress=self.progress,
             cancel=self.cancel,

@@ -14,7 +14,7 @@ from meshmash_viewer.features.sums import Features
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, mask_text
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.results import Written
 from meshmash_viewer.progress import Cancelled, Progress
@@ -89,7 +89,8 @@ class ExportJob:
             return self._write(maps_alone(self.mesh), None, "", "maps")
         if self.family.of_pairs:
             pairs = stored_pairs(solved, self.operator, self.n_pairs, channel)
-            proof, known_to = pairs.proof(self.mesh.unit), pairs.known_to or None
+            named = pairs.on_mask(self._mask)
+            proof, known_to = named.proof(self.mesh.unit), pairs.known_to or None
         results: Features | Eigenpairs | None = pairs
         if self.family.makes_features():
             channel.report(Progress("features", message="Computing features"))
@@ -101,6 +102,11 @@ class ExportJob:
         assert results is not None
         channel.report(Progress("writing", message=self.label))
         return self._write(results, pairs, proof, self.family.export)
+
+    @property
+    def _mask(self) -> str:
+        """What eigenpairs are of, if that is not the whole mesh."""
+        return "" if self.part is None else mask_text(self.part)
 
     def _write(
         self, results: Features | Eigenpairs, pairs: Eigenpairs | None, proof: str, kind: str
@@ -119,6 +125,7 @@ class ExportJob:
             proof,
             self.repairs,
             whole_mesh=self.file_mesh is not None,
+            mask=self._mask,
         )
         file_mesh = self.file_mesh
         if file_mesh is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from psygnal import Signal
 
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, mask_text
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.units import written_unit
@@ -90,6 +90,8 @@ class OpenMesh:
         solved = None if self.solved is None else self.solved.mesh
         if spectrum is not None and spectrum.mesh is not solved:
             spectrum = replace(spectrum, mesh=solved)
+            if self.part_mesh is not None:
+                spectrum = spectrum.on_mask(mask_text(self.part_mesh))
         self._spectrum = spectrum
 
     @property

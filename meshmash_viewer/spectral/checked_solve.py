@@ -39,6 +39,7 @@ def solve_and_warn(
     verbose: int = False,
     unit: str = "",
     name: str = "",
+    mask: str = "",
     stacklevel: int = 3,
     progress: ProgressCallback | None = None,
     **options: Any,
@@ -48,7 +49,8 @@ def solve_and_warn(
     The null space of a float32 Laplacian, which rounding destroys, is restored first. `dtype` is
     that of the eigenvectors, None that of `stiffness`; `verbose` draws a progress bar on stderr and
     prints the certificate in the mesh's `unit` at the end; `name` is the mesh's in a
-    warning, and `stacklevel` that of the warning; `progress` receives every report.
+    warning, `mask` the part of it that is solved (see `Eigenpairs.on_mask`), and `stacklevel` that
+    of the warning; `progress` receives every report.
 
     `UnprovenWarning` is issued if the certificate is not complete.
     """
@@ -62,7 +64,7 @@ def solve_and_warn(
     if dtype is None:
         dtype = np.float32 if single else np.float64
     with ProgressBar("eigenpairs", progress) if verbose else nullcontext(progress) as reports:
-        result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
+        result = solve(stiffness, mass, dtype=dtype, progress=reports, **options).on_mask(mask)
     if verbose:
         tqdm.write(result.proof(unit), file=sys.stderr)
     if not result.complete:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -122,6 +122,14 @@ class Eigenpairs:
         `unit` is the length unit of the mesh, "" for none.
         """
         return self.certificate.sentence(self.n_components, unit)
+
+    def on_mask(self, mask: str) -> Self:
+        """The same pairs with the mask that they are of in their proof; "" for the whole mesh."""
+        known, said = self.certificate, f"on the mask {mask} only"
+        if not mask or said in known.remark or known.method == "none":
+            return self
+        remark = " · ".join(filter(None, [known.remark, said]))
+        return replace(self, certificate=replace(known, remark=remark))
 
     def verify(self, stiffness: Any, mass: Any) -> Certificate:
         """Recompute the certificate independently of the solver.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -85,6 +86,8 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
     catch_up()
     assert f"{mask.sum():,} of {mesh.n_vertices:,}" in part(solved, "part_label").text()
     assert not part(solved, "compute_selection_button").isVisible()  # it is computed
+    said = f" · on the mask of {mask.sum():,} of {mesh.n_vertices:,} vertices only"
+    assert part(solved, "proof_label").text().endswith(said)
     # NaN outside, on the render and in a file, which has the whole mesh
     assert solved.scene.mesh is mesh
     assert np.array_equal(~np.isnan(solved.controller.field.values), mask)
@@ -95,10 +98,15 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
     with np.load(job.path) as written:
         assert np.array_equal(~np.isnan(written["features"]).any(axis=1), mask)
         assert np.array_equal(written["faces"], mesh.faces)
+        made = json.loads(str(written["meta"]))["options"]
+    assert made["proof"].endswith(said)
+    assert made["mask"] == f"of {mask.sum():,} of {mesh.n_vertices:,} vertices"
     # undone, redone, and the whole by the button
     document.history.undo()
     assert np.array_equal(document.spectrum.eigenvalues, whole)
     assert document.part_mesh is None
+    catch_up()
+    assert "on the mask" not in part(solved, "proof_label").text()
     assert np.array_equal(document.selection.mask, mask)
     document.history.redo()
     assert document.selection.mask is None
@@ -170,6 +178,8 @@ def test_a_session_has_the_part(
     other.opening.open_path(path)
     qtbot.waitUntil(lambda: other.document.part_mesh is not None, timeout=PATIENCE)
     wait_for_pairs(qtbot, other)
+    catch_up()
+    assert "on the mask of" in part(other, "proof_label").text()
     same = other.document.spectrum.eigenvalues == document.spectrum.eigenvalues
     assert same.all()
     assert (other.document.part_mesh.referenced == document.part_mesh.referenced).all()
