@@ -122,6 +122,20 @@ from meshmash_viewer.features.distances import geodesic_distance as geodesic_dis
 from meshmash_viewer.split.stitcher import MeshStitcher as MeshStitcher
 
 # isort: split
+# Domains, and their files
+from meshmash_viewer.features.domains import aggregate_features as aggregate_features
+from meshmash_viewer.features.domains import condense_mesh_to_graph as condense_mesh_to_graph
+from meshmash_viewer.features.domains import expand_features as expand_features
+from meshmash_viewer.io.condensed import read_condensed_features as read_condensed_features
+from meshmash_viewer.io.condensed import read_condensed_graph as read_condensed_graph
+from meshmash_viewer.io.condensed import read_id_map as read_id_map
+from meshmash_viewer.io.condensed import write_condensed_features as write_condensed_features
+from meshmash_viewer.io.condensed import write_condensed_graph as write_condensed_graph
+from meshmash_viewer.io.condensed import write_id_map as write_id_map
+from meshmash_viewer.split.condensed import CondensedHKS as CondensedHKS
+from meshmash_viewer.split.condensed import condensed_hks_pipeline as condensed_hks_pipeline
+
+# isort: split
 # The window
 from meshmash_viewer.app.run import view as view
 

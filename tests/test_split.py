@@ -13,7 +13,7 @@ import shapes
 from tiers import slow_but
 
 from meshmash_viewer.decompose import compute_hks, spectral_geometry_filter
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, TruncationWarning
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled, Progress
@@ -424,7 +424,7 @@ def test_the_overlap_follows_the_longest_time(sphere: Mesh, scale: float) -> Non
     assert np.abs(found / whole - 1.0).max() < 1e-3
     seams = stitcher.seams(results)
     assert len(seams) > 100
-    assert seams.max() < 1e-3
+    assert seams.max() < 1e-2
 
 
 def test_small_components_are_left_out_and_filled(three_spheres: Mesh) -> None:
@@ -510,3 +510,27 @@ def test_the_first_pair_left_out_is_that_of_the_whole(three_spheres: Mesh, n_job
     low = {"filter": lambda values: np.exp(-0.05 * values), **options}
     found = stitcher.apply(spectral_geometry_filter, **low)
     np.testing.assert_allclose(found, whole[:, 2:], rtol=0.02)
+
+
+def test_the_overlap_follows_the_time_of_the_function_that_is_applied(neuron: Mesh) -> None:
+    time = 3.0 * neuron.area / neuron.n_vertices
+    arguments = {
+        "max_eigenvalue": 8.0 / time,
+        "t_min": time,
+        "t_max": 4.0 * time,
+        "n_components": 2,
+    }
+    whole = compute_hks(neuron, **arguments)
+    used = neuron.referenced & (neuron.component_labels == 0)
+
+    def worst(stitcher: MeshStitcher) -> float:
+        found = stitcher.apply(compute_hks, **arguments)
+        errors = np.abs(found[used] / whole[used] - 1.0)
+        return float(np.quantile(errors, 0.99, axis=0).max())
+
+    largest = int(np.bincount(neuron.component_labels[neuron.referenced]).max())
+    size = largest // 3
+    assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size)) < 0.01
+    # a width that was asked for is kept, and its effect is said
+    with pytest.warns(TruncationWarning, match="columns .*1 differ by up to .* where pieces meet"):
+        assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size, overlap=0.0)) > 0.01

@@ -28,6 +28,7 @@ FAULT = 2
 _COMMANDS = {
     "info": ("MESH...", "health, area, length of the spectrum"),
     "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
+    "condense": ("MESH... -o OUT [--graphs DIR/]", "domains of similar HKS, and their graph"),
     "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
     "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
     "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
@@ -102,9 +103,9 @@ def command_parser() -> argparse.ArgumentParser:
         # counted when patterns are expanded
         made.set_defaults(n_meshes=n_meshes)
         _add_preparation(made)
-        if name not in ("regions", "predict"):
+        if name not in ("regions", "predict", "condense"):
             _add_target(made, automatic=name == "features")
-        if name not in ("info", "regions"):
+        if name not in ("info", "regions", "condense"):
             _add_solver(made, operator=name != "predict")
         return made
 
@@ -144,6 +145,8 @@ def command_parser() -> argparse.ArgumentParser:
     )
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
     _add_outputs(features)
+
+    _add_condensing(command("condense", "divide meshes into domains of similar HKS", None))
 
     compare = command("compare", "compare two meshes", 2)
     kinds = tuple(family.export for family in FEATURES.values())
@@ -220,6 +223,11 @@ def command_parser() -> argparse.ArgumentParser:
     predicted = command("predict", "predict classes of vertices by a model", None)
     predicted.add_argument(
         "--model", required=True, type=Path, metavar="FILE", help="a .skops file that train wrote"
+    )
+    predicted.add_argument(
+        "--domains",
+        metavar="FILE",
+        help="condensed features of the mesh, or the folder of them: one class for each domain",
     )
     _add_outputs(predicted, (*_FORMATS, *_LABEL_FORMATS))
     _add_whole(predicted)
@@ -307,6 +315,57 @@ def parsed_command(arguments: list[str]) -> argparse.Namespace:
         parser.error(f"unrecognized arguments: {' '.join(others)}")
     options.mesh += map(Path, others)
     return options
+
+
+def _add_condensing(parser: argparse.ArgumentParser) -> None:
+    """Add the options of condense; defaults are those of `condensed_hks_pipeline`."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUT",
+        help='an .npz file, a folder, or a template such as "features/{name}.npz"; header.txt next'
+        " to it names the columns",
+    )
+    parser.add_argument(
+        "--graphs", metavar="OUT", help="likewise for the graph of domains of each mesh"
+    )
+    for flag, power, about in (
+        ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
+        ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
+        ("--max-eigenvalue", -2, "all eigenvalues up to X (per unit²), default 1e-5 nm⁻²"),
+    ):
+        parser.add_argument(flag, type=numbers.quantity(power), metavar="X", help=about)
+    _add_columns(parser, "number of times, default 32")
+    parser.add_argument(
+        "--reduction",
+        dest="simplify_target_reduction",
+        type=numbers.number(share=True),
+        metavar="SHARE",
+        help="of the faces to remove before, default 0.7",
+    )
+    parser.add_argument(
+        "--distance-threshold",
+        type=numbers.number(),
+        metavar="D",
+        help="Ward distance of log-HKS from which domains are separate, default 3",
+    )
+    parser.add_argument(
+        "--min-vertices",
+        dest="min_vertex_threshold",
+        type=whole(),
+        metavar="N",
+        help="smaller components are in no domain, default 200",
+    )
+    parser.add_argument(
+        "--nucleus",
+        dest="nuc_point",
+        type=numbers.number(),
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="position of the nucleus in the unit of the mesh; its distance is one more column",
+    )
+    _add_jobs(parser)
 
 
 def _add_training(parser: argparse.ArgumentParser) -> None:
@@ -583,6 +642,10 @@ def _add_solver(parser: argparse.ArgumentParser, *, operator: bool = True) -> No
     parser.add_argument(
         "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
     )
+    _add_jobs(parser)
+
+
+def _add_jobs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", type=whole(1), metavar="J", help="processes; default: as many as fit"
     )

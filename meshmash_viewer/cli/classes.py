@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.cli.arguments import chosen_operator
 from meshmash_viewer.cli.batch import (
     Report,
@@ -25,8 +26,10 @@ from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.outputs import check_map_outputs, folder_of, output_paths, write_maps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.regions import label_map
+from meshmash_viewer.io.condensed import read_condensed_features
 from meshmash_viewer.io.maps import read_labels
 from meshmash_viewer.io.models import check_model_path, model_card, read_classes, write_classes
+from meshmash_viewer.io.read import mesh_name
 from meshmash_viewer.learn.classes import ClassModel, predict_classes, train_classes
 from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.mesh import Mesh
@@ -141,18 +144,39 @@ def predict(options: Namespace) -> int:
         check_map_outputs(outputs)
         return for_each(
             options,
-            lambda mesh, at, own: _write_predicted(mesh, outputs[at], model, own),
+            lambda mesh, at, own: _write_predicted(mesh, at, outputs[at], model, own),
             repaired=False,  # both are needed to write results at all vertices
         )
 
 
-def _write_predicted(raw: Mesh, path: Path, model: ClassModel, options: Namespace) -> Report:
+def _domains(mesh: Mesh, given: Path, mesh_file: Path) -> IntArray:
+    """Read the domain of each vertex of a mesh from a file, or that of its name in a folder."""
+    path = given / f"{mesh_name(mesh_file)}.npz" if given.is_dir() else given
+    labels = read_condensed_features(path)[1]
+    if len(labels) == mesh.n_file_vertices:
+        return labels[mesh.file_indices]
+    if len(labels) == mesh.n_vertices:
+        return labels
+    raise InputError(
+        f"{path} has {len(labels):,} labels, and {mesh.name} {mesh.n_file_vertices:,} vertices:"
+        " give the one that was made from it."
+    )
+
+
+def _write_predicted(
+    raw: Mesh, at: int, path: Path, model: ClassModel, options: Namespace
+) -> Report:
     began = time.perf_counter()
     mesh = prepared(raw, options)
     model.check_mesh(mesh)
     pairs = solved(mesh, options, Target("max_eigenvalue", model.columns.limit(mesh)))
+    domains = None
+    if options.domains is not None:
+        domains = _domains(mesh, Path(options.domains), options.mesh[at])
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
-        found = predict_classes(mesh, model, pairs=pairs, progress=bar, cancel=cancel)
+        found = predict_classes(
+            mesh, model, pairs=pairs, domains=domains, progress=bar, cancel=cancel
+        )
     about = {
         "kind": "classes",
         "model": str(options.model),

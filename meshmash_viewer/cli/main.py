@@ -102,11 +102,12 @@ def _run_command(options: Namespace) -> int:
         takes = "one mesh" if options.n_meshes == 1 else "two meshes"
         files = ", ".join(map(str, options.mesh[:3])) + (", …" if len(options.mesh) > 3 else "")
         raise InputError(f"{options.command} takes {takes}, not {len(options.mesh)}: {files}.")
-    from meshmash_viewer.cli import carry, classes, commands, features, pictures, points
+    from meshmash_viewer.cli import carry, classes, commands, condense, features, pictures, points
 
     named = {
         "info": commands.info,
         "features": features.features,
+        "condense": condense.condense,
         "compare": commands.compare,
         "reconstruct": commands.reconstruct,
         "regions": commands.regions,

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, MeshWarning, printable
+from meshmash_viewer.io.condensed import holds, labelled_domains
 from meshmash_viewer.io.formats.freesurfer import (
     freesurfer_annotation,
     freesurfer_kind,
@@ -77,7 +78,8 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
 
     Files of maps alone are NPZ, NPY, CSV, Parquet, GIFTI (functional, shape and label files), and
     FreeSurfer's (``.curv`` and alike, ``.annot``, ``.label``, ``.mgh``). Of a mesh file, what it
-    has at its vertices besides coordinates.
+    has at its vertices besides coordinates. Of condensed features, see `read_condensed_features`,
+    the columns at the vertices of each domain, and the domains as labels.
 
     Parameters
     ----------
@@ -241,6 +243,9 @@ def maps_and_remarks(
         if not raw.maps:
             raise InputError("has nothing at its vertices but coordinates")
         found, faults = _fitting(raw.maps_in_units, mesh, path)
+        if path.suffix.lower() == ".npz" and holds(path, "X", "labels"):
+            found, said_of_domains = labelled_domains(found, mesh)
+            faults = (*faults, *said_of_domains)
     except LimitExceeded as fault:
         raise InputError(f"{path} {fault}") from fault
     except InputError as fault:

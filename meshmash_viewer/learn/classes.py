@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.domains import checked_labels, domain_means
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
@@ -254,6 +256,7 @@ def predict_classes(
     *,
     pairs: Eigenpairs | None = None,
     features: Features | None = None,
+    domains: npt.ArrayLike | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> ClassPrediction:
@@ -267,7 +270,11 @@ def predict_classes(
     pairs : Eigenpairs, optional
         Of this mesh; computed where they do not suffice.
     features : Features, optional
-        Result of ``model.columns.compute`` for this mesh, if it is known.
+        Result of ``model.columns.compute`` for this mesh, if it is known, or others that have
+        columns of these names.
+    domains : array_like of int, shape (n,), optional
+        The domain of each vertex, -1 for none, such as `CondensedHKS.labels`: the class is that of
+        the mean over the area of its domain, without smoothing.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -278,7 +285,8 @@ def predict_classes(
     Raises
     ------
     InputError
-        If the mesh or the model has no unit of length.
+        If the mesh or the model has no unit of length, a column of the model is missing in
+        `features`, or domains are those of another mesh.
 
     Examples
     --------
@@ -294,15 +302,26 @@ def predict_classes(
     model.check_mesh(mesh)
     if features is None:
         features = model.columns.compute(mesh, pairs, progress=progress, cancel=cancel)
+    given = _matching(features, model)
     values = np.full((mesh.n_vertices, len(model.classes)), np.nan)
-    values[mesh.referenced] = probabilities(
-        model.classifier, features.values[mesh.referenced], progress, cancel
-    )
-    values = smoothed(mesh, values, model.smoothing, model.columns, cancel)
+    if domains is None:
+        used = mesh.referenced
+        values[used] = probabilities(model.classifier, given[used], progress, cancel)
+        values = smoothed(mesh, values, model.smoothing, model.columns, cancel)
+    else:
+        known = checked_labels(domains, mesh.n_vertices)
+        means = domain_means(np.asarray(given, dtype=np.float64), known, mesh.vertex_areas)[1:]
+        whole = np.isfinite(means).all(axis=1)
+        of_domains = np.full((len(means) + 1, len(model.classes)), np.nan)  # the last: of none
+        of_domains[:-1][whole] = probabilities(
+            model.classifier, means[whole].astype(given.dtype), progress, cancel
+        )
+        values = of_domains[known]
+        used = np.isfinite(values[:, 0])
     keys = np.array([each.key for each in model.classes])
     none = 0 if 0 not in keys else int(keys.min()) - 1
     best = np.nan_to_num(values, nan=-1.0).argmax(axis=1)
-    labels = np.where(mesh.referenced, keys[best], none)
+    labels = np.where(used, keys[best], none)
     return ClassPrediction(
         VertexMap("class", labels, model.classes),
         tuple(
@@ -311,6 +330,20 @@ def predict_classes(
         ),
         VertexMap("uncertainty", 1.0 - values.max(axis=1)),
     )
+
+
+def _matching(features: Features, model: ClassModel) -> npt.NDArray[Any]:
+    """Return the columns of a model, by their names."""
+    names = model.columns.names
+    if features.columns == names:
+        return features.values
+    if missing := [name for name in names if name not in features.columns]:
+        raise InputError(
+            f"The features have no column {missing[0]!r}, which the model was trained with, and"
+            f" {counted(len(missing) - 1, 'other')} of its columns: compute them with"
+            " model.columns.compute."
+        )
+    return features.values[:, [features.columns.index(name) for name in names]]
 
 
 def _joined(sets: Sequence[VertexMap]) -> tuple[Label, ...]:

@@ -31,7 +31,7 @@ from meshmash_viewer.units import LENGTH_UNITS, METRES, format_quantity, whole_n
 #: Standard deviation of wave kernel bands, in steps between them.
 _WIDTH = 2.0
 #: Values below this share of those of a plane, or of the mean, have the logarithm of the share.
-_FLOOR = 1e-9
+FLOOR = 1e-9
 #: Squared length times eigenvalue from which heat flow is summed from eigenpairs, as what is
 #: missing has decayed to less than 1 %.
 _DECAYED = 5.0
@@ -270,10 +270,10 @@ class ClassColumns:
         sums = accumulate_features(rows[start:], bank(eigenvalues[start:]))
         if kind == "hks":
             sums *= self.scale(mesh) ** 2
-            floor = _FLOOR / (4.0 * np.pi * self.times)
+            floor = FLOOR / (4.0 * np.pi * self.times)
         else:
             sums *= mesh.area
-            floor = np.full(self.n_times, _FLOOR)
+            floor = np.full(self.n_times, FLOOR)
         return np.asarray(np.log(np.fmax(sums, floor)))
 
     def _curvature(
@@ -312,7 +312,7 @@ class ClassColumns:
                     spectrum = rows @ (mass[:, None] * given)
                 smooth = rows.T @ (np.exp(-(length**2) * eigenvalues)[:, None] * spectrum)
             apart, around = places - smooth[:, :3], smooth[:, 3:6]
-            share = np.maximum(smooth[:, 8], _FLOOR)
+            share = np.maximum(smooth[:, 8], FLOOR)
             columns += [
                 np.einsum("ij,ij->i", apart, normals),
                 np.linalg.norm(apart, axis=1),

@@ -14,11 +14,11 @@ import numpy as np
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
-from meshmash_viewer.features.sums import Features, accumulate_features
-from meshmash_viewer.features.truncation import Truncation, measure_truncation, percent
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
+from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MapGrew, Written
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
@@ -29,7 +29,7 @@ from meshmash_viewer.spectral.weyl import (
     Translation,
     weyl_eigenvalue,
 )
-from meshmash_viewer.split.partition import Piece
+from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.units import counted, format_quantity, format_share, power_unit
 from meshmash_viewer.work import Channel
@@ -43,35 +43,6 @@ _WIDEST = 11
 def usual_pieces(n_vertices: int) -> int:
     """Number of pieces that are solved in seconds each; two at least, if that is worth it."""
     return max(math.ceil(n_vertices / _USUAL), min(2, n_vertices // LEAST), 1)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """What is done to a piece; it goes to other processes.
-
-    It gives the columns, and two more: the sum of all squares, and the mass of each vertex.
-    """
-
-    operator: OperatorOptions
-    max_eigenvalue: float
-    bank: FilterBank
-    drop_first: bool
-
-    def __call__(self, piece: Piece) -> FloatArray:
-        from meshmash_viewer.spectral.eigensolver import solve
-
-        stiffness, mass = cotangent_laplacian(
-            piece, self.operator.robust, self.operator.mollify_factor
-        )
-        pairs = solve(stiffness, mass, max_eigenvalue=self.max_eigenvalue)
-        if not pairs.complete:
-            raise ArithmeticError(pairs.proof())
-        coefficients = self.bank(pairs.eigenvalues)
-        density = np.zeros(pairs.rows.shape[1])
-        values = accumulate_features(pairs.rows, coefficients, density)
-        if self.drop_first:
-            values -= np.outer(piece.first, coefficients[:, 0])
-        return np.column_stack([values, density, pairs.mass])
 
 
 def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
@@ -176,8 +147,9 @@ class PiecesJob:
         bank = _common_bank(self.family, top)
         stitcher = MeshStitcher(mesh, n_jobs=self.n_jobs)
         _split(stitcher, bank, n, count)
+        task = PieceFeatures(self.operator, top, bank, self.drop_first)
         whole = stitcher.apply(
-            _Task(self.operator, top, bank, self.drop_first),
+            task,
             stitch=False,
             done=lambda vertices, rows: done(vertices, rows[:, :-2]),
             progress=progress,
@@ -186,7 +158,7 @@ class PiecesJob:
         seams = stitcher.seams([rows[:, :-2] for rows in whole])
         *columns, density, mass = stitcher.stitch_features(whole).T
         values = np.stack(columns, axis=1)
-        truncation = _truncation(bank, values, density, np.nan_to_num(mass), top)
+        truncation = task.truncation(values, density, np.nan_to_num(mass))
         median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
         found = {
             "pieces": len(stitcher.pieces),
@@ -238,19 +210,6 @@ def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int
     else:
         # a piece holds its overlap, too
         stitcher.split_mesh(math.ceil(1.35 * n_vertices / count))
-
-
-def _truncation(
-    bank: FilterBank,
-    values: FloatArray,
-    density: FloatArray,
-    mass: FloatArray,
-    top: float,
-) -> Truncation | None:
-    """What the pairs beyond `top` would add, from the sums of squares of those up to it."""
-    used = mass > 0.0
-    n_pairs = max(round(float(mass[used] @ density[used])), 1)
-    return measure_truncation(values, bank, np.full(n_pairs, top), density, mass, known_to=top)
 
 
 def _flagged_sentence(report: dict[str, Any]) -> str:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.condensed import DOMAINS, condensed_columns
 from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.provenance import second_file, stated_columns, stated_mesh
 from meshmash_viewer.io.raw import (
@@ -124,11 +125,24 @@ def npy_maps(path: Path) -> RawMesh:
 def npz_maps(path: Path) -> RawMesh:
     """Read the arrays with one number a vertex, or one a vertex and column."""
     with _opened(path) as archive:
+        if {"X", "labels"} <= set(archive.files):
+            return maps_alone(
+                _of_domains(path, *(_array(archive, each) for each in ("X", "labels")))
+            )
         maps, said = tuple(_maps(archive)), _said(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
         raise InputError(f"holds {names}, of which none has one number a vertex")
     return maps_alone(maps, meta=said)
+
+
+def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) -> Iterator[RawMap]:
+    """The domain of each vertex, and the columns of condensed features at it."""
+    names = condensed_columns(path, values, labels)
+    domains = labels.astype(np.float64)
+    yield RawMap(DOMAINS, np.where(domains < 0.0, np.nan, domains))
+    for name, column in zip(names[: MOST_MAPS - 1], values.T, strict=False):
+        yield RawMap(name, np.where(labels < 0, np.nan, column[labels + 1]))
 
 
 def _said(archive: Any) -> str:

@@ -1,0 +1,93 @@
+"""The command condense: domains of meshes, written as meshmash does."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import warnings
+from argparse import Namespace
+from pathlib import Path
+
+import numpy as np
+
+from meshmash_viewer.cli.batch import Report, for_each, progress_bar, until_interrupted
+from meshmash_viewer.cli.outputs import folder_of, output_paths
+from meshmash_viewer.errors import InputError, TruncationWarning
+from meshmash_viewer.features.domains import require
+from meshmash_viewer.io.condensed import write_condensed_features, write_condensed_graph
+from meshmash_viewer.io.write import check_output
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.split.condensed import condensed_hks_pipeline, nm_of
+from meshmash_viewer.units import counted
+
+#: Options that are arguments of the pipeline, and their powers of length.
+_ARGUMENTS = {
+    "n_components": 0, "t_min": 2, "t_max": 2, "max_eigenvalue": -2,
+    "simplify_target_reduction": 0, "distance_threshold": 0, "min_vertex_threshold": 0,
+    "nuc_point": 0,
+}  # fmt: skip
+
+
+def condense(options: Namespace) -> int:
+    """Divide meshes into domains, and write these and their graphs."""
+    require("fast_simplification", "sklearn", "pandas")
+    outputs = output_paths(options.mesh, options.output, "domains", ".npz")
+    graphs = None
+    if options.graphs is not None:
+        graphs = output_paths(options.mesh, options.graphs, "graph", ".npz")
+        if same := set(outputs) & set(graphs):
+            raise InputError(
+                f"{min(same)} would be both features and graph: give --graphs another folder."
+            )
+    with contextlib.ExitStack() as folders:
+        for given in filter(None, (options.output, options.graphs)):
+            folders.enter_context(folder_of(given))
+        for path in (*outputs, *(graphs or ())):
+            if path.suffix.lower() != ".npz":
+                raise InputError(f"{path} does not end in .npz, which is the format of domains.")
+            check_output(path)
+        return for_each(
+            options,
+            lambda mesh, at, own: _write(
+                mesh, outputs[at], None if graphs is None else graphs[at], own
+            ),
+        )
+
+
+def _write(mesh: Mesh, path: Path, graph: Path | None, options: Namespace) -> Report:
+    began, scale = time.perf_counter(), nm_of(mesh)
+    given = {name: getattr(options, name) for name in _ARGUMENTS}
+    arguments = {
+        name: value * scale ** _ARGUMENTS[name] if _ARGUMENTS[name] else value
+        for name, value in given.items()
+        if value is not None
+    }
+    with (
+        progress_bar(mesh) as bar,
+        until_interrupted() as cancel,
+        warnings.catch_warnings(action="ignore", category=TruncationWarning),  # among the remarks
+    ):
+        found = condensed_hks_pipeline(
+            mesh, **arguments, n_jobs=options.jobs or -1, progress=bar, cancel=cancel
+        )
+    labels = np.full(mesh.n_file_vertices, -1, dtype=np.int64)
+    labels[mesh.file_indices] = found.labels
+    write_condensed_features(path, found.condensed_features, labels)
+    if graph is not None:
+        write_condensed_graph(graph, found.condensed_nodes, found.condensed_edges)
+    report = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "graph": None if graph is None else str(graph),
+        "n_domains": found.n_domains,
+        "n_vertices": len(labels),
+        "n_dropped": int(np.count_nonzero(labels < 0)),
+        "n_simple_vertices": found.simple_mesh.n_vertices,
+        "pieces": len(found.stitcher),
+        "truncation": found.truncation.as_dict(),
+        "seam_median": found.seams.tolist(),
+        "remarks": [f"{each}." for each in found.remarks],
+        "seconds": round(time.perf_counter() - began, 3),
+    }
+    of_all = f"of {counted(found.simple_mesh.n_vertices, 'vertex')} after decimation"
+    return report, f"{path}: {counted(found.n_domains, 'domain')} {of_all}"

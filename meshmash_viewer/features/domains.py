@@ -1,0 +1,274 @@
+"""Means of features over domains, and the graph of domains.
+
+Domains are numbered from 0, and -1 is a vertex in no domain. Tables are pandas DataFrames.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.surface.edges import edges_of, side_codes
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: Columns of the graph of domains.
+NODE_COLUMNS = ("x", "y", "z", "area", "n_vertices", "component_area", "component_n_vertices")
+EDGE_COLUMNS = ("source", "target", "boundary_length", "count", "edge_length")
+#: Column of a node with its distance from a given point.
+NUCLEUS_COLUMN = "distance_to_nucleus"
+#: What is installed for the functions that make and read domains.
+EXTRA = 'pip install "meshmash-viewer[neuro]"'
+
+
+def require(*modules: str) -> None:
+    """Raise `InputError` if a package that domains need is not installed."""
+    from importlib.util import find_spec
+
+    for module in modules:
+        if find_spec(module) is None:
+            name = {"sklearn": "scikit-learn"}.get(module, module.replace("_", "-"))
+            raise InputError(f"Domains need {name}, which is not installed: {EXTRA}.")
+
+
+def checked_labels(labels: npt.ArrayLike, n_vertices: int) -> IntArray:
+    """Return the domain of each vertex, shape (n,), and raise `InputError` for other arrays."""
+    found = np.asarray(labels)
+    if found.shape != (n_vertices,) or found.dtype.kind not in "iu":
+        raise InputError(
+            f"Labels of domains have shape {found.shape} and type {found.dtype}: give one whole"
+            f" number for each of the {n_vertices:,} vertices."
+        )
+    if n_vertices and int(found.min()) < -1:
+        raise InputError(
+            f"A label of a domain is {found.min()}: domains are numbered from 0, and -1 is none."
+        )
+    return found.astype(np.int64)
+
+
+def checked_point(point: npt.ArrayLike) -> FloatArray:
+    """Return a position, shape (3,), and raise `InputError` for other arrays."""
+    found = np.asarray(point, dtype=np.float64)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise InputError(f"nuc_point is {point!r}: give x, y and z of a point.")
+    return found
+
+
+def aggregate_features(
+    features: Features | DataFrame | npt.ArrayLike,
+    labels: npt.ArrayLike,
+    weights: npt.ArrayLike | None = None,
+) -> DataFrame:
+    """Compute the mean of features over each domain.
+
+    Parameters
+    ----------
+    features : Features, DataFrame or array_like, shape (n, f) or (n,)
+        A row for each vertex. NaN has no weight.
+    labels : array_like of int, shape (n,)
+        The domain of each vertex, -1 for none.
+    weights : array_like, shape (n,), optional
+        Such as `Mesh.vertex_areas`; without, and for domains of weight 0, all vertices have the
+        same.
+
+    Returns
+    -------
+    DataFrame
+        Its index are the domains from -1 on, whose row is NaN.
+
+    Raises
+    ------
+    InputError
+        If numbers of rows differ, or a weight is negative.
+
+    Examples
+    --------
+    >>> halves = (ball.vertices[:, 2] > 0).astype(int)
+    >>> mv.aggregate_features(ball.vertices[:, 2], halves)[0].round(2).tolist()
+    [nan, -0.48, 0.53]
+    """
+    require("pandas")
+    import pandas
+
+    table = np.asarray(features, dtype=np.float64)
+    table = table.reshape(len(table), -1)
+    means = domain_means(table, labels, weights)
+    index = pandas.RangeIndex(-1, len(means) - 1, name="label")
+    given: Any = features
+    columns = list(getattr(given, "columns", range(table.shape[1])))
+    return pandas.DataFrame(means, index=index, columns=columns)
+
+
+def domain_means(
+    table: FloatArray, labels: npt.ArrayLike, weights: npt.ArrayLike | None = None
+) -> FloatArray:
+    """Compute the rows of `aggregate_features`, shape (k + 1, f)."""
+    known = checked_labels(labels, len(table))
+    given = np.ones(len(table)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if given.shape != known.shape or not (given >= 0.0).all():
+        raise InputError(
+            f"Weights of shape {given.shape} are not one number from 0 for each of the"
+            f" {len(table):,} vertices."
+        )
+    inside = np.flatnonzero(known >= 0)
+    domain, k = known[inside], int(known.max(initial=-1)) + 1
+    share = given[inside]
+    empty = np.bincount(domain, share, k) == 0.0
+    share = np.where(empty[domain], 1.0, share)
+    result = np.full((k + 1, table.shape[1]), np.nan)
+    for at, column in enumerate(table[inside].T):
+        has = np.isfinite(column)
+        total = np.bincount(domain[has], share[has], k)
+        sums = np.bincount(domain[has], column[has] * share[has], k)
+        result[1:, at] = np.divide(sums, total, out=np.full(k, np.nan), where=total > 0.0)
+    return result
+
+
+def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike) -> Any:
+    """Give every vertex the row of its domain, the inverse of `aggregate_features`.
+
+    Parameters
+    ----------
+    condensed : DataFrame, or array_like, shape (k, f) or (k,)
+        A row for each domain: by its index, or from domain 0 on.
+    labels : array_like of int, shape (n,)
+        The domain of each vertex, -1 for none, which has NaN.
+
+    Returns
+    -------
+    DataFrame or ndarray, shape (n, f) or (n,)
+        As `condensed`.
+
+    Raises
+    ------
+    InputError
+        If a domain has no row.
+
+    Examples
+    --------
+    >>> mv.expand_features([10.0, 20.0], [0, 1, -1, 1])
+    array([10., 20., nan, 20.])
+    """
+    known = checked_labels(labels, len(np.asarray(labels)))
+    frame = hasattr(condensed, "reindex")
+    rows = np.asarray(condensed, dtype=np.float64)
+    given: Any = condensed
+    index = np.asarray(given.index) if frame else np.arange(len(rows))
+    place = np.full(max(int(known.max(initial=-1)), int(index.max(initial=-1))) + 2, len(rows))
+    place[index[index >= 0]] = np.flatnonzero(index >= 0)
+    at = place[known]
+    missing = np.unique(known[(at == len(rows)) & (known >= 0)])
+    if len(missing):
+        raise InputError(
+            f"Domain {missing[0]} has no row: there are {len(rows)} rows, and labels up to"
+            f" {known.max()}."
+        )
+    values = np.concatenate([rows, np.full((1, *rows.shape[1:]), np.nan)])[
+        np.where(known < 0, len(rows), at)
+    ]
+    if not frame:
+        return values
+    import pandas
+
+    columns: Any = getattr(condensed, "columns", None)
+    return pandas.DataFrame(values, columns=columns)
+
+
+def condense_mesh_to_graph(
+    mesh: MeshLike, labels: npt.ArrayLike, nuc_point: npt.ArrayLike | None = None
+) -> tuple[DataFrame, DataFrame]:
+    """Make the graph of domains: a node for each, an edge for each two that touch.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+    labels : array_like of int, shape (n,)
+        The domain of each vertex, -1 for none.
+    nuc_point : array_like, shape (3,), optional
+        A point from which the distance of each node is a further column.
+
+    Returns
+    -------
+    nodes : DataFrame
+        Row i is domain i: its mean position over the area ``x, y, z``, ``area`` and ``n_vertices``,
+        area and vertices of its component ``component_area`` and ``component_n_vertices``, and
+        ``distance_to_nucleus``. The area of a vertex is a third of that of its faces.
+    edges : DataFrame
+        ``source`` < ``target``, ``boundary_length``, ``count`` of mesh edges between both, and
+        ``edge_length``, the distance of the two positions. A mesh edge between two domains has for
+        boundary length the sum of the incircle radii of its faces.
+
+    Raises
+    ------
+    InputError
+        If labels do not match the mesh, or no vertex is in a domain.
+
+    Examples
+    --------
+    >>> nodes, edges = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
+    >>> nodes["area"].round(1).tolist(), edges["source"].tolist(), edges["target"].tolist()
+    ([6.6, 5.9], [0], [1])
+    """
+    require("pandas")
+    import pandas
+
+    surface = as_mesh(mesh)
+    known = checked_labels(labels, surface.n_vertices)
+    if not (known >= 0).any():
+        raise InputError("No vertex is in a domain: all labels are -1.")
+    k = int(known.max()) + 1
+    positions, columns = _nodes(surface, known, k)
+    nodes = pandas.DataFrame(dict(zip(NODE_COLUMNS, [*positions.T, *columns], strict=True)))
+    if nuc_point is not None:
+        nodes[NUCLEUS_COLUMN] = np.linalg.norm(positions - checked_point(nuc_point), axis=1)
+    pairs, length, count = _boundaries(surface, known, k)
+    source, target = np.divmod(pairs, k)
+    apart = np.linalg.norm(positions[source] - positions[target], axis=1)
+    values = (source, target, length, count, apart)
+    return nodes, pandas.DataFrame(dict(zip(EDGE_COLUMNS, values, strict=True)))
+
+
+def _nodes(mesh: Mesh, labels: IntArray, k: int) -> tuple[FloatArray, list[npt.NDArray[Any]]]:
+    """Return positions, shape (k, 3), and the other columns of nodes."""
+    inside = np.flatnonzero(labels >= 0)
+    domain, areas = labels[inside], mesh.vertex_areas[inside]
+    area, size = np.bincount(domain, areas, k), np.bincount(domain, minlength=k)
+    weights = np.where((area > 0.0)[domain], areas, 1.0)
+    whole = np.bincount(domain, weights, k)
+    with np.errstate(invalid="ignore"):  # of a number without vertices
+        positions = np.stack(
+            [np.bincount(domain, weights * x, k) / whole for x in mesh.vertices[inside].T], axis=1
+        )
+    component = mesh.component_labels
+    used = component >= 0
+    component_area = np.bincount(component[used], mesh.vertex_areas[used])
+    component_size = np.bincount(component[used])
+    of_domain = np.full(k, -1)
+    of_domain[domain[::-1]] = component[inside][::-1]  # that of its lowest vertex
+    sums = [np.append(each, 0)[of_domain] for each in (component_area, component_size)]
+    return positions, [area, size, *sums]
+
+
+def _boundaries(mesh: Mesh, labels: IntArray, k: int) -> tuple[IntArray, FloatArray, IntArray]:
+    """Return pairs of domains that touch as ``low * k + high``, lengths and numbers of edges."""
+    at = np.flatnonzero(mesh.distinct_corners)
+    faces = mesh.faces[at]
+    corners = mesh.vertices[faces]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).sum(axis=1)
+    radius = np.divide(2.0 * mesh.face_areas[at], sides, out=np.zeros(len(at)), where=sides > 0.0)
+    codes = side_codes(faces, mesh.n_vertices)
+    edges = edges_of(codes).keys
+    lengths = np.bincount(np.searchsorted(edges, codes >> 1), np.repeat(radius, 3), len(edges))
+    ends = labels[np.stack(np.divmod(edges, mesh.n_vertices))]
+    across = (ends[0] != ends[1]) & (ends >= 0).all(axis=0)
+    low, high = ends[:, across].min(axis=0), ends[:, across].max(axis=0)
+    pairs, place = np.unique(low * k + high, return_inverse=True)
+    total = np.bincount(place, lengths[across], len(pairs)).astype(np.float64)
+    return pairs, total, np.bincount(place, minlength=len(pairs))

@@ -1,0 +1,446 @@
+"""Files of condensed features, of graphs of domains, and of objects at vertices, as meshmash has.
+
+A file of features has the arrays ``X``, float32, whose row 0 belongs to label -1 and row i + 1 to
+domain i, and ``labels``, int32, one for each vertex of the raw mesh. One of a graph has ``nodes``
+and ``edges``. The names of the columns are in text files next to it, separated by tabs and the same
+for all files of the folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import IntArray
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.features.domains import (
+    EDGE_COLUMNS,
+    NODE_COLUMNS,
+    NUCLEUS_COLUMN,
+    checked_labels,
+    require,
+)
+from meshmash_viewer.io.atomic import writing_errors, written_together
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: Files of column names, next to the others.
+HEADER, NODES_HEADER, EDGES_HEADER = "header.txt", "nodes_header.txt", "edges_header.txt"
+#: Map of the domain of each vertex, which becomes a label set.
+DOMAINS = "domains"
+#: Colours of domains, of which neighbours have different ones.
+_COLORS = ("#4477aa", "#ccbb44", "#228833", "#ee6677", "#66ccee", "#aa3377", "#ee7733", "#999933",
+           "#88ccee", "#332288", "#ddcc77", "#117733")  # fmt: skip
+#: Array of a map of objects to vertices.
+ID_MAP = "id_to_mesh_map"
+
+
+def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.ArrayLike) -> None:
+    """Write features of domains to ``NAME.npz``, and the names of their columns to ``header.txt``.
+
+    Both are written as a whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+    features : DataFrame
+        A row for each domain, its index from 0 on; a row -1 is that of vertices without a domain.
+    labels : array_like of int, shape (n,)
+        The domain of each vertex of the raw mesh, -1 for none.
+
+    Raises
+    ------
+    InputError
+        If the numbers of domains differ, or the folder has a header of other columns.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> halves = (ball.vertices[:, 2] > 0).astype(int)
+    >>> with TemporaryDirectory() as folder:
+    ...     means = mv.aggregate_features(ball.vertices, halves)
+    ...     mv.write_condensed_features(folder + "/ball.npz", means, halves)
+    ...     features, labels = mv.read_condensed_features(folder + "/ball.npz")
+    >>> features.shape, labels.shape
+    ((3, 3), (642,))
+    """
+    known = np.asarray(labels)
+    known = checked_labels(known, len(known))
+    index = np.asarray(features.index)
+    rows = np.asarray(features, dtype=np.float32)
+    has_none = bool(len(index)) and index[0] == -1
+    if not has_none:
+        rows = np.concatenate([np.full((1, rows.shape[1]), np.nan, np.float32), rows])
+    k = len(rows) - 1
+    if not np.array_equal(index, np.arange(-1 if has_none else 0, k)):
+        raise InputError("The index of condensed features is not 0, 1, 2 and so on: sort them.")
+    if int(known.max(initial=-1)) >= k:
+        raise InputError(f"Labels are up to {known.max()}, and there are {k} rows of domains.")
+    _write(path, {"X": rows, "labels": known.astype(np.int32)}, {HEADER: list(map(str, features))})
+
+
+def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
+    """Read features of domains, as `write_condensed_features` and meshmash write them.
+
+    Parameters
+    ----------
+    path : str or Path
+        Next to it is ``header.txt``.
+
+    Returns
+    -------
+    features : DataFrame
+        Its index is the domain from -1 on.
+    labels : ndarray of int, shape (n,)
+        The domain of each vertex of the raw mesh, -1 for none.
+
+    Raises
+    ------
+    InputError
+        If the file is none, or does not match its header.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> halves = (ball.vertices[:, 2] > 0).astype(int)
+    >>> with TemporaryDirectory() as folder:
+    ...     means = mv.aggregate_features(ball.vertices, halves)
+    ...     mv.write_condensed_features(folder + "/ball.npz", means, halves)
+    ...     features, labels = mv.read_condensed_features(folder + "/ball.npz")
+    >>> features.shape, labels.shape
+    ((3, 3), (642,))
+    """
+    path = Path(path)
+    with _named(path):
+        values, labels = _arrays(path, "X", "labels")
+        names = condensed_columns(path, values, labels)
+        return _frame(values, names, first=-1), labels.astype(np.int64)
+
+
+def condensed_columns(
+    path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]
+) -> tuple[str, ...]:
+    """Check the arrays of a file of features, and return the names of its columns.
+
+    `InputError` is raised with a clause that follows the name of the file.
+    """
+    if values.ndim != 2 or values.dtype.kind not in "fiu" or not len(values):
+        raise InputError(f"has X of shape {values.shape}, not a row for each domain")
+    if labels.ndim != 1 or labels.dtype.kind not in "iu" or not len(labels):
+        raise InputError(f"has labels of shape {labels.shape}, not a whole number a vertex")
+    low, high = int(labels.min()), int(labels.max())
+    if low < -1 or high > len(values) - 2:
+        raise InputError(
+            f"has labels from {low} to {high}, and {len(values)} rows of X, which are of -1 and the"
+            f" domains from 0 to {len(values) - 2}"
+        )
+    return _header(path, HEADER, values.shape[1])
+
+
+def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) -> None:
+    """Write a graph of domains, see `condense_mesh_to_graph`, and the names of its columns.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``NAME.npz``, next to which ``nodes_header.txt`` and ``edges_header.txt`` are written.
+    nodes, edges : DataFrame
+
+    Raises
+    ------
+    InputError
+        If columns are missing, an edge ends at no node, or the folder has headers of other columns.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> graph = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
+    >>> with TemporaryDirectory() as folder:
+    ...     mv.write_condensed_graph(folder + "/ball.npz", *graph)
+    ...     nodes, edges = mv.read_condensed_graph(folder + "/ball.npz")
+    >>> len(nodes), edges["source"].tolist(), edges["target"].tolist()
+    (2, [0], [1])
+    """
+    for table, needed in ((nodes, NODE_COLUMNS[:3]), (edges, EDGE_COLUMNS[:2])):
+        if missing := [name for name in needed if name not in table.columns]:
+            raise InputError(f"The graph has no column {missing[0]}: give nodes, then edges.")
+    ends = np.asarray(edges[list(EDGE_COLUMNS[:2])], dtype=np.int64)
+    _check_ends(ends, len(nodes), "The graph has")
+    arrays = {
+        "nodes": np.asarray(nodes, dtype=np.float32),
+        # numbers of nodes above 16,777,216 are not exact in float32
+        "edges": np.asarray(edges, dtype=np.float32 if len(nodes) < 2**24 else np.float64),
+    }
+    headers = {NODES_HEADER: list(map(str, nodes)), EDGES_HEADER: list(map(str, edges))}
+    _write(path, arrays, headers)
+
+
+def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
+    """Read a graph of domains, as `write_condensed_graph` and meshmash write it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    nodes, edges : DataFrame
+        Row i of `nodes` is domain i.
+
+    Raises
+    ------
+    InputError
+        If the file is none, or does not match its headers.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> graph = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
+    >>> with TemporaryDirectory() as folder:
+    ...     mv.write_condensed_graph(folder + "/ball.npz", *graph)
+    ...     nodes, edges = mv.read_condensed_graph(folder + "/ball.npz")
+    >>> len(nodes), edges["source"].tolist(), edges["target"].tolist()
+    (2, [0], [1])
+    """
+    path = Path(path)
+    with _named(path):
+        nodes, edges = _arrays(path, "nodes", "edges")
+        if nodes.ndim != 2 or edges.ndim != 2:
+            raise InputError(
+                f"has nodes of shape {nodes.shape} and edges of shape {edges.shape}, not tables"
+            )
+        names = _header(path, NODES_HEADER, nodes.shape[1], (*NODE_COLUMNS, NUCLEUS_COLUMN))
+        first = _frame(nodes, names)
+        second = _frame(edges, _header(path, EDGES_HEADER, edges.shape[1], EDGE_COLUMNS))
+        for table, needed in ((first, NODE_COLUMNS[:3]), (second, EDGE_COLUMNS[:2])):
+            if missing := [name for name in needed if name not in table.columns]:
+                raise InputError(f"has no column {missing[0]}")
+        ends = second[list(EDGE_COLUMNS[:2])].astype(np.int64)
+        _check_ends(ends.to_numpy(), len(nodes), "has")
+        return first, second.assign(**{name: ends[name] for name in EDGE_COLUMNS[:2]})
+
+
+def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) -> None:
+    """Write which vertex each object, such as a synapse, is at.
+
+    Parameters
+    ----------
+    path : str or Path
+    ids : array_like of int, shape (k,)
+    vertices : array_like of int, shape (k,)
+        Vertices of the raw mesh, -1 for none.
+
+    Raises
+    ------
+    InputError
+        If the numbers of both differ, or they are no whole numbers.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     mv.write_id_map(folder + "/synapses.npz", [7001, 7002], [12, 640])
+    ...     ids, vertices = mv.read_id_map(folder + "/synapses.npz")
+    >>> ids.tolist(), vertices.tolist()
+    ([7001, 7002], [12, 640])
+    """
+    columns = [np.asarray(each) for each in (ids, vertices)]
+    if (
+        any(each.ndim != 1 or each.dtype.kind not in "iu" for each in columns)
+        or len({len(each) for each in columns}) > 1
+    ):
+        shapes = " and ".join(str(each.shape) for each in columns)
+        raise InputError(f"Ids and vertices of shapes {shapes}: give one whole number of each.")
+    _write(path, {ID_MAP: np.stack([each.astype(np.int64) for each in columns], axis=1)}, {})
+
+
+def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
+    """Read which vertex each object is at, as `write_id_map` and meshmash write it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    ids, vertices : ndarray of int, shape (k,)
+
+    Raises
+    ------
+    InputError
+        If the file is none.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     mv.write_id_map(folder + "/synapses.npz", [7001, 7002], [12, 640])
+    ...     ids, vertices = mv.read_id_map(folder + "/synapses.npz")
+    >>> ids.tolist(), vertices.tolist()
+    ([7001, 7002], [12, 640])
+    """
+    path = Path(path)
+    with _named(path):
+        (found,) = _arrays(path, ID_MAP)
+        if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
+            raise InputError(
+                f"has {ID_MAP} of shape {found.shape}, not two whole numbers an object"
+            )
+        ids, vertices = found.astype(np.int64).T
+        return ids, vertices
+
+
+def holds(path: str | Path, *names: str) -> bool:
+    """Whether a file is an archive that has some arrays."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {f"{name}.npy" for name in names} <= set(archive.namelist())
+    except (zipfile.BadZipFile, OSError):
+        return False
+
+
+def labelled_domains(
+    maps: Sequence[VertexMap], mesh: Mesh
+) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
+    """Replace the map of domains by a label set; return all maps, and a clause on groups.
+
+    Domains that touch have different colours. Where there are more than labels can be, a label is a
+    group of domains that do not touch, and the map of their numbers stays.
+    """
+    at = next((i for i, each in enumerate(maps) if each.name == DOMAINS), None)
+    if at is None:
+        return tuple(maps), ()
+    given = maps[at]
+    numbers = np.nan_to_num(given.values, nan=-1.0).astype(np.int64)
+    of_mesh = numbers if len(numbers) == mesh.n_vertices else numbers[mesh.file_indices]
+    colors = _distinct(of_mesh[mesh.faces], int(numbers.max()) + 1)
+    count = len(colors)
+    if count <= MOST_LABELS:
+        labels = tuple(
+            Label(i + 1, f"domain {i}", _COLORS[color % len(_COLORS)])
+            for i, color in enumerate(colors)
+        )
+        found = VertexMap(DOMAINS, numbers + 1, labels, path=given.path)
+        return (*maps[:at], found, *maps[at + 1 :]), ()
+    groups = tuple(
+        Label(i + 1, f"group {i + 1}", _COLORS[i % len(_COLORS)]) for i in range(max(colors) + 1)
+    )
+    keys = np.append(np.asarray(colors) + 1, 0)[numbers]
+    found = VertexMap("groups of domains", keys, groups, path=given.path)
+    said = (
+        f"has {count:,} domains, and {MOST_LABELS} labels can be distinguished: a label is a group"
+        f" of domains that do not touch, and the map {DOMAINS} has their numbers"
+    )
+    return (found, *maps), (said,)
+
+
+def _distinct(corners: IntArray, count: int) -> list[int]:
+    """Give each domain the lowest number that no lower domain has which shares a face with it."""
+    pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    pairs = np.sort(pairs[(pairs[:, 0] != pairs[:, 1]) & (pairs >= 0).all(axis=1)], axis=1)
+    lower: list[set[int]] = [set() for _ in range(count)]
+    for low, high in np.unique(pairs, axis=0).tolist():
+        lower[high].add(low)
+    found: list[int] = []
+    for domain in range(count):
+        taken = {found[other] for other in lower[domain]}
+        found.append(next(number for number in range(count) if number not in taken))
+    return found
+
+
+def _check_ends(ends: IntArray, n_nodes: int, subject: str) -> None:
+    if len(ends) and not (ends.min() >= 0 and ends.max() < n_nodes):
+        raise InputError(
+            f"{subject} an edge from or to node {ends.max() if ends.min() >= 0 else ends.min()},"
+            f" and {n_nodes} nodes"
+        )
+
+
+def _write(
+    path: str | Path, arrays: dict[str, npt.NDArray[Any]], headers: dict[str, list[str]]
+) -> None:
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        raise InputError(f"{path} does not end in .npz, which is the format of domains.")
+    with writing_errors(path):
+        new = []
+        for name, columns in headers.items():
+            if any("\t" in each or "\n" in each for each in columns):
+                raise InputError(f"A column of {path} has a tab or a line break in its name.")
+            text, header = "\t".join(columns), path.parent / name
+            if not header.exists():
+                new.append((header, text))
+            elif header.read_text(encoding="utf-8").rstrip("\r\n") != text:
+                raise InputError(
+                    f"{path} has other columns than those in {header}, which is for all files of"
+                    " the folder: choose another folder."
+                )
+        with written_together(*(header for header, _ in new), path) as parts:
+            for part, (_, text) in zip(parts, new, strict=False):
+                part.write_text(text, encoding="utf-8")
+            with parts[-1].open("wb") as file:
+                np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
+def _header(
+    path: Path, name: str, count: int, usual: tuple[str, ...] | None = None
+) -> tuple[str, ...]:
+    """Return the names of columns, `usual` ones if there is no file of them."""
+    header = path.with_name(name)
+    if not header.exists():
+        if usual is not None and count <= len(usual):
+            return usual[:count]
+        raise InputError(f"has no {name} next to it, which names its columns: copy it there")
+    try:
+        names = header.read_text(encoding="utf-8").rstrip("\r\n").split("\t")
+    except UnicodeDecodeError:
+        raise InputError(f"has a {name} next to it that is no text") from None
+    if len(names) != count:
+        raise InputError(f"has {count} columns, and {name} next to it names {len(names)}")
+    return tuple(printable(each, 60) for each in names)
+
+
+def _arrays(path: Path, *names: str) -> list[npt.NDArray[Any]]:
+    if not path.exists():
+        raise InputError("does not exist: check its folder and its spelling")
+    if not zipfile.is_zipfile(path):
+        raise InputError("is not an NPZ archive")
+    found = []
+    try:
+        with np.load(path) as archive:
+            for name in names:
+                if name not in archive.files:
+                    held = printable(", ".join(archive.files) or "nothing")
+                    raise InputError(f"holds {held}, and no array {name}")
+                found.append(np.asarray(archive[name]))
+    except InputError:
+        raise
+    except Exception as fault:  # raised by zip or the parser of a header
+        raise InputError("is damaged or cut short") from fault
+    return found
+
+
+@contextlib.contextmanager
+def _named(path: Path) -> Any:
+    """Put the name of the file before the message of an `InputError`."""
+    require("pandas")
+    try:
+        yield
+    except InputError as fault:
+        raise InputError(f"{path} {fault}.") from fault
+
+
+def _frame(values: npt.NDArray[Any], columns: Sequence[str], first: int = 0) -> DataFrame:
+    import pandas
+
+    index = pandas.RangeIndex(first, first + len(values), name="label")
+    return pandas.DataFrame(values, index=index, columns=list(columns))

@@ -1,0 +1,344 @@
+"""Condensed heat kernel signatures: a mesh decimated, solved in pieces and divided into domains.
+
+Parameters and results are those of meshmash's pipeline, with lengths in nm and times in nm². Unlike
+there, the result does not depend on the number of processes or the order of pieces, and says what
+is missing of each column.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh
+from meshmash_viewer.features.domains import (
+    NODE_COLUMNS,
+    aggregate_features,
+    checked_point,
+    condense_mesh_to_graph,
+    require,
+)
+from meshmash_viewer.features.filter_parameters import check_times
+from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
+from meshmash_viewer.features.truncation import Truncation, percent, warn_of_truncation
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.learn.columns import FLOOR
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
+from meshmash_viewer.spectral.weyl import TOLERANCE
+from meshmash_viewer.split.domains import ward_domains
+from meshmash_viewer.split.partition import edge_graph
+from meshmash_viewer.split.piece_features import PieceFeatures
+from meshmash_viewer.split.stitcher import MeshStitcher, reach_of
+from meshmash_viewer.surface.decimation import decimated
+from meshmash_viewer.units import counted, whole_number
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: Arguments of `compute_hks` that may be given besides, those without an effect last.
+_ARGUMENTS = (
+    *("max_eigenvalue", "t_min", "t_max", "n_components", "robust", "mollify_factor", "drop_first"),
+    *("decomposition_dtype", "band_size", "truncate_extra", "verbose"),
+)
+
+
+class CondensedHKS(NamedTuple):
+    """Result of `condensed_hks_pipeline`, in nm.
+
+    Attributes
+    ----------
+    simple_mesh : Mesh
+        The decimated mesh.
+    mapping : ndarray of int, shape (n,)
+        The vertex of `simple_mesh` for each vertex of the mesh, -1 in dropped components.
+    stitcher : MeshStitcher
+        The pieces of `simple_mesh`.
+    simple_labels, labels : ndarray of int
+        The domain of each vertex of `simple_mesh`, and of the mesh; -1 for none.
+    condensed_features : DataFrame
+        Log-HKS ``hks_0`` … of each domain, and auxiliary columns; the index is the domain from -1
+        on, whose row is NaN.
+    condensed_nodes, condensed_edges : DataFrame
+        The graph, see `condense_mesh_to_graph`.
+    timing_info : dict
+        Seconds of each step.
+    truncation : Truncation
+        What is missing of each column of HKS.
+    seams : ndarray, shape (n_components,)
+        Median difference of each column where pieces meet, relative to its values; 0 without cuts.
+
+    Examples
+    --------
+    >>> mv.CondensedHKS._fields[3:6]
+    ('simple_labels', 'labels', 'condensed_features')
+    """
+
+    simple_mesh: Mesh
+    mapping: IntArray
+    stitcher: MeshStitcher
+    simple_labels: IntArray
+    labels: IntArray
+    condensed_features: DataFrame
+    condensed_nodes: DataFrame
+    condensed_edges: DataFrame
+    timing_info: dict[str, float]
+    truncation: Truncation
+    seams: FloatArray
+
+    @property
+    def n_domains(self) -> int:
+        """Number of domains."""
+        return len(self.condensed_nodes)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences without a stop on columns of which more than 1 % is missing or uncertain."""
+        return tuple(filter(None, (self.truncation.sentence(), _seam_sentence(self.seams))))
+
+
+@dataclass(frozen=True)
+class _Signature:
+    """The heat kernel signature of the pipeline."""
+
+    bank: FilterBank
+    t_max: float
+    task: PieceFeatures
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> _Signature:
+        """Check the arguments of `compute_hks`."""
+        unknown = [name for name in given if name not in _ARGUMENTS]
+        if unknown:
+            raise InputError(
+                f"compute_hks_kwargs has {', '.join(unknown)}: give only {', '.join(_ARGUMENTS)}."
+            )
+        t_min, t_max = given["t_min"], given["t_max"]
+        if t_min is None or t_max is None:
+            raise InputError(
+                "t_min and t_max are of all pieces, which share no spectrum: give both."
+            )
+        check_times(t_min, t_max)
+        count = whole_number(given["n_components"], "n_components")
+        top = given["max_eigenvalue"]
+        if not 0.0 < top < math.inf:
+            raise InputError(f"max_eigenvalue is {top!r}: give a positive one, per nm².")
+        bank = heat_kernel_bank(np.geomspace(t_min, t_max, count))
+        bank = replace(bank, columns=tuple(f"hks_{at}" for at in range(count)))
+        operator = OperatorOptions(bool(given["robust"]), given["mollify_factor"])
+        precision = np.dtype(given["decomposition_dtype"] or np.float64)
+        task = PieceFeatures(operator, float(top), bank, given["drop_first"], precision, n_jobs=1)
+        return cls(bank, float(t_max), task)
+
+    def logarithms(self, values: FloatArray) -> FloatArray:
+        """Return log-HKS; values below a tiny share of that of a plane are that share."""
+        return np.asarray(np.log(np.fmax(values, FLOOR / (4.0 * np.pi * self.bank.parameters))))
+
+
+def condensed_hks_pipeline(
+    mesh: MeshLike,
+    simplify_agg: float = 7,
+    simplify_target_reduction: float = 0.7,
+    overlap_distance: float = 20_000,
+    max_vertex_threshold: int | None = 20_000,
+    min_vertex_threshold: int = 200,
+    max_overlap_neighbors: int | None = 60_000,
+    n_components: int = 32,
+    t_min: float = 5e4,
+    t_max: float = 2e7,
+    max_eigenvalue: float = 1e-5,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    truncate_extra: bool = True,
+    drop_first: bool = True,
+    decomposition_dtype: npt.DTypeLike = "float32",
+    compute_hks_kwargs: Mapping[str, Any] | None = None,
+    nuc_point: npt.ArrayLike | None = None,
+    distance_threshold: float = 3.0,
+    auxiliary_features: bool = True,
+    n_jobs: int | None = -1,
+    verbose: int = False,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> CondensedHKS:
+    """Divide a mesh into domains of similar heat kernel signatures, and condense these to means.
+
+    Small components are dropped and the others decimated. The heat kernel signature is computed in
+    overlapping pieces, its logarithm clustered by Ward's criterion, and averaged over the area of
+    each cluster. A mesh in another unit is converted to nm; without a unit it is taken as in nm.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+    simplify_agg, simplify_target_reduction : float
+        Aggressiveness of the decimation, and share of the faces to remove; 0 for none.
+    overlap_distance : float
+        Maximum width of the overlap. It is narrower where heat does not spread so far up to
+        `t_max`, see `MeshStitcher.split_mesh`.
+    max_vertex_threshold, max_overlap_neighbors : int, optional
+        Maximum number of vertices of a piece without its overlap, and of the overlap.
+    min_vertex_threshold : int
+        Components of the mesh with fewer vertices are dropped.
+    n_components, t_min, t_max : int, float
+        Number of times, shortest and longest one, evenly spaced in log t.
+    max_eigenvalue, robust, mollify_factor, drop_first, decomposition_dtype
+        See `compute_hks`. With the defaults, 12 of the 32 columns miss more than 1 %, the shortest
+        time about 61 %: ``max_eigenvalue=1e-4`` is enough for all.
+    truncate_extra, verbose : bool, int
+        See `compute_hks`, and `MeshStitcher`.
+    compute_hks_kwargs : dict, optional
+        Arguments of `compute_hks` that replace those above.
+    nuc_point : array_like, shape (3,), optional
+        Position of the nucleus, in the unit of the mesh; its distance is then a column.
+    distance_threshold : float
+        Ward distance of log-HKS from which clusters are separate. Larger ones are fewer.
+    auxiliary_features : bool
+        Whether columns of the nodes follow the signature: areas, numbers of vertices, distance.
+    n_jobs : int
+        Number of processes as in joblib. It does not change the result.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    CondensedHKS
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, all components are small, or fast-simplification, scikit-learn or
+        pandas is not installed.
+
+    Warns
+    -----
+    TruncationWarning
+        If more than 1 % of a column is missing for want of eigenpairs, or a column differs by more
+        than 1 % in the median where pieces meet.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings(action="ignore", category=mv.TruncationWarning):
+    ...     found = mv.condensed_hks_pipeline(
+    ...         mv.Mesh(1000 * ball.vertices, ball.faces), simplify_target_reduction=0.5, n_jobs=1
+    ...     )
+    >>> found.simple_mesh.n_faces, found.labels.shape, found.condensed_features.columns[0]
+    (640, (642,), 'hks_0')
+    """
+    require("fast_simplification", "sklearn", "pandas")
+    if not distance_threshold > 0.0:
+        raise InputError(f"distance_threshold is {distance_threshold!r}: give a positive one.")
+    signature = _Signature.of({
+        "n_components": n_components, "t_min": t_min, "t_max": t_max,
+        "max_eigenvalue": max_eigenvalue, "robust": robust, "mollify_factor": mollify_factor,
+        "drop_first": drop_first, "decomposition_dtype": decomposition_dtype,
+        **(compute_hks_kwargs or {}),
+    })  # fmt: skip
+    steps = _Steps(progress, cancel)
+    surface = as_mesh(mesh)
+    scale = nm_of(surface)
+    if scale != 1.0:
+        surface = replace(surface, vertices=surface.vertices * scale, unit="nm", maps=())
+    point = None if nuc_point is None else scale * checked_point(nuc_point)
+    steps.begin("decimation")
+    simple, mapping = decimated(
+        surface, simplify_target_reduction, simplify_agg, min_vertex_threshold
+    )
+    steps.begin("pieces")
+    stitcher = MeshStitcher(simple, n_jobs, verbose)
+    graph = edge_graph(simple)
+    width = min(overlap_distance, reach_of(signature.t_max, graph))
+    stitcher.split_mesh(
+        max_vertex_threshold, overlap_distance=width, max_overlap_neighbors=max_overlap_neighbors
+    )
+    steps.begin("hks")
+    results = stitcher.apply(signature.task, stitch=False, progress=progress, cancel=cancel)
+    seams = stitcher.seams([rows[:, :-2] for rows in results])
+    *columns, density, mass = stitcher.stitch_features(results).T
+    values = np.stack(columns, axis=1)
+    truncation = signature.task.truncation(values, density, np.nan_to_num(mass))
+    assert truncation is not None  # the filters have a tail
+    steps.begin("domains")
+    simple_labels = ward_domains(
+        signature.logarithms(values), graph, stitcher.submesh_mapping, distance_threshold,
+        n_jobs=n_jobs, cancel=cancel,
+    )  # fmt: skip
+    steps.begin("graph")
+    named = pandas_frame(values, signature.bank.columns)
+    features = aggregate_features(named, simple_labels, simple.vertex_areas)
+    features[:] = signature.logarithms(features.to_numpy())
+    features.iloc[0] = np.nan
+    nodes, edges = condense_mesh_to_graph(simple, simple_labels, point)
+    if auxiliary_features:
+        others = nodes.drop(columns=list(NODE_COLUMNS[:3]))
+        features = features.join(others)
+    median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
+    found = CondensedHKS(
+        simple, mapping, stitcher, simple_labels, np.append(simple_labels, -1)[mapping], features,
+        nodes, edges, steps.end(), truncation, median,
+    )  # fmt: skip
+    warn_of_truncation(truncation, name=surface.name)
+    if said := _seam_sentence(median):
+        warnings.warn(f"{of_mesh(surface.name)}{said}.", TruncationWarning, stacklevel=2)
+    return found
+
+
+def nm_of(mesh: Mesh) -> float:
+    """Return the length of the unit of a mesh in nm; 1 without a unit."""
+    from meshmash_viewer.units import METRES
+
+    return float(10.0 ** (METRES[mesh.unit] - METRES["nm"])) if mesh.unit else 1.0
+
+
+def pandas_frame(values: FloatArray, columns: tuple[str, ...]) -> DataFrame:
+    """Make a table with named columns."""
+    import pandas
+
+    return pandas.DataFrame(values, columns=list(columns))
+
+
+def _seam_sentence(median: FloatArray) -> str:
+    """Say which columns differ too much where pieces meet; empty if none does."""
+    flagged = np.flatnonzero(median > TOLERANCE)
+    if not len(flagged):
+        return ""
+    names = ", ".join(f"hks_{at}" for at in flagged)
+    return (
+        f"{counted(len(flagged), 'column')} ({names}) differ by up to"
+        f" {percent(float(median.max()))} in the median where pieces meet: allow a wider overlap"
+        " (overlap_distance, max_overlap_neighbors)"
+    )
+
+
+class _Steps:
+    """Times of the steps, which are reported."""
+
+    def __init__(self, progress: ProgressCallback | None, cancel: CancelCallback | None) -> None:
+        self._progress, self._cancel = progress, cancel
+        self._began = self._last = time.perf_counter()
+        self._name = ""
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, name: str) -> None:
+        """End the last step and begin another."""
+        check_cancelled(self._cancel)
+        now = time.perf_counter()
+        if self._name:
+            self.seconds[self._name] = now - self._last
+        self._name, self._last = name, now
+        if self._progress is not None:
+            self._progress(Progress(name, message=f"Condensing: {name}"))
+
+    def end(self) -> dict[str, float]:
+        """Return the seconds of each step, and of all."""
+        self.begin("")
+        return {**self.seconds, "total": time.perf_counter() - self._began}
