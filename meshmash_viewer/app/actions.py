@@ -331,7 +331,18 @@ class Actions:
                     toolbar.addSeparator()
                 toolbar.addAction(self._actions[each.name])
 
+    def fit_toolbar(self, toolbar: QToolBar, width: int) -> None:
+        """Leave out as many texts as the buttons of a toolbar need to fit into a width."""
+        for name in _BY_ICON:
+            self._actions[name].setPriority(QAction.Priority.NormalPriority)
+        for name in _BY_ICON:
+            if toolbar.sizeHint().width() <= width:
+                return
+            self._actions[name].setPriority(QAction.Priority.LowPriority)
 
+
+#: Commands whose icon says enough where their text has no room, this one first.
+_BY_ICON = ("help", "flip", "nodal_lines", "reset_camera", "save_picture", "export", "play")
 _ROLES = {
     "quit": QAction.MenuRole.QuitRole,
     "about": QAction.MenuRole.AboutRole,

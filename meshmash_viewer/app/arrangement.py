@@ -207,3 +207,6 @@ class Arrangement:
         self._window.restoreState(layout[1], _VERSION)
         aside = self._window.tabifiedDockWidgets(self.docks["field"])
         self._field_aside = self._is_field_aside and self.docks["mesh"] in aside
+        plots = self._window.tabifiedDockWidgets(self.docks["spectrum"])
+        # tabs for want of width end when the window is shown wider than it was stored
+        self._narrow = self._window.width() < _NARROW and self.docks["profile"] in plots

@@ -403,9 +403,10 @@ class MainWindow(ScriptedWindow):
             self.actions_["full_screen"].setChecked(self.isFullScreen())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep the plots readable."""
+        """Keep the plots readable, and all buttons of the toolbar in sight."""
         super().resizeEvent(event)
         self.arrangement.fit()
+        self.actions_.fit_toolbar(self.toolbar, self.width())
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Accept dragged files, and show what a drop does."""

@@ -42,6 +42,7 @@ def reproduction_script(
             rest += _shape(document, len(request.spectrum))
         if pair is not None and pair.comparison is not None:
             rest += _comparison(pair, request)
+        lines += _in_no_file(document, rest)
         if any("decomposition" in line for line in rest):
             lines += _decomposition(document, len(request.spectrum))
     lines += rest
@@ -103,6 +104,25 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
     added = dict.fromkeys(each.path for each in document.mesh.maps if each.path)
     lines += [f"{name} = {name}.with_maps(*mv.read_maps({each!r}, {name}))" for each in added]
     return lines
+
+
+def _in_no_file(document: Document, rest: list[str]) -> list[str]:
+    """Comments on the maps that the rest of a script needs and no file has as they are."""
+    every = any(".with_maps(mesh)" in line for line in rest)
+    needed = [
+        repr(each.name)
+        for each in document.maps.unsaved.maps
+        if every or any(f"map_named({each.name!r})" in line for line in rest)
+    ]
+    if not needed:
+        return []
+    one = len(needed) == 1
+    are, them, maps = ("is", "it", "The map") if one else ("are", "them", "The maps")
+    return [
+        f"# {maps} {', '.join(needed)} {are} in no file as shown. Export {them} (File, Export,",
+        f"# Maps), and add {them} by the next line, with the name of that file:",
+        "# mesh = mesh.with_maps(*mv.read_maps('maps.npz', mesh))",
+    ]
 
 
 def _operator(document: Document) -> str:

@@ -45,6 +45,23 @@ def panel(qtbot, document: Document) -> FieldPanel:
     return shown(qtbot, FieldPanel(document), 340, 760)
 
 
+def test_without_a_pin_it_says_what_to_do_and_what_is_shown(
+    document: Document, panel: FieldPanel
+) -> None:
+    for name in ("distance", "similarity"):
+        document.display.kind = name
+        hint, combo = part(panel, f"{name}_hint"), part(panel, f"{name}_vertex_combo")
+        assert hint.text() == (
+            "Click a vertex on the render to pin it. Until then the render shows the"
+            " eigenfunctions."
+        )
+        assert combo.placeholderText() == "No vertex is pinned yet"
+        above, below = (each.mapTo(panel, QPoint(0, 0)).y() for each in (combo, hint))
+        assert 0 < below - above < 60, "next to the list that is empty"
+    document.pins.toggle(5)
+    assert not part(panel, "similarity_hint").text()
+
+
 def choose(panel: FieldPanel, text: str) -> None:
     combo = part(panel, "distance_measure_combo")
     combo.setFocus()

@@ -86,6 +86,34 @@ def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> 
     assert display.fields["band"].index == 2
 
 
+def test_distances_have_a_picture_for_each_pin(qtbot: QtBot, window: MainWindow) -> None:
+    document = window.document
+    document.display.kind = "distance"
+    window.actions_["gallery"].trigger()
+    dialog = window.findChild(QDialog, "gallery_dialog")
+    remark, found = part(dialog, "gallery_remark_label"), part(dialog, "gallery_list")
+    assert remark.text().startswith("Pin vertices on the render: Distance from a vertex has")
+    for vertex in (3, 40, 80):
+        document.pins.toggle(vertex)
+    document.pins.change("Rename", 40, name="tip")
+    captions = ["from vertex 3", "from tip", "from vertex 80"]
+    qtbot.waitUntil(
+        lambda: [found.item(at).text() for at in range(found.count())] == captions,
+        timeout=PATIENCE,
+    )
+    filled(qtbot, window)
+    assert found.currentRow() == 2
+    assert not remark.text()
+    assert (picture(found, 0) != picture(found, 1)).any()
+    QTest.mouseClick(found.viewport(), LEFT, pos=found.visualItemRect(found.item(1)).center())
+    assert document.display.family.vertex == 40
+    qtbot.waitUntil(lambda: found.currentRow() == 1, timeout=PATIENCE)
+    assert picture(found, 0).any(), "a choice draws nothing anew"
+    document.display.kind = "similarity"
+    qtbot.waitUntil(lambda: found.item(1).text().startswith("from tip · bright"), timeout=PATIENCE)
+    assert found.count() == 3
+
+
 @pytest.mark.slow
 @pytest.mark.pixels
 def test_thumbnails_of_a_large_mesh_are_drawn_of_a_small_one(

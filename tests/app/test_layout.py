@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from closed_form import give, part, rectangle_document
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -102,6 +103,41 @@ def test_a_narrow_window_leaves_room_for_the_render(qtbot: QtBot, window: MainWi
         window.resize(1440, 900)
         qtbot.waitUntil(lambda: not mesh.visibleRegion().isEmpty(), timeout=PATIENCE)
         assert field.mapTo(window, QPoint(0, 0)).x() > window.width() / 2
+
+
+def test_the_layout_of_a_small_window_is_not_that_of_a_large_one(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    layout = open_window(size=(900, 600)).arrangement.save()
+    window = MainWindow(fresh=True)
+    qtbot.addWidget(window)
+    window.arrangement.restore(layout)
+    window.resize(1440, 900)
+    window.show()
+    docks = window.arrangement.docks
+    qtbot.waitUntil(lambda: not window.tabifiedDockWidgets(docks["spectrum"]), timeout=PATIENCE)
+    qtbot.waitUntil(lambda: docks["profile"].width() > 300, timeout=PATIENCE)
+    assert docks["spectrum"].width() > 300
+    assert docks["mesh"] not in window.tabifiedDockWidgets(docks["field"])
+    window.close()
+
+
+def test_all_buttons_of_the_toolbar_are_in_sight_at_any_width(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    for width, written in ((900, {"Open", "Select"}), (1440, {"Open", "Reset camera", "Help"})):
+        window.resize(width, 700)
+        qtbot.waitUntil(lambda: window.toolbar.sizeHint().width() <= window.width())
+        shown = set()
+        for action in window.toolbar.actions():
+            if not action.isSeparator():
+                button = window.toolbar.widgetForAction(action)
+                qtbot.waitUntil(lambda: button.visibleRegion().boundingRect() == button.rect())  # noqa: B023
+                if action.priority() == QAction.Priority.NormalPriority:
+                    shown.add(action.iconText())
+                assert button.toolTip(), "an icon alone is explained"
+        assert written <= shown
+    assert len(shown) == 9
 
 
 @pytest.mark.parametrize("size", [(900, 600), (1000, 700), (1440, 900)])

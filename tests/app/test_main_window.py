@@ -200,6 +200,19 @@ def test_help_lists_every_command_and_finds_one(qtbot: QtBot, window: MainWindow
     assert {command.text.rstrip("…") for command in COMMANDS} <= shown()
     dialog.search.setText("nodal")
     assert shown() == {"Nodal lines"}
+    dialog.search.clear()
+    for width in (860, 640):
+        dialog.resize(width, 600)
+        QTest.qWait(50)
+        tree, column = dialog.tree, dialog.tree.columnWidth(2)
+        assert column <= tree.viewport().width()
+        for at in range(tree.topLevelItemCount()):
+            for row in map(tree.topLevelItem(at).child, range(tree.topLevelItem(at).childCount())):
+                tree.scrollToItem(row)
+                text = tree.fontMetrics().boundingRect(
+                    QRect(0, 0, column - 16, 1000), Qt.TextFlag.TextWordWrap, row.text(2)
+                )
+                assert tree.visualItemRect(row).height() >= text.height(), row.text(2)
     dialog.reject()
 
 

@@ -27,11 +27,13 @@ from meshmash_viewer.io.write import unused_path
 from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral.alignment import Alignment
 from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.vertex_map import VertexMap
 
 VOXEL = (4.0, 4.0, 40.0)
 
@@ -133,6 +135,25 @@ def test_script_reads_the_maps_that_were_added(
         np.testing.assert_allclose(shown, values, atol=3e-3 * np.nanmax(np.abs(values)))
     document.maps.remove("depth.npy")
     assert "read_maps" not in reproduction_script(document)
+
+
+def test_a_map_that_is_in_no_file_is_exported_and_read_as_the_script_says(
+    document: Document, tmp_path: Path
+) -> None:
+    mesh = document.mesh
+    assert "in no file" not in reproduction_script(document)
+    document.maps.add(mesh, [VertexMap("soma depth", mesh.vertices[:, 0])])
+    code = reproduction_script(document)
+    assert "# The map 'soma depth' is in no file as shown. Export it (File, Export," in code
+    compile(code, "script", "exec")
+    path = tmp_path / "maps.npz"
+    ExportJob(document.mesh, OperatorOptions(), path, None, 30).run(Listener(tmp_path))
+    made: dict[str, object] = {}
+    with contextlib.chdir(tmp_path):
+        exec(code.replace("# mesh = mesh.with", "mesh = mesh.with"), made)
+    np.testing.assert_allclose(made["values"], mesh.vertices[:, 0], rtol=1e-6)
+    document.display.kind = "eigenfunction"
+    assert "in no file" not in reproduction_script(document), "it is not used"
 
 
 def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Path) -> None:

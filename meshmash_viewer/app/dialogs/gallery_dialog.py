@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QIcon, QImage, QKeyEvent, QPixmap
@@ -65,7 +66,7 @@ class GalleryDialog(SeriesDialog):
         for signal in (
             events.kind, events.fields, events.policies, events.diverging_colormap,
             events.sequential_colormap, events.nodal_lines, document.spectrum_changed,
-            document.mesh_changed,
+            document.mesh_changed, document.pins.changed,
         ):  # fmt: skip
             follow(signal, self._refresh)
         theme.notifier().changed.connect(self._draw_draft)
@@ -118,15 +119,17 @@ class GalleryDialog(SeriesDialog):
             self.close()
             return
         family = shown_family(display)
+        pinned = _at_pins(family, document)
         state = (
-            family.name, family.at_rest(), document.spectrum, display.policies.get(family.name),
-            display.nodal_lines, display.sequential_colormap, display.diverging_colormap,
+            family.name, pinned or family.at_rest(), document.spectrum, display.kind,
+            display.policies.get(family.name), display.nodal_lines, display.sequential_colormap,
+            display.diverging_colormap, [(pin.vertex, pin.name) for pin in document.pins.placed],
         )  # fmt: skip
         if state != self._state:
             same_family = self._state[:1] == state[:1]
             self._state = state
-            count = n_columns(family, document.spectrum)
-            self._choose_range(count, evenly(count, _SHOWN), keep=same_family)
+            count = len(pinned) or n_columns(family, document.spectrum)
+            self._choose_range(count, evenly(count, _SHOWN), keep=same_family and not pinned)
             self._draw_draft()
         self._mark()
 
@@ -139,12 +142,21 @@ class GalleryDialog(SeriesDialog):
         if document.spectrum is None or small is None:
             return
         family = shown_family(display)
-        self._families = sweep(family, document.spectrum, self.range.columns)
+        pinned, columns = _at_pins(family, document), self.range.columns
+        self._families = (
+            list(pinned[columns.start : columns.stop : columns.step])
+            if pinned
+            else sweep(family, document.spectrum, columns)
+        )
         drawing, picked = small
         drawing.annotated = False
         size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MAX_HEIGHT))
         remark = ""
-        if self.range.most == 1:
+        if family is not display.family:
+            remark = f"Pin vertices on the render: {display.family.label} has a picture for each."
+        elif len(pinned) == 1:
+            remark = "There is a picture for each pin: click more vertices on the render."
+        elif self.range.most == 1:
             remark = f"{family.label} is one field; the others have columns to look through."
         try:
             shots = self._shots_of(self._families)
@@ -178,15 +190,15 @@ class GalleryDialog(SeriesDialog):
     def _go(self, item: QListWidgetItem) -> None:
         """Display a column; the other parameters of the family stay as they are."""
         chosen, display = self._families[self.list.row(item)], self._document.display
-        places = {name: getattr(chosen, name) for name in chosen.position}
+        places = {name: getattr(chosen, name) for name in _place_of(chosen)}
         display.show(replace(display.fields[chosen.name], **places))
 
     def _mark(self) -> None:
         """Mark the thumbnail of the displayed column, if there is one."""
         family = shown_family(self._document.display)
-        here = [getattr(family, name) for name in family.position]
+        here = [getattr(family, name) for name in _place_of(family)]
         for at, each in enumerate(self._families):
-            if here and [getattr(each, name) for name in each.position] == here:
+            if here and [getattr(each, name) for name in _place_of(each)] == here:
                 self.list.setCurrentRow(at)
                 return
         self.list.clearSelection()
@@ -241,6 +253,20 @@ class GalleryDialog(SeriesDialog):
         """Stop drawing, and close."""
         theme.notifier().changed.disconnect(self._draw_draft)
         super().done(result)
+
+
+def _place_of(family: Family) -> tuple[str, ...]:
+    """Names of the parameters that pictures of a family differ in."""
+    return (*family.position, *(("vertex",) if family.required == "vertex" else ()))
+
+
+def _at_pins(family: Family, document: Document) -> tuple[Family, ...]:
+    """The family from each pin, where it is one field for a vertex; else empty."""
+    assert document.spectrum is not None
+    if family.required != "vertex" or n_columns(family, document.spectrum) > 1:
+        return ()
+    one: Any = family
+    return tuple(replace(one, vertex=pin.vertex) for pin in document.pins.placed)
 
 
 class _Thumbnails(QListWidget):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRect, QSize, Qt
 from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QHeaderView,
     QLineEdit,
     QMessageBox,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
     QTreeWidget,
     QTreeWidgetItem,
     QWidget,
@@ -20,6 +22,9 @@ from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.keys import native_keys, native_text
 from meshmash_viewer.model.failure import versions
+
+#: Column of what commands do, and the pixels at its sides that are not for text.
+_TEXT, _SIDES = 2, 20
 
 _WHAT = (
     "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle meshes, live "
@@ -65,8 +70,11 @@ class HelpDialog(QDialog):
         gestures = [(native_text(gesture), "", what) for gesture, what in MOUSE_HELP]
         self._add_group("Mouse over the render", gestures)
         self.tree.expandAll()
-        self.tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.tree.header().setStretchLastSection(True)
+        header = self.tree.header()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setSectionResizeMode(_TEXT, QHeaderView.ResizeMode.Stretch)
+        header.sectionResized.connect(self.tree.scheduleDelayedItemsLayout)
+        self.tree.setItemDelegateForColumn(_TEXT, _Wrapped(self.tree))
 
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         buttons.rejected.connect(self.reject)
@@ -81,8 +89,6 @@ class HelpDialog(QDialog):
         group.setFirstColumnSpanned(True)
         group.setFlags(Qt.ItemFlag.ItemIsEnabled)
         items = [QTreeWidgetItem(group, list(row)) for row in rows]
-        for item in items:
-            item.setToolTip(2, item.text(2))
         self._groups.append((group, items))
 
     def _filter(self, text: str) -> None:
@@ -92,6 +98,21 @@ class HelpDialog(QDialog):
                 texts = (item.text(column).casefold() for column in range(3))
                 item.setHidden(not any(wanted in text for text in texts))
             group.setHidden(all(item.isHidden() for item in items))
+
+
+class _Wrapped(QStyledItemDelegate):
+    """Makes rows as tall as the text needs in the width of its column, which Qt leaves out."""
+
+    def sizeHint(
+        self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+    ) -> QSize:
+        """Size of the wrapped text."""
+        hint, view = super().sizeHint(option, index), self.parent()
+        assert isinstance(view, QTreeWidget)
+        metrics, text = view.fontMetrics(), str(index.data() or "")
+        room = QRect(0, 0, view.columnWidth(index.column()) - _SIDES, 1000)
+        wrapped = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text).height()
+        return QSize(hint.width(), hint.height() + max(wrapped - metrics.height(), 0))
 
 
 class AboutDialog(QMessageBox):

@@ -119,7 +119,8 @@ class SeriesDialog(QDialog):
         sample: npt.NDArray[np.int64]
         sample = ready.mesh.area_sample() if ready.sample is None else ready.sample
         chosen, hidden = document.display.fields, document.hidden
-        return shots_of(families, document.spectrum, ready.mesh, sample, chosen, hidden)
+        names = {pin.vertex: pin.name for pin in document.pins.placed}
+        return shots_of(families, document.spectrum, ready.mesh, sample, chosen, hidden, names)
 
     def _save_series(
         self,

@@ -63,7 +63,6 @@ class DistanceTab(PinChooser):
             self.lines_check,
             self.missing_note,
             row(self.compute_button, None),
-            self.hint,
         )
 
     def refresh(self) -> None:

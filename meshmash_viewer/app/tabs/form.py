@@ -32,7 +32,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family, Reading
 from meshmash_viewer.fields.parameter import Choice, Flag, Number, Parameter, Whole
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.field import Field, shown_family
 from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.model.stepping import advance
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -381,7 +381,8 @@ class PinChooser(FamilyTab):
         )
         above = make.muted("From pinned vertex")
         above.setBuddy(self.combo)
-        return above, self.combo
+        self.combo.setPlaceholderText("No vertex is pinned yet")
+        return above, self.combo, self.hint
 
     def _choose_pin(self, row: int) -> None:
         self._change(vertex=self._document.pins.placed[row].vertex)
@@ -407,13 +408,21 @@ class PinChooser(FamilyTab):
                 self.combo.addItem(make.dot(pin.color), text)
         self.refresh()
 
+    @property
+    def _no_pin(self) -> str:
+        """What to do, and what the render shows meanwhile."""
+        if not self._document.spectrum:
+            return "Click a vertex on the render to pin it."
+        shown = shown_family(self._document.display).label.lower()
+        return f"Click a vertex on the render to pin it. Until then the render shows the {shown}."
+
     def _show_pin(self, vertex: int | None) -> str:
         """Show from which pin is measured, and say its name or which vertex that is."""
         pins = self._document.pins.placed
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))
-        show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
+        show_note(self.hint, "" if pins else self._no_pin)
         if vertex is None or row < 0:
             return "a vertex"
         return pins[row].name or self._document.named_vertex(vertex).replace(" ", NO_BREAK)

@@ -29,7 +29,6 @@ class SimilarityTab(PinChooser):
             make.muted("Distance measured in"),
             self.basis,
             self.explanation,
-            self.hint,
         )
 
     def refresh(self) -> None:

@@ -35,18 +35,24 @@ def shots_of(
     sample: npt.NDArray[np.int64],
     chosen: Mapping[str, Family],
     hidden: npt.NDArray[np.bool_] | None = None,
+    names: Mapping[int, str] | None = None,
 ) -> list[Shot]:
     """A shot of each family, with its open parameters resolved.
 
     Limits are taken from the vertices `sample` (`Mesh.area_sample`), and not from those that are
-    `hidden`; `chosen` are all families by
-    name, since one may build on another.
+    `hidden`; `chosen` are all families by name, since one may build on another. `names` are those
+    of pinned vertices.
     """
     resolved = (each.resolved(spectrum, chosen) for each in families)
     return [
-        Shot(FieldRequest(spectrum, mesh.unit, each, sample, mesh.vertices, hidden))
+        Shot(
+            FieldRequest(
+                spectrum, mesh.unit, each, sample, mesh.vertices, hidden,
+                pin=(names or {}).get(getattr(each, "vertex", -1), ""),
+            )
+        )
         for each in resolved
-    ]
+    ]  # fmt: skip
 
 
 def compute_shot(
