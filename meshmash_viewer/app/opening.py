@@ -27,6 +27,7 @@ from meshmash_viewer.io.session import SESSION_ENDING, Session, write_session
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
+from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
@@ -60,6 +61,9 @@ class Opening(QObject):
         #: The session that is being opened.
         self.restoration: Restoration | None = None
         self._second_restoration: Restoration | None = None
+        #: The first of two meshes that are opened together, the second, and maps of that.
+        self._waiting: tuple[Path, Path, list[Path]] | None = None
+        follow(document.mesh_changed, self._open_waiting)
         follow((document.mesh_changed, document.spectrum_changed), self._name_first)
 
     def _name_first(self) -> None:
@@ -90,6 +94,7 @@ class Opening(QObject):
             self.pins_requested.emit(path)
         if pins and not maps:
             return
+        self._waiting = None
         if not others:
             second = self.pair.second if as_second and self.pair is not None else None
             (second or self._document).maps.open(maps)
@@ -97,10 +102,24 @@ class Opening(QObject):
             self.restore_session(others[0])
         elif as_second:
             self.open_second(others[0], maps)
+        elif len(others) == 2:
+            side = brain_side("", others[1].name)
+            apart = side is not None and side != brain_side("", others[0].name)
+            theirs = [path for path in maps if apart and brain_side("", path.name) == side]
+            self._waiting = (others[0], others[1], theirs)
+            self.read(others[0], maps=[path for path in maps if path not in theirs])
         else:
             self.read(others[0], maps=maps)
-        if len(others) > 1:
-            self._document.notices.say(f"Opening {others[0].name}; one mesh at a time.")
+        if len(others) > 2 or (others and self._waiting is None and len(others) > 1):
+            self._document.notices.say(f"Opening {others[0].name}; two meshes at most.")
+
+    def _open_waiting(self) -> None:
+        """Open the second of two meshes that were opened together, once the first is there."""
+        if self._waiting is None or self._document.path != self._waiting[0]:
+            return
+        if self.scene is not None and self.restoration is None:
+            (_, path, maps), self._waiting = self._waiting, None
+            self.open_second(path, maps)
 
     def drop_texts(self, paths: Sequence[Path]) -> tuple[str, ...]:
         """Say what `open_paths` does with files, and with `as_second` if that is something else."""
@@ -114,7 +133,7 @@ class Opening(QObject):
             return tuple(f"Add {values}\nto {name}" for name in names)
         if others[0].name.endswith(SESSION_ENDING):
             return (f"Open the session\n{others[0].name}",)
-        name = others[0].name + (f"\nwith {values}" if maps else "")
+        name = " and ".join(path.name for path in others[:2]) + (f"\nwith {values}" if maps else "")
         if first is None or self.scene is None:
             return (f"Open\n{name}",)
         return f"Open\n{name}", f"Compare\n{first.name or 'the open mesh'}\nwith {name}"
@@ -303,12 +322,13 @@ class Opening(QObject):
         self.restoration = None
         if restoration.camera is not None:
             self.scene.set_camera(restoration.camera.to_json())
-        if restoration.second is not None:
+        if restoration.second is not None and self._waiting is None:
             view = self._make_view(restoration.second.links)
             view.pair.match = restoration.second.match
             path = Path(restoration.second.mesh_path)
             self._second_restoration = Restoration(view.document, path, restoration.second)
             self._second_restoration.begin()
+        self._open_waiting()
 
     def store_session(self, path: Path) -> None:
         """Write the session, and next to it the maps that are in no file.

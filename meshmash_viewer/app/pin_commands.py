@@ -93,7 +93,7 @@ class PinCommands:
         ask(dialog, lambda: self._pin(mesh, dialog.vertex, dialog.remark))
 
     def _pin(self, mesh: Mesh, vertex: int, remark: str) -> None:
-        if self._document.mesh is not mesh:
+        if not self._document.is_shown(mesh):
             text = "The vertex was not pinned: its mesh is not open any more."
             self._document.notices.say(text, Severity.WARNING)
         elif (pin := pin_at(self._document.pins.placed, vertex)) is not None:
@@ -156,7 +156,7 @@ class PinCommands:
     def _accept(self, mesh: Mesh, placed: PlacedPins, source: str) -> None:
         """Add pins to those of the mesh, if it is still open, and say what was left out."""
         document, left_out = self._document, placed.faults
-        if document.mesh is not mesh:
+        if not document.is_shown(mesh):
             document.notices.say("No pin was set: its mesh is not open any more.", Severity.WARNING)
             return
         count = counted(len(placed.pins), "pin") if placed.pins else "No pin"

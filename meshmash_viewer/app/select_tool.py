@@ -214,7 +214,7 @@ class SelectTool(QObject):
     def _begin(self, at: QPointF, modifiers: Qt.KeyboardModifier) -> None:
         """Begin a stroke: what it does depends on the keys that are held."""
         mesh = self._document.mesh
-        if mesh is None or self._scene.mesh is not mesh:
+        if mesh is None or not self._document.is_shown(self._scene.mesh):
             return
         keys = Qt.KeyboardModifier
         self._how = "replace"

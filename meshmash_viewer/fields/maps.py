@@ -213,7 +213,7 @@ class OwnMaps(Family):
         if shown is None:
             return ""
         if shown.labels:
-            return f"{len(shown.labels)} labels"
+            return counted(len(shown.labels), "label")
         text = format_range(*shown.range, shown.unit, word="to", digits=4)
         signed = self.shown is None and CURVATURES[self.chosen][1] == "mean_curvature"
         if signed and spectrum.mesh is not None and spectrum.mesh.derived.get(DIRECTION_FAULT):

@@ -17,6 +17,7 @@ from meshmash_viewer.model.history import History
 from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh, Shown
 from meshmash_viewer.model.results import MapGrew
+from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -73,7 +74,10 @@ class Maps:
             names = [each.name for each in more.maps[len(now.maps) :]]
             rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
             said = ", ".join(names[:_NAMED])
-            self._notices.say(f"Added {counted(len(names), 'map')}: {said}{rest}.")
+            text = f"Added {counted(len(names), 'map')}: {said}{rest}."
+            if other := _of_the_other_side(now, maps):
+                text += f" By its name {other} is of the other hemisphere than {now.name}."
+            self._notices.say(text, Severity.WARNING if other else Severity.INFORMATION)
         self._opened.spectrum_changed.emit()
 
     def change(self, label: str, changed: VertexMap) -> None:
@@ -193,3 +197,12 @@ class Maps:
     def _take(self, mesh: Mesh) -> None:
         assert self._opened.ready is not None
         self._opened.take(replace(self._opened.ready, mesh=mesh), self._opened.spectrum)
+
+
+def _of_the_other_side(mesh: Mesh, maps: Sequence[VertexMap]) -> str:
+    """Return the file of the first map that is of the other hemisphere by its name, or ""."""
+    side = brain_side(mesh.structure, mesh.name)
+    for name in (Path(each.path).name for each in maps if each.path):
+        if {side, brain_side("", name)} == {"left", "right"}:
+            return name
+    return ""

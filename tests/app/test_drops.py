@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,30 @@ def test_the_right_half_opens_the_second_mesh(
     second = window.opening.pair.second
     qtbot.waitUntil(lambda: len(second.mesh.maps) == 1, timeout=PATIENCE)
     assert not window.document.mesh.maps
+
+
+def test_two_meshes_are_compared_each_with_its_maps(
+    qtbot: QtBot, window: MainWindow, files: dict, tmp_path: Path
+) -> None:
+    names = "lh.pial.npz", "rh.pial.npz", "lh.depth.npy", "rh.depth.npy"
+    paths = [tmp_path / name for name in names]
+    for path in paths:
+        if path != files["map"]:
+            shutil.copy(files["map" if path.suffix == ".npy" else "ball"], path)
+    drag(window, *paths, share=0.2)
+    assert areas(window) == "Open\nlh.pial.npz and rh.pial.npz\nwith 2 maps"
+    drop(window, *paths, share=0.2)
+    qtbot.waitUntil(lambda: window.opening.pair is not None, timeout=PATIENCE)
+    documents = window.document, window.opening.pair.second
+    for document, path, values in zip(documents, paths[:2], paths[2:], strict=True):
+        qtbot.waitUntil(lambda at=document: bool(at.mesh and at.mesh.maps), timeout=PATIENCE)
+        assert document.path == path
+        assert [each.name for each in document.mesh.maps] == [values.name]
+    # those of the other side are said to be
+    drop(window, paths[3], share=0.2)
+    qtbot.waitUntil(lambda: len(window.document.mesh.maps) == 2, timeout=PATIENCE)
+    said = window.stage.message_bar.notice.text
+    assert said.endswith("rh.depth.npy is of the other hemisphere than lh.pial.")
 
 
 def test_two_renders_have_one_height_and_are_no_smaller_than_compare(

@@ -311,3 +311,13 @@ def test_a_map_is_of_its_mesh() -> None:
     assert VertexMap("few", np.append(np.zeros(500), [-3.0, 4.0])).signed
     assert VertexMap("curv", np.array([-0.4, 0.0, 0.3])).signed
     assert not VertexMap("parts", np.arange(-1, 2), (Label(-1, "a", "#000000"),)).signed
+
+
+def test_arrays_without_a_name_have_that_of_the_file(tmp_path: Path) -> None:
+    arrays = [
+        GiftiDataArray((VALUES + at).astype(np.float32), intent="NIFTI_INTENT_TIME_SERIES")
+        for at in range(2)
+    ]
+    GiftiImage(darrays=arrays).to_filename(tmp_path / "rest.func.gii")
+    found = read_maps(tmp_path / "rest.func.gii", MESH)
+    assert [each.name for each in found] == ["rest.func.gii 0", "rest.func.gii 1"]

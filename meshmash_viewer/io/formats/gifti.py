@@ -62,7 +62,7 @@ def _structure(described: Any) -> str:
 def gifti_maps(path: Path) -> RawMesh:
     """Read the arrays of a GIFTI file with one number a vertex, labels with their table."""
     image = _gifti(path)
-    return maps_alone(_gifti_maps(image), meta=_said(image))
+    return maps_alone(_gifti_maps(image, path.name), meta=_said(image))
 
 
 def _gifti(path: Path) -> Any:
@@ -85,8 +85,8 @@ def _gifti(path: Path) -> Any:
     return parser.img
 
 
-def _gifti_maps(image: Any) -> Iterator[RawMap]:
-    """Every array that is neither the points nor the triangles."""
+def _gifti_maps(image: Any, name: str = "map") -> Iterator[RawMap]:
+    """Every array that is neither the points nor the triangles; numbered if it has no name."""
     from nibabel.nifti1 import intent_codes
 
     table = tuple(
@@ -99,12 +99,12 @@ def _gifti_maps(image: Any) -> Iterator[RawMap]:
         if intent in ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE") or data is None:
             continue
         alone = len(image.darrays) == 1
-        name = dict(array.meta or {}).get("Name") or ("" if alone else f"map {at}")
+        own_name = dict(array.meta or {}).get("Name") or ("" if alone else f"{name} {at}")
         labels = table if intent == "NIFTI_INTENT_LABEL" else ()
         own = "meshmash-viewer" in dict(image.meta or {})
         columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
         for column in columns:
-            yield RawMap(name, np.ascontiguousarray(column), labels, keep_unused=own)
+            yield RawMap(own_name, np.ascontiguousarray(column), labels, keep_unused=own)
 
 
 def _hexadecimal(rgba: Any) -> str:
