@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -71,6 +72,11 @@ class ProgressBar:
 
     def __exit__(self, *_: object) -> None:
         self._bar.close()
+
+    def hidden(self) -> AbstractContextManager[None]:
+        """Return a context in which the bar is not drawn, for what is printed."""
+        hidden: AbstractContextManager[None] = self._bar.external_write_mode()
+        return hidden
 
     def __call__(self, progress: Progress) -> None:
         """Draw a report."""

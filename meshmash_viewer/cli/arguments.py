@@ -145,6 +145,7 @@ def command_parser() -> argparse.ArgumentParser:
     )
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
     _add_outputs(features)
+    _add_cluster(features)
 
     _add_condensing(command("condense", "divide meshes into domains of similar HKS", None))
 
@@ -207,6 +208,7 @@ def command_parser() -> argparse.ArgumentParser:
     about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
     placed.add_argument("--id-map", type=Path, metavar="OUT.npz", help=about)
     _add_output(placed, "OUT", "table to write: .csv .parquet")
+    _add_cluster(placed)
 
     carried = command("carry", "carry labels and maps of the first mesh to the others", None)
     carried.add_argument(
@@ -230,6 +232,7 @@ def command_parser() -> argparse.ArgumentParser:
         help="condensed features of the mesh, or the folder of them: one class for each domain",
     )
     _add_outputs(predicted, (*_FORMATS, *_LABEL_FORMATS))
+    _add_cluster(predicted)
     _add_whole(predicted)
     _add_structure(predicted)
 
@@ -330,6 +333,7 @@ def _add_condensing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--graphs", metavar="OUT", help="likewise for the graph of domains of each mesh"
     )
+    _add_cluster(parser)
     for flag, power, about in (
         ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
         ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
@@ -495,6 +499,30 @@ def _add_outputs(parser: argparse.ArgumentParser, formats: tuple[str, ...] = _FO
     parser.add_argument(
         "--format", choices=formats, default="npz", help="of the files in a folder, default npz"
     )
+
+
+def _add_cluster(parser: argparse.ArgumentParser) -> None:
+    """Add the options for many meshes, which `for_each` takes with the outputs."""
+    parser.add_argument(
+        "--scheduler",
+        type=_scheduler,
+        metavar="ADDRESS",
+        help="compute on the workers of this Dask scheduler, one task a mesh (the pieces of a"
+        " single one), or by N processes with local:N; writes a manifest next to the results",
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="leave out meshes whose results exist, by the manifest of an earlier run: the same"
+        " content and options",
+    )
+
+
+def _scheduler(text: str) -> str:
+    kind, _, count = text.partition(":")
+    if kind == "local" and not (count.isdecimal() and int(count) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not local:N with a number of processes")
+    return text
 
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:

@@ -11,11 +11,13 @@ import signal
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from meshmash_viewer.cli.arguments import FAULT, chosen_operator
+from meshmash_viewer.cli.cluster import connected, repeat_said, results_of_tasks
+from meshmash_viewer.cli.manifest import Content, Manifest, content_of
 from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.errors import InputError
@@ -25,11 +27,11 @@ from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.spectrum import obtain_eigenpairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import failure_of, report_defect
-from meshmash_viewer.progress import Cancelled, ProgressBar
+from meshmash_viewer.progress import Cancelled, Progress, ProgressBar
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target, wavelength
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import counted, format_quantity
 
 #: Result for a mesh: entries for JSON, and text.
 Report: TypeAlias = tuple[dict[str, Any], str]
@@ -44,15 +46,20 @@ _SEVERITY = (0, FAULT, _DEFECT)
 # Messages -------------------------------------------------------------------------------------
 
 
-def say_fault(fault: Exception, subject: str = "") -> int:
-    """Print the fault of a mesh or of the command; return the exit status."""
+def say_fault(fault: Exception) -> int:
+    """Print the fault of the command; return the exit status."""
+    status, text = described_fault(fault)
+    say(text)
+    return status
+
+
+def described_fault(fault: Exception, subject: str = "") -> tuple[int, str]:
+    """Return the exit status for the fault of a mesh or of the command, and its sentence."""
     failure = failure_of(fault)
     if not failure.correctable:
-        say(f"{subject or 'The command'} failed by {report_defect(fault)}")
-        return _DEFECT
+        return _DEFECT, f"{subject or 'The command'} failed by {report_defect(fault)}"
     said = not subject or subject in failure.text
-    say(failure.text if said else f"{subject}: {failure.text}")
-    return FAULT
+    return FAULT, failure.text if said else f"{subject}: {failure.text}"
 
 
 def print_report(options: Namespace, subject: Path, report: dict[str, Any], said: str) -> None:
@@ -84,6 +91,9 @@ def pairs_report(pairs: Eigenpairs, mesh: Mesh) -> dict[str, Any]:
         "max_eigenvalue": largest,
         "wavelength": finite(wavelength(largest)),
         "proof": pairs.proof(mesh.unit),
+        "complete": pairs.complete,
+        "worst_residual": float(pairs.residuals.max(initial=0.0)),
+        "orthonormality": float(pairs.orthonormality),
     }
 
 
@@ -126,24 +136,152 @@ def expanded(named: Iterable[Path]) -> list[Path]:
     return paths
 
 
-def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
-    """Do the work for every mesh; a fault of one does not stop the others.
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a mesh; sent by workers of a cluster."""
 
-    It gets the mesh repaired as asked for, or as it was read, and the options with all quantities
-    in its unit.
-    """
-    status = 0
-    for index, path in enumerate(options.mesh):
+    number: int
+    report: dict[str, Any] = field(default_factory=dict)
+    said: str = ""
+    #: None for a mesh that could not be read.
+    content: Content | None = None
+    status: int = 0
+    fault: str = ""
+    #: Whether its result was there before.
+    kept: bool = False
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Work on meshes, in this process or in those of a cluster."""
+
+    options: Namespace
+    work: Work
+    #: Whether the work gets the mesh repaired, or as it was read.
+    repaired: bool
+    #: Meshes that are not computed again unless their content is another.
+    finished: dict[int, Content] = field(default_factory=dict)
+
+    def outcome(self, number: int) -> Outcome:
+        """Do the work for one mesh."""
+        path, content = self.options.mesh[number], None
         try:
-            mesh = read(path, options)
-            own = in_unit(options, mesh.unit)
-            mesh = prepared(mesh, options) if repaired else mesh
-            print_report(options, path, *work(mesh, index, own))
+            mesh = read(path, self.options)
+            if self.finished:
+                content = content_of(mesh)
+                if content == self.finished.get(number):
+                    return Outcome(number, content=content, kept=True)
+            own = in_unit(self.options, mesh.unit)
+            used = prepared(mesh, self.options) if self.repaired else mesh
+            report, said = self.work(used, number, own)
+            return Outcome(number, report, said, content_of(mesh))
         except (Cancelled, BrokenPipeError):  # end the command
             raise
         except Exception as fault:  # noqa: BLE001  reported; the next mesh follows
-            status = max(status, say_fault(fault, str(path)), key=_SEVERITY.index)
-    return status
+            return self.failed(number, fault, content)
+
+    def failed(self, number: int, fault: Exception, content: Content | None = None) -> Outcome:
+        """Describe the fault of a mesh."""
+        status, text = described_fault(fault, str(self.options.mesh[number]))
+        return Outcome(number, content=content, status=status, fault=text)
+
+    def here(self) -> Iterator[list[Outcome]]:
+        """Do the work for every mesh in this process."""
+        return ([self.outcome(number)] for number in range(len(self.options.mesh)))
+
+    def on(self, client: Any) -> Iterator[list[Outcome]]:
+        """Do the work on a cluster, one task a mesh; outcomes come in any order."""
+        numbers = range(len(self.options.mesh))
+        for answers in results_of_tasks(client, self.outcome, numbers):
+            outcomes = []
+            for number, result, heard in answers:
+                repeat_said(heard)
+                failed = isinstance(result, Exception)
+                outcomes.append(self.failed(number, result) if failed else result)
+            yield outcomes
+
+
+def for_each(
+    options: Namespace,
+    work: Work,
+    *,
+    repaired: bool = True,
+    outputs: Sequence[Path] = (),
+    others: Sequence[Path] = (),
+) -> int:
+    """Do the work for every mesh; a fault of one does not stop the others.
+
+    It gets the mesh repaired as asked for, or as it was read, and the options with all quantities
+    in its unit. Commands with the options `--scheduler` and `--resume` give the output of each
+    mesh, and the other file of each if there is one: meshes may then be computed on a cluster, and
+    a manifest is written.
+    """
+    batch = Batch(options, work, repaired)
+    scheduler = getattr(options, "scheduler", None)
+    if scheduler is None and not getattr(options, "resume", False):
+        return max((_say_outcome(options, each) for (each,) in batch.here()), key=_SEVERITY.index)
+    manifest = Manifest(outputs, others, options)
+    if options.resume:
+        batch = replace(batch, finished=manifest.finished())
+    with contextlib.ExitStack() as stack:
+        outcomes, bar = batch.here(), None
+        if scheduler is not None:
+            client = stack.enter_context(connected(scheduler))
+            if len(options.mesh) == 1 and getattr(options, "pieces", None):
+                options.client = client  # the pieces are the tasks
+            else:
+                options.jobs = options.jobs or 1  # each worker has cores of its own
+                outcomes = batch.on(client)
+                if sys.stderr.isatty():
+                    bar = stack.enter_context(ProgressBar("meshes", leave=False))
+        return _with_manifest(options, outcomes, manifest, bar)
+
+
+def _say_outcome(options: Namespace, outcome: Outcome) -> int:
+    """Print the report or the fault of a mesh; return the exit status."""
+    if outcome.fault:
+        say(outcome.fault)
+    elif not outcome.kept:
+        print_report(options, options.mesh[outcome.number], outcome.report, outcome.said)
+    return outcome.status
+
+
+def _with_manifest(
+    options: Namespace,
+    outcomes: Iterator[list[Outcome]],
+    manifest: Manifest,
+    bar: ProgressBar | None,
+) -> int:
+    """Add outcomes to the manifest and print them as they come, and list all faults at the end."""
+    came: list[Outcome] = []
+    failed: list[Outcome] = []
+    count = len(options.mesh)
+    try:
+        for batch in outcomes:
+            manifest.add(
+                (each.number, each.content, each.report, each.fault)
+                for each in batch
+                if not each.kept
+            )
+            came += batch
+            failed += [each for each in batch if each.fault]
+            with contextlib.nullcontext() if bar is None else bar.hidden():
+                for each in batch:
+                    if not each.fault:
+                        _say_outcome(options, each)
+            if bar is not None:
+                message = f"{len(came)} of {count}, {len(failed)} failed"
+                bar(Progress("meshes", len(came) / count, message=message))
+    finally:
+        for each in sorted(failed, key=lambda each: each.number):
+            _say_outcome(options, each)
+        kept = sum(each.kept for each in came)
+        before = f", {kept} of them before" if kept else ""
+        say(
+            f"{len(came) - len(failed)} of {counted(count, 'mesh')} done{before},"
+            f" {len(failed)} failed; manifest: {manifest.path}"
+        )
+    return max((each.status for each in failed), key=_SEVERITY.index, default=0)
 
 
 def read(path: Path, options: Namespace) -> Mesh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from argparse import Namespace
 from dataclasses import replace
@@ -14,6 +15,7 @@ from meshmash_viewer.cli.arguments import chosen_operator
 from meshmash_viewer.cli.batch import (
     Report,
     for_each,
+    pairs_report,
     prepared,
     print_report,
     progress_bar,
@@ -131,7 +133,7 @@ def _described(model: ClassModel, path: Path) -> str:
 
 def predict(options: Namespace) -> int:
     """Predict the classes of meshes by a model, and write them with their probabilities."""
-    model = read_classes(options.model)
+    model = _read_once(options.model)
     outputs = output_paths(options.mesh, options.output, "classes", f".{options.format}")
     options = Namespace(
         **{
@@ -144,8 +146,12 @@ def predict(options: Namespace) -> int:
         check_map_outputs(outputs)
         return for_each(
             options,
-            lambda mesh, at, own: _write_predicted(mesh, at, outputs[at], model, own),
+            # a worker reads the model, which may be large, once for all meshes
+            lambda mesh, at, own: _write_predicted(
+                mesh, at, outputs[at], _read_once(own.model), own
+            ),
             repaired=False,  # both are needed to write results at all vertices
+            outputs=outputs,
         )
 
 
@@ -161,6 +167,15 @@ def _domains(mesh: Mesh, given: Path, mesh_file: Path) -> IntArray:
         f"{path} has {len(labels):,} labels, and {mesh.name} {mesh.n_file_vertices:,} vertices:"
         " give the one that was made from it."
     )
+
+
+def _read_once(path: Path) -> ClassModel:
+    return _model_of(path, path.absolute(), path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@functools.lru_cache(maxsize=1)
+def _model_of(path: Path, _place: Path, _modified: int) -> ClassModel:
+    return read_classes(path)
 
 
 def _write_predicted(
@@ -196,6 +211,7 @@ def _write_predicted(
         "mesh": mesh.name,
         "output": str(path),
         "unit": mesh.unit,
+        **pairs_report(pairs, mesh),
         "areas": areas,
         "mean_uncertainty": uncertain,
         "remarks": [],

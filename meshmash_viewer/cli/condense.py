@@ -51,6 +51,8 @@ def condense(options: Namespace) -> int:
             lambda mesh, at, own: _write(
                 mesh, outputs[at], None if graphs is None else graphs[at], own
             ),
+            outputs=outputs,
+            others=graphs or (),
         )
 
 

@@ -58,7 +58,7 @@ def features(options: Namespace) -> int:
         for path in outputs:
             check_output(path, "features" if featured else "eigenpairs")
         # as read: both are needed to write results at all vertices
-        return for_each(options, write, repaired=False)
+        return for_each(options, write, repaired=False, outputs=outputs)
 
 
 def _check_combination(options: Namespace) -> None:
@@ -97,6 +97,7 @@ def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) 
         raw if options.whole_mesh else None,
         options.drop_first,
         options.jobs or -1,
+        getattr(options, "client", None),
     )
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
         report = job.write(bar, cancel)
@@ -145,9 +146,6 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
     if pairs is not None:
         report |= {
             **pairs_report(pairs, mesh),
-            "complete": pairs.complete,
-            "worst_residual": float(pairs.residuals.max(initial=0.0)),
-            "orthonormality": float(pairs.orthonormality),
             "seconds_eigenpairs": round(seconds, 3),
         }
     results: Features | Eigenpairs | None = pairs

@@ -45,7 +45,10 @@ def points(options: Namespace) -> int:
     families = [EXPORTS[kind] for kind in options.kind]
     own = [each.option for family in families for each in options_of(family).values()]
     refuse_others(options, EXPORTS, own)
-    return for_each(options, lambda mesh, _, own: _write(mesh, own))
+    more = [] if options.id_map is None else [options.id_map]
+    return for_each(
+        options, lambda mesh, _, own: _write(mesh, own), outputs=[options.output], others=more
+    )
 
 
 def _write(mesh: Mesh, options: Namespace) -> Report:

@@ -84,6 +84,8 @@ class PiecesJob:
     #: Whether to leave out the first pair of the whole, which is constant on a component.
     drop_first: bool = False
     n_jobs: int = -1
+    #: Client of a Dask scheduler, see `MeshStitcher`.
+    client: Any = None
 
     @property
     def label(self) -> str:
@@ -145,7 +147,7 @@ class PiecesJob:
             )
         top = _top(mesh, self.target)
         bank = _common_bank(self.family, top)
-        stitcher = MeshStitcher(mesh, n_jobs=self.n_jobs)
+        stitcher = MeshStitcher(mesh, n_jobs=self.n_jobs, client=self.client)
         _split(stitcher, bank, n, count)
         task = PieceFeatures(self.operator, top, bank, self.drop_first)
         whole = stitcher.apply(

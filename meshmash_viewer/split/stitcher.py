@@ -60,6 +60,8 @@ class MeshStitcher(Sequence[Piece]):
         ``joblib.parallel_config`` the backend selected there is used, which may be a cluster.
     verbose : int
         1 writes the number of pieces to stderr and draws a progress bar there.
+    client : distributed.Client, optional
+        Of a Dask scheduler, on whose workers pieces are computed instead; results are the same.
 
     Attributes
     ----------
@@ -83,7 +85,14 @@ class MeshStitcher(Sequence[Piece]):
     would differ between pieces.
     """
 
-    def __init__(self, mesh: MeshLike, n_jobs: int | None = -1, verbose: int = False) -> None:
+    def __init__(
+        self,
+        mesh: MeshLike,
+        n_jobs: int | None = -1,
+        verbose: int = False,
+        *,
+        client: Any = None,
+    ) -> None:
         if isinstance(n_jobs, bool):
             raise InputError(f"n_jobs={n_jobs} is not a number: give verbose by its name.")
         if n_jobs == 0:
@@ -91,6 +100,7 @@ class MeshStitcher(Sequence[Piece]):
         self.mesh: Mesh = as_mesh(mesh)
         self.n_jobs = n_jobs
         self.verbose = verbose
+        self.client = client
         self.pieces: tuple[IntArray, ...] = ()
         self._piece_faces: list[IntArray] = []
         self.submesh_mapping: IntArray = np.full(self.mesh.n_vertices, -1)
@@ -408,7 +418,9 @@ class MeshStitcher(Sequence[Piece]):
         results: list[Any] = [None] * len(self)
         began = time.monotonic()
         with ProgressBar("pieces", progress) if self.verbose else nullcontext(progress) as report:
-            found = results_of_calls(partial(function, **arguments), calls, self.n_jobs, cancel)
+            found = results_of_calls(
+                partial(function, **arguments), calls, self.n_jobs, cancel, self.client
+            )
             for count, (number, result) in enumerate(zip(numbers, found, strict=True), 1):
                 results[number] = result
                 if done is not None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import traceback
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import nullcontext
 from typing import Any
 
@@ -110,28 +112,34 @@ def results_of_calls(
     calls: Iterable[tuple[str, tuple[Any, ...]]],
     n_jobs: int | None,
     cancel: CancelCallback | None,
+    client: Any = None,
 ) -> Iterator[Any]:
     """Yield the results of calls, given by their names and arguments, in their order.
 
     `PieceError` is raised if the function failed, and `Cancelled` after `cancel`, called between
     calls, returned True. No further call is then started, and running ones are awaited: aborting
-    them would kill workers shared with others. `n_jobs` is the number of processes as in joblib.
+    them would kill workers shared with others. `n_jobs` is the number of processes as in joblib;
+    with a client of a Dask scheduler its workers are used instead.
     """
-    alone = effective_n_jobs(n_jobs) == 1
+    alone = client is None and effective_n_jobs(n_jobs) == 1
     stopped = cancel is not None and cancel()
     outcome: Exception | None = Cancelled() if stopped else None
 
-    def tasks() -> Iterator[Any]:
+    def tasks() -> Iterator[tuple[Any, ...]]:
         for name, arguments in calls:
             if outcome is not None:
                 return
-            yield delayed(_call)(function, arguments, name, alone)
+            yield function, arguments, name, alone
 
-    # max_nbytes=None: the function receives its own arrays, not read-only memory maps.
-    parallel = Parallel(
-        n_jobs=n_jobs, return_as="generator", max_nbytes=None, pre_dispatch="n_jobs"
-    )
-    for result in parallel(tasks()):
+    if client is not None:
+        found = _on_cluster(client, tasks())
+    else:
+        # max_nbytes=None: the function receives its own arrays, not read-only memory maps.
+        parallel = Parallel(
+            n_jobs=n_jobs, return_as="generator", max_nbytes=None, pre_dispatch="n_jobs"
+        )
+        found = parallel(delayed(_call)(*each) for each in tasks())
+    for result in found:
         if outcome is not None:
             continue
         if isinstance(result, PieceError):
@@ -142,6 +150,46 @@ def results_of_calls(
             outcome = Cancelled()
     if outcome is not None:
         raise outcome
+
+
+def _on_cluster(client: Any, tasks: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
+    """Call `_call` on the workers of a Dask scheduler, few tasks ahead of the results."""
+    waiting: deque[Any] = deque()
+    for each in tasks:
+        with warnings.catch_warnings():
+            # a piece is as large as it is
+            warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
+            waiting.append(client.submit(_call, *each, pure=False))
+        if len(waiting) > 2 * max(sum(client.ncores().values()), 1):
+            yield _result(waiting.popleft())
+    while waiting:
+        yield _result(waiting.popleft())
+
+
+def _result(task: Any) -> Any:
+    try:
+        return task.result()
+    except (Exception, CancelledError) as fault:
+        raise fault_of_task(fault) from fault
+
+
+def fault_of_task(fault: BaseException) -> BaseException:
+    """Return the fault of a task on a Dask scheduler, as `InputError` if the cluster is its cause.
+
+    A worker that is lost is replaced by another, some times.
+    """
+    from distributed.scheduler import KilledWorker
+
+    if isinstance(fault, KilledWorker):
+        return InputError(
+            "Its worker ended each time that it was tried, as happens where memory runs out: give"
+            " each worker more memory, or compute in pieces."
+        )
+    if isinstance(fault, CancelledError):
+        return InputError("The connection to the scheduler was lost: start it, and this again.")
+    if isinstance(fault, ImportError):
+        return InputError(f"The workers have another version of this program, or none ({fault}).")
+    return fault
 
 
 def _call(function: Callable[..., Any], given: tuple[Any, ...], name: str, alone: bool) -> Any:

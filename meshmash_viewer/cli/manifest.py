@@ -1,0 +1,215 @@
+"""Manifest of a run over many meshes: a table of what was computed, and how well it is proven."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+from argparse import Namespace
+from collections.abc import Iterable, Sequence
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.mesh import Mesh
+
+#: Columns, and their types; None where a value is not known.
+COLUMNS: dict[str, type] = {
+    "mesh": str,  # the file
+    "output": str,  # relative to the folder of the manifest
+    "status": str,  # DONE or FAILED
+    "fault": str,
+    "hash": str,  # of the mesh as read, as in its provenance
+    "maps_hash": str,  # of its unit and maps
+    "options": str,  # JSON
+    "pairs": int,
+    "max_eigenvalue": float,
+    "residual": float,  # of the worst pair
+    "orthonormality": float,
+    "complete": bool,
+    "proof": str,
+    "truncation": float,  # largest share that a column misses, as estimated
+    "seconds": float,
+    "bytes": int,  # of the output
+}
+DONE, FAILED = "done", "failed"
+#: Columns whose entry of the report has another name.
+_REPORTED = {"pairs": "n_eigenpairs", "residual": "worst_residual"}
+#: Options that do not change what is written.
+_FREE = ("mesh", "output", "json", "jobs", "scheduler", "resume", "no_cache", "n_meshes")
+#: Options that name files which are written.
+_WRITTEN = ("graphs", "id_map")
+#: Hashes of a mesh: of vertices and faces, and of the rest.
+Content: TypeAlias = tuple[str, str]
+
+
+class Manifest:
+    """Rows of a manifest by output; the file is replaced whenever rows are added."""
+
+    def __init__(self, outputs: Sequence[Path], others: Sequence[Path], options: Namespace) -> None:
+        self.folder = Path(os.path.commonpath([path.absolute().parent for path in outputs]))
+        ending = "parquet" if find_spec("pyarrow") else "csv"
+        self.path = self.folder / f"manifest_{options.command}.{ending}"
+        self._options = _described(options)
+        self._meshes = [_whole(mesh) for mesh in options.mesh]
+        self._outputs = [path.absolute() for path in outputs]
+        self._others = others
+        #: State of the file as it was read or written.
+        self._seen: tuple[int, int] | None = None
+        self._rows: dict[str, dict[str, Any]] = {}
+        self._read()
+
+    def finished(self) -> dict[int, Content]:
+        """Return the contents of meshes whose results exist, made with the same options."""
+        found = {}
+        for number, output in enumerate(self._outputs):
+            row = self._rows.get(self._name(output), {})
+            if (
+                row.get("status") == DONE
+                and row["options"] == self._options
+                and row["bytes"] == _size(output)
+                and all(path.is_file() for path in self._others[number : number + 1])
+            ):
+                found[number] = row["hash"], row["maps_hash"]
+        return found
+
+    def add(self, results: Iterable[tuple[int, Content | None, dict[str, Any], str]]) -> None:
+        """Add rows, given by number, content, report and fault of meshes, and write the file."""
+        self._read()
+        for number, content, report, fault in results:
+            output = self._outputs[number]
+            missing = (report.get("truncation") or {}).get("estimate")
+            row = {name: report.get(_REPORTED.get(name, name)) for name in COLUMNS}
+            self._rows[self._name(output)] = row | {
+                "mesh": self._meshes[number],
+                "output": self._name(output),
+                "status": FAILED if fault else DONE,
+                "fault": fault or None,
+                "hash": content and content[0],
+                "maps_hash": content and content[1],
+                "options": self._options,
+                "truncation": max(missing) if missing else None,
+                "bytes": None if fault else _size(output),
+            }
+        with writing_errors(self.path), written_whole(self.path) as part:
+            _write(part, [self._rows[name] for name in sorted(self._rows)])
+        self._seen = _state(self.path)
+
+    def _name(self, output: Path) -> str:
+        return Path(os.path.relpath(output, self.folder)).as_posix()
+
+    def _read(self) -> None:
+        """Read rows that another run has written since."""
+        state = _state(self.path)
+        if state is not None and state != self._seen:
+            self._rows |= {row["output"]: row for row in _rows_in(self.path)}
+        self._seen = state
+
+
+def content_of(mesh: Mesh) -> Content:
+    """Return the content of a mesh as read."""
+    rest = hashlib.sha256(f"{mesh.unit} {mesh.voxel}".encode())
+    for each in mesh.maps:
+        rest.update(f"{each.name} {each.labels}".encode())
+        rest.update(each.values.tobytes())
+    return mesh.content_hash, rest.hexdigest()
+
+
+def _whole(mesh: Path) -> str:
+    """Return the path of a mesh from the root; a link as it is."""
+    return str(mesh) if ":/" in str(mesh) else str(mesh.absolute())
+
+
+def _described(options: Namespace) -> str:
+    """Return options as JSON, with the version of the program and hashes of the files they name."""
+    chosen = {
+        name: value
+        for name, value in sorted(vars(options).items())
+        if name not in _FREE and value not in (None, False, [])
+    }
+    files = {}
+    for name, value in chosen.items():
+        if name in _WRITTEN:
+            continue
+        for each in value if isinstance(value, list) else [value]:
+            if isinstance(each, str | Path) and (place := _named_place(str(each))):
+                files[str(each)] = _digest(Path(place))
+    program = metadata.version("meshmash-viewer")
+    return json.dumps({**chosen, "program": program, "files": files}, default=str)
+
+
+def _named_place(text: str) -> str:
+    """Return the file or folder that an option names, as in ``FILE:LABEL`` and ``FILE>0.5``."""
+    ends = (end for end in range(len(text), 0, -1) if end == len(text) or not text[end].isalnum())
+    return next((text[:end] for end in ends if os.path.exists(text[:end])), "")
+
+
+def _digest(place: Path) -> str:
+    """Return a hash of the content of a file, or of the sizes and times of files in a folder."""
+    if place.is_file():
+        return hashlib.sha256(place.read_bytes()).hexdigest()
+    listed = sorted((each.name, *(_state(each) or ())) for each in place.iterdir())
+    return hashlib.sha256(repr(listed).encode()).hexdigest()
+
+
+def _size(path: Path) -> int | None:
+    return path.stat().st_size if path.is_file() else None
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """Return what changes when a file is replaced, None if it does not exist."""
+    if not path.is_file():
+        return None
+    stat = path.stat()
+    return stat.st_mtime_ns, stat.st_ino
+
+
+# Files ----------------------------------------------------------------------------------------
+
+
+def _write(path: Path, rows: list[dict[str, Any]]) -> None:
+    if path.suffix == ".csv":
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows(rows)
+        return
+    import pyarrow
+    import pyarrow.parquet
+
+    types = {
+        str: pyarrow.string(),
+        int: pyarrow.int64(),
+        float: pyarrow.float64(),
+        bool: pyarrow.bool_(),
+    }
+    schema = pyarrow.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema), str(path))
+
+
+def _rows_in(path: Path) -> list[dict[str, Any]]:
+    try:
+        if path.suffix == ".csv":
+            with path.open(encoding="utf-8", newline="") as file:
+                return [_typed(row) for row in csv.DictReader(file)]
+        import pyarrow.parquet
+
+        rows: list[dict[str, Any]] = pyarrow.parquet.read_table(str(path)).to_pylist()
+        return [{name: row[name] for name in COLUMNS} for row in rows]
+    except (OSError, ValueError, KeyError, csv.Error) as fault:
+        raise InputError(
+            f"{path} is not a manifest that this version can read: move it away, and everything"
+            " is computed."
+        ) from fault
+
+
+def _typed(row: dict[str, str]) -> dict[str, Any]:
+    """Convert the texts of a row of CSV."""
+    return {
+        name: None if row[name] == "" else row[name] == "True" if kind is bool else kind(row[name])
+        for name, kind in COLUMNS.items()
+    }

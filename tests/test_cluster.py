@@ -1,0 +1,343 @@
+"""Many meshes on a Dask scheduler, and runs that go on where they were cut off."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+from meshmash_viewer.cli.main import main
+from meshmash_viewer.io.write import write_mesh
+from meshmash_viewer.split.stitcher import PieceError
+
+distributed = pytest.importorskip("distributed")
+#: A scheduler with workers in a process of its own, which says where.
+ALONE = """
+import distributed, sys
+if __name__ == "__main__":
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Two processes of one thread each, on the loopback address."""
+    cache = str(tmp_path_factory.mktemp("cache"))
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        dashboard_address="127.0.0.1:0",
+        env={"MESHMASH_CACHE": cache},
+    ) as made:
+        yield made
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Three meshes of different sizes, and a file that is none."""
+    monkeypatch.chdir(tmp_path)
+    for number in range(3):
+        save(number)
+    Path("m1_bad.ply").write_text("no mesh")
+    return tmp_path
+
+
+def save(number: int, finer: int = 2) -> None:
+    mesh = shapes.blob(finer)
+    write_mesh(f"m{number}.ply", mv.Mesh(mesh.vertices * (1 + number), mesh.faces, "nm"))
+
+
+def features(out: str, *more: str) -> int:
+    return main(["features", "*.ply", "--count", "30", "--no-cache", "-o", f"{out}/", *more])
+
+
+def content(file: Path) -> dict[str, Any]:
+    """All of an NPZ file but when it was made, and by which path."""
+    with np.load(file) as archive:
+        arrays = {name: archive[name].tobytes() for name in archive.files if name != "meta"}
+        about = json.loads(str(archive["meta"]))
+    return arrays | {"meta": about | {"created": ""}}
+
+
+def rows(file: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = pyarrow.parquet.read_table(file).to_pylist()
+    return found
+
+
+def check_same(one: str, other: str, count: int) -> None:
+    files = sorted(Path(one).glob("*.npz"))
+    assert [file.name for file in files] == [
+        file.name for file in sorted(Path(other).glob("*.npz"))
+    ]
+    assert len(files) == count
+    for file in files:
+        assert content(file) == content(Path(other, file.name)), file.name
+
+
+def test_a_cluster_writes_what_one_process_writes_and_lists_what_failed(
+    cluster: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert features("here", "--jobs", "1") == 2
+    said = capsys.readouterr()
+    assert features("there", "--scheduler", cluster.scheduler_address) == 2
+    there = capsys.readouterr()
+    check_same("here", "there", 3)
+    assert sorted(there.out.splitlines()) == sorted(
+        said.out.replace("here/", "there/").splitlines()
+    )
+    first, *_, bad, last = there.err.splitlines()
+    assert f"2 workers of {cluster.scheduler_address}" in first
+    assert bad == said.err.splitlines()[-1]
+    assert "m1_bad.ply" in bad
+    assert "3 of 4 meshes done, 1 failed; manifest: " in last
+    ball, _, broken, _ = rows("there/manifest_features.parquet")
+    assert ball["mesh"] == str(Path("m0.ply").absolute())
+    assert (ball["output"], ball["status"], ball["fault"]) == ("m0.npz", "done", None)
+    assert ball["hash"] == mv.read_mesh("m0.ply").content_hash
+    assert (ball["pairs"], ball["complete"]) == (30, True)
+    assert 0.0 < ball["residual"] < 1e-8
+    assert 0.0 < ball["orthonormality"] < 1e-8
+    assert 0.0 < ball["truncation"] < 1.0
+    assert ball["seconds"] > 0.0
+    assert ball["bytes"] == Path("there/m0.npz").stat().st_size
+    assert (broken["status"], broken["pairs"]) == ("failed", None)
+    assert broken["fault"] in bad
+
+
+@pytest.mark.parametrize("lacking", [(), ("pyarrow",)])
+def test_a_run_goes_on_where_it_was(
+    lacking: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    from importlib.util import find_spec
+
+    monkeypatch.setattr(
+        "meshmash_viewer.cli.manifest.find_spec",
+        lambda name: None if name in lacking else find_spec(name),
+    )
+    Path("m1_bad.ply").unlink()
+
+    def computed(*more: str) -> list[str]:
+        capsys.readouterr()
+        assert features("out", "--resume", *more) == 0
+        return [line[4:6] for line in capsys.readouterr().out.splitlines()]
+
+    assert computed() == ["m0", "m1", "m2"]
+    assert Path(
+        "out/manifest_features.csv" if lacking else "out/manifest_features.parquet"
+    ).exists()
+    assert computed() == []
+    assert computed("--jobs", "2") == []
+    assert computed("--n-components", "5") == ["m0", "m1", "m2"]
+    Path("out/m0.npz").unlink()
+    Path("m1.ply").write_bytes(Path("m2.ply").read_bytes())
+    assert computed("--n-components", "5") == ["m0", "m1"]
+    Path("out/m2.npz").write_bytes(b"cut off")
+    assert computed("--n-components", "5") == ["m2"]
+    # values of a mask, which is a file that an option names
+    n = mv.read_mesh("m2.ply").n_vertices
+    for shift, expected in ((0.0, ["m2"]), (0.0, []), (0.3, ["m2"])):
+        np.savetxt("mask.csv", np.arange(n) / n + shift, header="mask", comments="")
+        capsys.readouterr()
+        masked = ["--mask", "mask.csv>0.5", "-o", "masked/", "--resume"]
+        assert main(["features", "m2.ply", "--count", "9", "--no-cache", *masked]) == 0
+        assert [line[7:9] for line in capsys.readouterr().out.splitlines()] == expected
+
+
+def test_a_manifest_holds_the_rows_of_all_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    for number in (0, 2, 0):
+        command = ["features", f"m{number}.ply", "--count", "9", "--no-cache", "--resume"]
+        assert main([*command, "-o", "out/"]) == 0
+    assert [row["output"] for row in rows("out/manifest_features.parquet")] == ["m0.npz", "m2.npz"]
+    assert "1 of 1 mesh done, 1 of them before, 0 failed" in capsys.readouterr().err
+    Path("out/manifest_features.parquet").write_text("none")
+    assert main([*command, "-o", "out/"]) == 2
+    assert "manifest_features.parquet is not a manifest" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_predict_on_a_cluster(cluster: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = np.where(mv.read_mesh("m0.ply").vertices[:, 0] > 0.5, 1, 2)
+    np.savetxt("m0.csv", parts, fmt="%d", header="part", comments="")
+    trained = ("--t-min", "0.03", "--t-max", "1", "--max-eigenvalue", "20", "-o", "model.skops",
+               "--classifier", "logistic")  # fmt: skip
+    assert main(["train", "m0.ply", "--labels", "m0.csv", "--n-components", "8", *trained]) == 0
+    command = ["predict", "m0.ply", "m2.ply", "--model", "model.skops", "--no-cache"]
+    assert main([*command, "-o", "here/"]) == 0
+    assert main([*command, "-o", "there/", "--scheduler", cluster.scheduler_address]) == 0
+    check_same("here", "there", 2)
+    assert [row["complete"] for row in rows("there/manifest_predict.parquet")] == [True, True]
+    capsys.readouterr()
+    Path("model.skops").write_bytes(Path("model.skops").read_bytes() + b" ")
+    assert main([*command, "-o", "there/", "--resume"]) == 0
+    assert "of them before" not in capsys.readouterr().err
+
+
+def test_pieces_are_tasks(cluster: Any) -> None:
+    mesh = shapes.blob(3)
+    found = []
+    with distributed.Client(cluster, set_as_default=False) as client:
+        for each in (None, client):
+            stitcher = mv.MeshStitcher(mesh, n_jobs=1, client=each)
+            stitcher.split_mesh(200, t_max=0.02)
+            hks = stitcher.apply(lambda piece: mv.compute_hks(piece, 60, t_min=0.3, t_max=0.5))
+            found.append(hks.tobytes())
+        assert len(stitcher) > 2
+        assert found[0] == found[1]
+        with pytest.raises(PieceError, match=r"piece \d of .*ZeroDivisionError"):
+            stitcher.apply(lambda piece: 1 / 0)
+
+
+@pytest.mark.slow
+def test_the_pieces_of_one_mesh_are_the_tasks_of_a_command(cluster: Any) -> None:
+    save(5, 4)
+    command = ["features", "m5.ply", "--pieces", "3", "--count", "30", "--t-min", "2", "--t-max"]
+    for out, more in (
+        ("here/", ["--jobs", "1"]),
+        ("there/", ["--scheduler", cluster.scheduler_address]),
+    ):
+        assert main([*command, "9", "-o", out, *more]) == 0
+    check_same("here", "there", 1)
+    assert rows("there/manifest_features.parquet")[0]["truncation"] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "said"),
+    [
+        ("127.0.0.1:1", "No Dask scheduler answers at 127.0.0.1:1: give the address that `dask"),
+        ("xx://there", "No Dask scheduler answers at xx://there: give"),
+    ],
+)
+def test_no_scheduler_is_one_sentence(
+    scheduler: str,
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("meshmash_viewer.cli.cluster._ANSWER", 0.5)
+    assert features("out", "--scheduler", scheduler) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert not Path("out").exists()
+
+
+def test_without_the_package_it_is_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert features("out", "--scheduler", "local:2") == 2
+    assert 'pip install "meshmash-viewer[cluster]"' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        features("out", "--scheduler", "local:none")
+    assert "is not local:N" in capsys.readouterr().err
+
+
+def test_condense_and_points_take_the_same_options(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("fast_simplification")
+    Path("points.csv").write_text("id,x,y,z\n1,0,0,1\n")
+    condense = [
+        "condense",
+        "m0.ply",
+        "m2.ply",
+        "--t-min",
+        "0.3",
+        "--t-max",
+        "1",
+        "--max-eigenvalue",
+    ]
+    condense += ["20", "--min-vertices", "20", "-o", "out/", "--graphs", "graphs/"]
+    points = ["points", "m0.ply", "--points", "points.csv", "-o", "out/points.csv"]
+    for command, count in ((condense, 2), (points, 1)):
+        for kept in (0, count):
+            assert main([*command, "--resume"]) == 0
+            said = capsys.readouterr()
+            assert len(said.out.splitlines()) == count - kept
+        assert f"{count} of them before, 0 failed; manifest: " in said.err
+    Path("graphs/m0.npz").unlink()
+    assert main([*condense, "--resume"]) == 0
+    assert capsys.readouterr().out.startswith("out/m0.npz")
+
+
+def at_first(file: str, act: Callable[[], None]) -> threading.Thread:
+    """Act once there is a file."""
+
+    def wait() -> None:
+        while not list(Path().glob(file)):
+            time.sleep(0.05)
+        act()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    return thread
+
+
+@pytest.mark.slow
+def test_a_lost_worker_costs_its_tasks_only(
+    cluster: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("m1_bad.ply").unlink()
+    for number in range(8):
+        save(number, 3)
+    at_the_time: list[int] = []
+
+    def kill() -> None:
+        at_the_time.append(len(list(Path("there").glob("*.npz"))))
+        os.kill(cluster.workers[0].pid, signal.SIGKILL)
+
+    killer = at_first("there/*.npz", kill)
+    assert features("there", "--scheduler", cluster.scheduler_address) == 0
+    killer.join()
+    assert at_the_time[0] < 8
+    assert "8 of 8 meshes done, 0 failed" in capsys.readouterr().err
+    assert features("here", "--jobs", "1") == 0
+    check_same("here", "there", 8)
+
+
+@pytest.mark.slow
+def test_a_run_whose_scheduler_is_killed_is_resumed_by_processes_of_its_own(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("m1_bad.ply").unlink()
+    for number in range(8):
+        save(number, 3)
+    with subprocess.Popen(
+        [sys.executable, "-c", ALONE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as alone:
+        assert alone.stdout is not None
+        address = alone.stdout.readline().strip()
+        killer = at_first("there/manifest_*", alone.kill)
+        assert features("there", "--scheduler", address) == 2
+        killer.join()
+    *_, last, lost = capsys.readouterr().err.splitlines()
+    assert "The scheduler was lost after" in lost
+    assert "--resume" in lost
+    done = len(rows("there/manifest_features.parquet"))
+    assert f"{done} of 8 meshes done, 0 failed" in last
+    assert 0 < done < 8
+    assert features("there", "--resume", "--scheduler", "local:2") == 0
+    said = capsys.readouterr()
+    assert f"8 of 8 meshes done, {done} of them before" in said.err
+    assert "dashboard: http://127.0.0.1:" in said.err
+    assert len(said.out.splitlines()) == 8 - done
+    assert features("here", "--jobs", "1") == 0
+    check_same("here", "there", 8)
