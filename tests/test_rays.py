@@ -8,6 +8,7 @@ import shapes
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.surface.plane import Plane
 from meshmash_viewer.surface.rays import RayTarget, curve_order
 
 
@@ -109,6 +110,28 @@ def test_the_vertex_next_to_the_line_of_sight_is_seen() -> None:
         assert target.seen_vertex(0.3 * eye, eye) == vertex
         aside = np.cross(eye, np.eye(3)[np.argmin(np.abs(eye))])
         assert target.seen_vertex(0.3 * eye + 2.0 * aside, eye) == -1
+
+
+def test_what_is_cut_away_is_neither_hit_nor_hides(rng: np.random.Generator) -> None:
+    sphere = shapes.icosphere(4)
+    target = RayTarget(sphere.vertices, sphere.faces)
+    normal = np.array([0.6, 0.0, -0.8])
+    cut, eye = Plane(normal, 0.1), np.array([0.0, 0.0, 1.0])
+    for x, y in rng.uniform(-0.6, 0.6, (50, 2)):
+        heights = np.sqrt(1.0 - x * x - y * y) * np.array([1.0, -1.0])
+        kept = [z for z in heights if normal @ [x, y, z] > 0.1]
+        edge = min(abs(normal @ [x, y, z] - 0.1) for z in heights)
+        vertex = target.seen_vertex(np.array([x, y, 0.0]), eye, cut)
+        if edge > 0.1:
+            assert (vertex >= 0) == bool(kept)
+        if vertex >= 0:
+            assert not cut.away(sphere.vertices[[vertex]])[0]
+            if edge > 0.1:
+                assert np.linalg.norm(sphere.vertices[vertex] - [x, y, kept[0]]) < 0.15
+    below = int(sphere.vertices[:, 2].argmin())
+    assert target.hidden(below, eye)
+    assert not target.hidden(below, eye, cut)
+    assert cut.kept(np.zeros(3), -normal) is None
 
 
 def test_building_is_given_up_when_asked() -> None:

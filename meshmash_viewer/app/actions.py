@@ -46,6 +46,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),
     ("Drag a pin", "Move it along the surface"),
+    ("Drag the ball of the clipping plane, or its arrow", "Move or turn the plane"),
     ("Drag with Select on", "Select; with Shift in addition, with Alt take away"),
     ("Middle button with Select on, or Ctrl + drag", "Turn"),
     ("Right click", "Everything that can be done at a vertex, a pin or next to the mesh"),
@@ -62,8 +63,8 @@ class Command:
     `shortcuts` are portable, the first one is shown, and those of the operating system
     (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
     `icons.PATHS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
-    "small components", "second mesh", "selection", "hidden" or "part" (`Commands.there`), `does`
-    the name and the argument of the method, if it is not the one of this `name`.
+    "small components", "second mesh", "selection", "hidden", "cut" or "part" (`Commands.there`),
+    `does` the name and the argument of the method, if it is not the one of this `name`.
     """
 
     name: str
@@ -175,6 +176,17 @@ COMMANDS: tuple[Command, ...] = (
     Command("label_borders", "Borders of labels", "View",
             "Draw the borders between the labels of the current set, over any field", ("B",),
             checkable=True, needs="mesh"),
+    Command("cut", "Cut", "View",
+            "Cut the mesh at a plane: drag its ball to move it, its arrow to turn it", ("C",),
+            checkable=True, needs="render", submenu="Clipping plane"),
+    Command("flip_cut", "Other side", "View", "Show the side that is cut away instead",
+            ("Shift+C",), needs="cut", submenu="Clipping plane"),
+    *(Command(f"cut_{axis}", f"Across {axis}", "View",
+              f"Cut the mesh in the middle, across the {axis} axis", needs="render",
+              submenu="Clipping plane", does=("cut_across", axis))
+      for axis in "xyz"),
+    Command("reset_cut", "Oblique", "View", "Cut the mesh in the middle, half towards the eye",
+            needs="render", submenu="Clipping plane"),
     Command("hide_small", "Hide small components", "View",
             f"Leave out components with less than {SMALL:.0%} of the area of the largest one",
             checkable=True, needs="small components"),

@@ -33,6 +33,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.controller import Controller
+    from meshmash_viewer.app.cutting import Cutting
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.select_tool import SelectTool
     from meshmash_viewer.app.view.mesh_view import MeshView
@@ -68,6 +69,7 @@ class Commands:
         opening.pins_requested.connect(self.pins.read)
         #: Made with the render.
         self.select_tool: SelectTool | None = None
+        self.cutting: Cutting | None = None
         display = document.display
         #: The commands that are a call of something else.
         self._calls: dict[str, Callable[..., object]] = {
@@ -126,7 +128,10 @@ class Commands:
 
     def method(self, name: str) -> Callable[..., object]:
         """Return the method of a command."""
-        owners = (self, self.select_tool, self._opening, self.pictures, self.pins, self._document)
+        owners = (
+            self, self.select_tool, self.cutting, self._opening, self.pictures, self.pins,
+            self._document,
+        )  # fmt: skip
         return self._calls.get(name) or next(
             getattr(owner, name) for owner in owners if hasattr(owner, name)
         )
@@ -144,6 +149,7 @@ class Commands:
             "small components": ready is not None and ready.small is not None,
             "second mesh": self._opening.pair is not None,
             "hidden": self._document.hidden is not None,
+            "cut": shown and self._document.display.cut.shown,
             "selection": self._document.selection.mask is not None,
             "part": self._document.part_mesh is not None,
         }
@@ -175,6 +181,7 @@ class Commands:
             actions["nodal_lines"].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
         actions["label_borders"].setChecked(display.label_borders)
+        actions["cut"].setChecked(display.cut.shown)
         actions["hide_small"].setChecked(display.hide_small)
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:

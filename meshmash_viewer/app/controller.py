@@ -78,6 +78,7 @@ class Controller(QObject):
         listen(requested, self.refresh)
         colors = events.policies, events.diverging_colormap, events.sequential_colormap
         listen((events.hide_small, document.hiding.changed), self._hide)
+        listen(events.cut, self._show_cut)
         listen((*colors, events.log_scales, events.nodal_lines), self.show)
 
     def close(self) -> None:
@@ -231,6 +232,7 @@ class Controller(QObject):
             self._view.set_mesh(ready.mesh, ready.normals, self._document.hidden)
             self._show_pins()
             self._show_selection()
+            self._show_cut()
             self._shown = None
             if before is not None and before.vertices is ready.mesh.vertices and camera:
                 self._view.set_camera(camera)
@@ -250,3 +252,8 @@ class Controller(QObject):
     def _show_selection(self) -> None:
         if self._document.is_shown(self._view.mesh):
             self._view.set_selected(self._document.selection.mask)
+
+    def _show_cut(self) -> None:
+        mesh = self._document.mesh
+        if mesh is not None and self._document.is_shown(self._view.mesh):
+            self._view.set_cut(self._document.display.cut.plane(mesh.bounds))

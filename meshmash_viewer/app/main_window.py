@@ -178,6 +178,7 @@ class MainWindow(ScriptedWindow):
         if self.loaded or self._closed:
             return
         from meshmash_viewer.app.controller import Controller
+        from meshmash_viewer.app.cutting import Cutting
         from meshmash_viewer.app.label_borders import LabelBorders
         from meshmash_viewer.app.panels.field_panel import FieldPanel
         from meshmash_viewer.app.panels.label_panel import LabelPanel
@@ -206,6 +207,7 @@ class MainWindow(ScriptedWindow):
         self.label_borders = LabelBorders(self.document, self.scene, self)
         self.select_tool = SelectTool(self.document, self.scene, self.controller, self)
         self.commands.select_tool = self.select_tool
+        self.commands.cutting = Cutting(self.document, self.scene)
         self.select_tool.changed.connect(self._refresh_actions)
         self.select_bar = SelectBar(self.document, self.select_tool, self.actions_)
         self.addToolBarBreak()
@@ -258,7 +260,7 @@ class MainWindow(ScriptedWindow):
         needs = (
             document.mesh_changed, document.spectrum_changed, document.solve.changed,
             document.history.changed, document.pins.changed, document.work.changed,
-            events.nodal_lines, events.label_borders, events.playing, events.kind,
+            events.nodal_lines, events.label_borders, events.cut, events.playing, events.kind,
             document.selection.changed, document.hiding.changed,
         )  # fmt: skip
         follow(needs, self._refresh_actions)

@@ -260,12 +260,12 @@ class SelectTool(QObject):
             self._click(line[0])
 
     def _begin_brush(self, mesh: Mesh) -> None:
-        """Note what the brush can reach: what faces the eye and is not hidden."""
-        projection, hidden = self._scene.projection(), self._document.hidden
+        """Note what the brush can reach: what faces the eye and is drawn."""
+        projection, away = self._scene.projection(), self._scene.renderer.away()
         if self._ready() and projection is not None:
             self._front = projection.facing > 0.0
-            if hidden is not None:
-                self._front &= ~hidden
+            if away is not None:
+                self._front &= ~away
             kept = None if self._how == "replace" else self._before
             self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
 
@@ -301,8 +301,8 @@ class SelectTool(QObject):
         if projection is None or mesh is None:
             return
         polygon = np.array([self._scene.plotter.to_pixels(at.x(), at.y()) for at in line])
-        hidden = self._document.hidden
-        work = partial(lasso, mesh, projection, polygon, hidden, self.through)
+        away = self._scene.renderer.away()
+        work = partial(lasso, mesh, projection, polygon, away, self.through)
         what = "vertex" if self.through else "visible vertex"
         self._run(work, self._how, "lasso", f"There is no {what} in the lasso.")
 

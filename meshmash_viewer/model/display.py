@@ -7,13 +7,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
 from psygnal import SignalGroupDescriptor
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.parameter import (
     Choice,
     Flag,
+    Listing,
     Number,
     Parameters,
     Record,
@@ -29,6 +32,7 @@ from meshmash_viewer.model.limits import (
     PercentileLimits,
     SymmetricLimits,
 )
+from meshmash_viewer.surface.plane import Plane
 
 Chosen = TypeVar("Chosen", bound=Family)
 
@@ -71,6 +75,42 @@ class Shape(Parameters):
         return min(max(self.pairs, FEWEST_PAIRS), n_pairs)
 
 
+@dataclass(frozen=True)
+class Cut(Parameters):
+    """Clipping plane, in proportion to the mesh, whose unit may change."""
+
+    #: Whether the mesh is cut at it.
+    shown: bool = parameter(False, Flag())
+    #: Unit vector to the side that is kept; zero before there is a plane.
+    normal: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), Listing(Number(-1.0, 1.0), 3, 3, tuple)
+    )
+    #: Distance of the plane from the middle of the mesh's bounding box along the normal, in units
+    #: of half of the diagonal.
+    offset: float = parameter(0.0, Number(-1.0, 1.0))
+
+    @property
+    def placed(self) -> bool:
+        """Whether there is a plane."""
+        return any(self.normal)
+
+    def plane(self, bounds: FloatArray) -> Plane | None:
+        """Return the plane for a mesh with these bounds, shape (2, 3); None if it is not cut."""
+        if not (self.shown and self.placed):
+            return None
+        normal = np.array(self.normal) / np.linalg.norm(self.normal)
+        half = 0.5 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
+        return Plane(normal, float(normal @ bounds.mean(axis=0)) + self.offset * half)
+
+    @classmethod
+    def at(cls, plane: Plane, bounds: FloatArray) -> Cut:
+        """Cut a mesh with these bounds at a plane; `plane` returns that again."""
+        half = 0.5 * float(np.linalg.norm(np.ptp(bounds, axis=0))) or 1.0
+        offset = (plane.level - float(plane.normal @ bounds.mean(axis=0))) / half
+        x, y, z = np.clip(plane.normal, -1.0, 1.0).tolist()
+        return cls(True, (x, y, z), float(np.clip(offset, -1.0, 1.0)))
+
+
 @dataclass
 class Display:
     """Choices of what is drawn; every change of an attribute emits ``events.<name>``."""
@@ -98,6 +138,8 @@ class Display:
     log_scales: Mapping[str, bool] = field(default_factory=dict)
     #: Whether `Mesh.small_components` are hidden.
     hide_small: bool = False
+    #: Where the render is cut.
+    cut: Cut = field(default_factory=Cut)
     #: Displacement of the vertices.
     shape: Shape = field(default_factory=Shape)
     #: Whether vertices oscillate along their normals by the displayed field.
@@ -178,6 +220,7 @@ def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict
             name: {"policy": type(policy).__name__, **vars(policy)}
             for name, policy in display.policies.items()
         },
+        "cut": display.cut.plain(),
         "shape": display.shape.plain(),
     }
 
@@ -208,8 +251,9 @@ def display_from_json(
         for each in (each for each, about in read.declared().items() if about.vertex):
             if getattr(placed, each) is None and getattr(read, each) is not None:
                 lost.append((f"fields.{name}.{each}", getattr(read, each)))
-    if "shape" in content:
-        display.shape = replace(display.shape, **content["shape"])
+    for name in ("shape", "cut"):
+        if name in content:
+            setattr(display, name, replace(getattr(display, name), **content[name]))
     for name in ("policies", *reversed(_PLAIN)):  # the kind last, as it depends on the rest
         if name in content:
             setattr(display, name, content[name])
@@ -250,6 +294,7 @@ _DISPLAY = Record(
         "fields": Record({name: _family(family) for name, family in FAMILIES.items()}),
         "log_scales": Record(dict.fromkeys(FAMILIES, Flag())),
         "policies": Record(dict.fromkeys(FAMILIES, _policy)),
+        "cut": Cut.entries(),
         "shape": Shape.entries(),
     }
 )

@@ -17,7 +17,7 @@ from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import Classes
-from meshmash_viewer.model.display import Display, Shape
+from meshmash_viewer.model.display import Cut, Display, Shape
 from meshmash_viewer.model.history import History, Step
 from meshmash_viewer.model.jobs import InspectJob, JobState, PartJob, ReadJob, RepairJob, ScaleJob
 from meshmash_viewer.model.labels import Labels
@@ -41,6 +41,7 @@ _RECORDED = {
     "diverging_colormap": "colour map",
     "sequential_colormap": "colour map",
     "hide_small": "hiding of small components",
+    "cut": "clipping plane",
 }
 
 
@@ -387,7 +388,7 @@ class Document(OpenMesh):
         if not display.family.usable:
             display.kind = Display().kind
         if not ready.derived:
-            display.shape, display.vibrating = Shape(), False
+            display.shape, display.vibrating, display.cut = Shape(), False, Cut()
         self._emit_all()
 
     def _emit_all(self) -> None:

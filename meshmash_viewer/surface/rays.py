@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import CancelCallback, check_cancelled
+from meshmash_viewer.surface.plane import Plane
 
 #: Boxes whose faces are tested at a time.
 _OPENED = 24
@@ -66,24 +67,29 @@ class RayTarget:
         self._low -= margin
         self._high += margin
 
-    def seen_vertex(self, through: FloatArray, towards_eye: FloatArray) -> int:
+    def seen_vertex(
+        self, through: FloatArray, towards_eye: FloatArray, cut: Plane | None = None
+    ) -> int:
         """Return the nearest corner of the first face on a line of sight, -1 if there is none.
 
         The line goes through a point; `towards_eye` is the unit vector opposite to its direction.
+        What is cut away at a plane is not seen.
         """
         reach = (float(np.linalg.norm(through)) + self._size) * towards_eye
-        hit = self.first_hit(through + reach, through - reach)
+        hit = self.first_hit(through + reach, through - reach, cut)
         if hit is None:
             return -1
         corners = self._faces[hit.face]
         distance = ((self._points[corners] - hit.point) ** 2).sum(axis=1)
+        if cut is not None:
+            distance[cut.away(self._points[corners])] = np.inf
         return int(corners[np.argmin(distance)])
 
-    def hidden(self, vertex: int, towards_eye: FloatArray) -> bool:
+    def hidden(self, vertex: int, towards_eye: FloatArray, cut: Plane | None = None) -> bool:
         """Whether the mesh is between a vertex and the eye."""
         # Not from the vertex itself, which would intersect its own faces.
         start = self._points[vertex] + 2e-3 * self._size * towards_eye
-        return self.first_hit(start, start + 2.0 * self._size * towards_eye) is not None
+        return self.first_hit(start, start + 2.0 * self._size * towards_eye, cut) is not None
 
     def corners_near(
         self, through: FloatArray, across: FloatArray, radius: float
@@ -101,11 +107,15 @@ class RayTarget:
         order = np.argsort(squared, kind="stable")
         return corners[order[: np.count_nonzero(squared <= radius**2)]]
 
-    def first_hit(self, start: FloatArray, end: FloatArray) -> Hit | None:
+    def first_hit(self, start: FloatArray, end: FloatArray, cut: Plane | None = None) -> Hit | None:
         """Return the first point of the mesh between two points, or None.
 
-        Faces without area are ignored.
+        Faces without area are ignored, and what is cut away at a plane.
         """
+        kept = (start, end) if cut is None else cut.kept(start, end)
+        if kept is None:
+            return None
+        start, end = kept
         way = end - start
         enters = self._entries(start, way)
         met = np.flatnonzero(np.isfinite(enters))

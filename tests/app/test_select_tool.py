@@ -9,6 +9,7 @@ import pytest
 import shapes
 from closed_form import part
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
@@ -302,3 +303,65 @@ def test_a_selection_is_drawn_and_hidden_after_a_map_was_added(hand: Hand) -> No
     hand.document.hiding.hide(mask)
     hand.wait()
     np.testing.assert_array_equal(renderer.hidden, mask)
+
+
+def trigger(hand: Hand, command: str) -> None:
+    action = hand.window.findChild(QAction, command)
+    assert action is not None
+    action.trigger()
+    hand.wait()
+
+
+def test_what_is_cut_away_is_not_drawn_not_picked_and_not_painted(hand: Hand) -> None:
+    scene, x = hand.window.scene, hand.mesh.vertices[:, 0]
+    whole = scene.picture((300, 200), transparent=True)[..., 3] > 0
+    left, right = hand.at(-0.5, 0.0, 0.8), hand.at(0.5, 0.0, 0.8)
+    trigger(hand, "cut_x")
+    half = scene.picture((300, 200), transparent=True)[..., 3] > 0
+    assert 0.4 * whole.sum() < half.sum() < 0.6 * whole.sum()
+    assert scene.vertex_at(left.x(), left.y()) == -1
+    assert scene.vertex_at(right.x(), right.y()) >= 0
+    hand.tool.set_radius(0.3)
+    hand.drag(left)
+    assert not hand.chosen.any()
+    hand.drag(hand.at(0.15, 0.6, 0.8))
+    assert hand.chosen.any()
+    assert not hand.chosen[x < 0.0].any()
+    hand.choose("lasso")
+    hand.tool.through = True
+    pole = hand.at(0.0, 0.0, 1.0)
+    size = hand.at(1.0, 0.0, 0.0).x() - pole.x()
+    corners = [(-1.2, -1.2), (1.2, -1.2), (1.2, 1.2), (-1.2, 1.2)]
+    hand.drag(*(pole + QPoint(round(a * size), round(b * size)) for a, b in corners))
+    assert hand.chosen[x > 0.01].all()
+    assert not hand.chosen[x < -0.01].any()
+    hand.key(Qt.Key.Key_C, SHIFT)
+    assert scene.vertex_at(left.x(), left.y()) >= 0
+    assert scene.vertex_at(right.x(), right.y()) == -1
+    hand.key(Qt.Key.Key_C)
+    assert not hand.document.display.cut.shown
+    assert scene.vertex_at(right.x(), right.y()) >= 0
+
+
+def test_the_handle_moves_and_turns_the_plane_and_is_one_change(hand: Hand) -> None:
+    camera, mesh = hand.window.scene.camera(), hand.mesh
+    trigger(hand, "cut_x")
+    pole = hand.at(0.0, 0.0, 1.0)
+    size = hand.at(1.0, 0.0, 0.0).x() - pole.x()
+    hand.drag(pole, pole + QPoint(size // 4, 0), pole + QPoint(size // 2, 9))
+    plane = hand.document.display.cut.plane(mesh.bounds)
+    assert plane is not None
+    assert plane.normal.tolist() == [1.0, 0.0, 0.0]
+    assert abs(plane.level - 0.5) < 0.02
+    assert not hand.chosen.any()
+    hand.qtbot.wait(800)  # the next drag is another change
+    ball, length, turn = pole + QPoint(size // 2, 0), size // 3, np.radians(30.0)
+    below = QPoint(-round(length * np.cos(turn)), round(length * np.sin(turn)))
+    hand.drag(ball - QPoint(length, 0), ball + below / 2, ball + below)  # on the side cut away
+    turned = hand.document.display.cut.plane(mesh.bounds)
+    assert turned is not None
+    np.testing.assert_allclose(turned.normal[:2], [np.cos(turn), np.sin(turn)], atol=0.03)
+    assert hand.window.scene.camera() == camera
+    assert [step.label for step in hand.document.history.past][-2:] == ["clipping plane"] * 2
+    hand.key(Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert hand.document.display.cut.plane(mesh.bounds).level == plane.level  # type: ignore[union-attr]

@@ -13,6 +13,7 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.display import (
+    Cut,
     Display,
     display_from_json,
     display_to_json,
@@ -34,6 +35,7 @@ CONTENT = {
     "sequential_colormap": "magma",
     "log_scales": {"hks": True, "band": False},
     "hide_small": True,
+    "cut": {"shown": True, "normal": [0.0, 0.6, 0.8], "offset": -0.25},
     "fields": {
         "eigenfunction": {"index": 7, "flipped": [3, 5]},
         "hks": {"time": 1.5e5, "automatic": False, "t_min": 1.0, "t_max": 2e5, "scales": 64},
@@ -58,6 +60,7 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
         sequential_colormap="magma",
         log_scales={"hks": True, "band": False},
         hide_small=True,
+        cut=Cut(True, (0.0, 0.6, 0.8), -0.25),
         policies={} if limits is None else {"hks": limits},
     )
     before.put(
@@ -98,6 +101,7 @@ def test_an_end_that_is_not_said_is_in_order(part: dict[str, object]) -> None:
         ("policies", {"hks": {"policy": "PercentileLimits", "low": 1, "high": 101}}, "0 to 100"),
         ("policies", {"hks": 3}, "display.policies.hks = 3"),
         ("policies", 3, "display.policies = 3"),
+        ("cut", {"normal": [1.0, 0.0]}, "display.cut.normal = .* 3 values"),
     ],
 )
 def test_every_bad_entry_is_named(entry: str, value: object, clause: str) -> None:

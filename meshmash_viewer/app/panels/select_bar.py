@@ -77,6 +77,8 @@ class SelectBar(QToolBar):
         self.addSeparator()
         for name in _COMMANDS:
             self.addAction(actions[name])
+        self.addSeparator()
+        self.addAction(actions["cut"])
         tool.changed.connect(self._refresh)
         tool.changed.connect(self._count)
         #: Counts after some moves of a stroke, not after each.

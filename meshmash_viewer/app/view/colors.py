@@ -31,6 +31,8 @@ class RenderTheme:
     faint_ink: str
     surface: str
     line: str
+    #: Of what faces inwards where the mesh is cut.
+    inside: str
     halo: str
 
     def ground(self, share: float) -> tuple[float, ...]:
@@ -47,6 +49,7 @@ LIGHT = RenderTheme(
     faint_ink="#4d5762",
     surface="#b9c4d0",
     line="#14181d",
+    inside="#6f7883",
     halo="#ffffff",
 )
 #: Lighter than the dark end of every sequential map: with a contrast of at least 1.5.
@@ -57,6 +60,7 @@ DARK = RenderTheme(
     faint_ink="#c9d0d8",
     surface="#8d9aa8",
     line="#101317",
+    inside="#79828d",
     halo="#ffffff",
 )
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPlane, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.colors import rgb
@@ -63,6 +63,7 @@ class Marks:
         self.actor.PickableOff()
         actors = [_drawn(self._data, each) for each in layers]
         self._looks = [each.GetProperty() for each in actors]
+        self._mappers = [each.GetMapper() for each in actors]
         for each in actors:
             self.actor.AddPart(each)
 
@@ -74,6 +75,13 @@ class Marks:
         """Draw `vertices` at positions of shape (len(vertices), 3)."""
         self._data.GetPoints().SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
         self._data.Modified()
+
+    def cut(self, plane: vtkPlane | None) -> None:
+        """Leave out what is on the negative side of a plane; None to draw all."""
+        for mapper in self._mappers:
+            mapper.RemoveAllClippingPlanes()
+            if plane is not None:
+                mapper.AddClippingPlane(plane)
 
     def set_scale(self, scale: float) -> None:
         """Set the number of pixels per point."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkRenderingCore import (
     vtkActor,
     vtkCamera,
@@ -25,6 +26,7 @@ from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
+from meshmash_viewer.surface.plane import Plane
 from meshmash_viewer.surface.rays import RayTarget
 
 #: Number of visible points from which the first view is found.
@@ -67,6 +69,10 @@ class MeshRenderer:
         self.hidden: npt.NDArray[np.bool_] | None = None
         #: Which vertices are drawn as selected; None for none.
         self.selected: npt.NDArray[np.bool_] | None = None
+        #: Where the mesh is cut, in mesh coordinates.
+        self.cut: Plane | None = None
+        #: The handle of the plane, which is in the window but not in pictures.
+        self.handle: vtkProp | None = None
         #: Displayed points relative to `centre` and normals, if they are not those of the mesh.
         self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
         self.view: View | None = None
@@ -119,7 +125,7 @@ class MeshRenderer:
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
-        self.hidden = self.selected = None
+        self.hidden = self.selected = self.cut = None
         self.caption, self._pins, self.shape_text = None, (), ""
         if mesh is None:
             self.mesh = self.normals = self.view = None
@@ -149,6 +155,51 @@ class MeshRenderer:
         if self.surface is not None:
             self.selected = selected
             self.surface.select(selected)
+
+    def set_cut(self, plane: Plane | None) -> None:
+        """Cut the mesh at a plane of its coordinates; None draws all of it."""
+        self.cut = plane
+        for marks in self.marks.values():
+            self._cut_marks(marks)
+
+    def _cut_marks(self, marks: Marks) -> None:
+        cut = self.cut
+        if cut is None:
+            marks.cut(None)
+            return
+        plane = vtkPlane()
+        plane.SetNormal(*cut.normal)
+        plane.SetOrigin(*(cut.level * cut.normal))
+        marks.cut(plane)
+
+    @property
+    def _local_cut(self) -> Plane | None:
+        """The plane relative to `centre`, as the points of `drawn` are."""
+        return None if self.cut is None else self.cut.seen_from(self.centre)
+
+    def away(self) -> npt.NDArray[np.bool_] | None:
+        """Find the vertices that are not drawn, as they are hidden or cut away; None for none."""
+        cut = self._local_cut
+        if self.mesh is None or cut is None:
+            return self.hidden
+        away = cut.away(self.drawn[0])
+        return away if self.hidden is None else away | self.hidden
+
+    def vertex_under(self, through: npt.NDArray[np.float64]) -> int:
+        """Vertex seen at a point of the focal plane, in mesh coordinates; -1 for none."""
+        if self.picker is None or self.view is None:
+            return -1
+        eye = self.view.axes[2]
+        return self.picker.seen_vertex(through - self.centre, eye, self._local_cut)
+
+    def is_covered(self, vertex: int) -> bool:
+        """Whether the mesh is between a vertex and the eye, or the vertex is cut away."""
+        if self.picker is None or self.view is None:
+            return False
+        cut = self._local_cut
+        if cut is not None and bool(cut.away(self.drawn[0][vertex])):
+            return True
+        return self.picker.hidden(vertex, self.view.axes[2], cut)
 
     def move(
         self,
@@ -273,6 +324,7 @@ class MeshRenderer:
             self.marks[of] = marks
             marks.actor.SetPosition(*self.centre)
             self._place_marks()
+            self._cut_marks(marks)
             self.renderer.AddActor(marks.actor)
 
     def _place_marks(self) -> None:
@@ -324,7 +376,8 @@ class MeshRenderer:
             view = self.view = _view_of(camera, width, height)  # moved by a script
         # bounds of the surface by VTK would take a pass through all faces
         boxes = [self.centre + self._bounds]
-        for box in (prop.GetBounds() for prop in self.added()):
+        handles = () if self.handle is None or not self.handle.GetVisibility() else (self.handle,)
+        for box in (prop.GetBounds() for prop in (*self.added(), *handles)):
             if box is not None and box[0] <= box[1]:
                 boxes.append(np.reshape(box, (3, 2)).T)
         reach = max(float(np.linalg.norm(np.abs(box - view.focus).max(axis=0))) for box in boxes)
@@ -335,6 +388,12 @@ class MeshRenderer:
         camera.SetViewUp(*view.axes[1])
         camera.SetParallelScale(view.half_size * height / max(min(width, height), 1))
         camera.SetClippingRange(0.9 * reach, 3.1 * reach)
+        cut = self.cut
+        if cut is not None:
+            normal = view.axes @ cut.normal
+            seen = (*normal.tolist(), float(cut.normal @ camera.GetPosition()) - cut.level)
+        for surface in self._surfaces:
+            surface.cut(None if cut is None else seen)
         self._placed = view, camera.GetMTime()
 
     def placed_pins(self) -> list[Pin]:
@@ -345,7 +404,7 @@ class MeshRenderer:
         """
         if self.mesh is None or self.view is None or not self._pins:
             return []
-        known = (self.view, self.picker, self._pins)
+        known = (self.view, self.picker, self._pins, self.cut)
         if self._hidden != known:
             self._hidden = known
             eye, (_, normals) = self.view.axes[2], self.drawn
@@ -355,12 +414,9 @@ class MeshRenderer:
                     tuple(self.place(vertex).tolist()),
                     color,
                     label if at < _LABELLED else "",
-                    self.picker is not None
-                    and (
-                        self.picker.hidden(vertex, eye)
-                        if at < _LABELLED
-                        else bool(normals[vertex] @ eye < 0.0)
-                    ),
+                    self.is_covered(vertex)
+                    if at < _LABELLED
+                    else self.picker is not None and bool(normals[vertex] @ eye < 0.0),
                 )
                 for at, (vertex, color, label) in enumerate(self._pins)
             ]
@@ -370,7 +426,11 @@ class MeshRenderer:
 
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that scripts have added."""
-        ours = {id(self._overlay), *(id(surface.actor) for surface in self._surfaces)}
+        ours = {
+            id(self._overlay),
+            id(self.handle),
+            *(id(surface.actor) for surface in self._surfaces),
+        }
         ours |= {id(marks.actor) for marks in self.marks.values()}
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
@@ -413,6 +473,7 @@ class MeshRenderer:
         other.set_hidden(self.hidden)
         other.set_selected(self.selected)
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
+        other.cut = self.cut
         if self.caption is not None:
             other.surface.write(self.surface.values)
             other.surface.dress(self.caption)
@@ -430,7 +491,7 @@ class MeshRenderer:
         small = Mesh(mesh.vertices[picked], coarse.faces, unit=mesh.unit)
         other.set_mesh(small, self.drawn[1][picked])
         other.set_hidden(None if self.hidden is None else self.hidden[picked])
-        other.view = self.view
+        other.view, other.cut = self.view, self.cut
         return other, picked
 
 

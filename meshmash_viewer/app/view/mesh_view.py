@@ -16,6 +16,7 @@ from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins, title_size
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import ColorMap
+from meshmash_viewer.app.view.cut_handle import CutHandle
 from meshmash_viewer.app.view.frames import Frames
 from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -26,6 +27,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.lasso import Projection
+from meshmash_viewer.surface.plane import Plane
 from meshmash_viewer.surface.rays import RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
@@ -100,6 +102,8 @@ class MeshView(QWidget):
         self._picking: LatestThread[_Places] = LatestThread(
             _ray_target, self._take_picker, parent=self
         )
+        self.cut_handle = CutHandle(self.renderer)
+        self.plotter.grips.append(self.cut_handle)
         self.frames = Frames(self.renderer, self.plotter, self)
         self.frames.camera_moved.connect(self._note_camera)
         canvas = self.plotter
@@ -230,6 +234,14 @@ class MeshView(QWidget):
             self.renderer.set_selected(selected)
             self._moves()
 
+    def set_cut(self, plane: Plane | None) -> None:
+        """Cut the mesh at a plane of its coordinates, with a handle to drag; None draws all."""
+        if self.mesh is not None:
+            self.renderer.set_cut(plane)
+            self.cut_handle.show(plane, self.mesh.bounds)
+            self._set_hovered(-1)
+            self._moves()
+
     def set_theme(self, dark: bool) -> None:
         """Use the light or the dark theme."""
         self.renderer.set_theme(dark)
@@ -326,7 +338,7 @@ class MeshView(QWidget):
             return -1
         width, height, _ = self.plotter.pixels()
         through = drawing.view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
-        return drawing.picker.seen_vertex(through - drawing.centre, drawing.view.axes[2])
+        return drawing.vertex_under(through)
 
     def pin_at(self, x: float, y: float) -> int:
         """Vertex of the nearest visible pin within a few pixels of a position, -1 for none."""
@@ -349,8 +361,11 @@ class MeshView(QWidget):
         (width, height, ratio), view = self.plotter.pixels(), drawing.view
         through = view.from_pixels(*self.plotter.to_pixels(x, y), width, height) - drawing.centre
         radius = _NEAR * ratio * view.length_per_pixel(width, height)
-        for vertex in drawing.picker.corners_near(through, view.axes[:2], radius)[:_TRIED].tolist():
-            if not drawing.picker.hidden(vertex, view.axes[2]):
+        near = drawing.picker.corners_near(through, view.axes[:2], radius)
+        if drawing.cut is not None and (away := drawing.away()) is not None:
+            near = near[~away[near]]
+        for vertex in near[:_TRIED].tolist():
+            if not drawing.is_covered(vertex):
                 return int(vertex)
         return -1
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,22 @@ from pyvistaqt import QtInteractor
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.view.picture import pixels_of
+
+
+class Grip(Protocol):
+    """What the left button takes hold of; positions are in pixels from the lower left."""
+
+    def grab(self, x: float, y: float) -> bool:
+        """Take hold of what is at a position, if it is there."""
+        ...
+
+    def drag(self, x: float, y: float) -> None:
+        """Move what is held."""
+        ...
+
+    def release(self) -> None:
+        """Let go."""
+        ...
 
 
 class RenderWidget(QtInteractor):
@@ -79,6 +95,9 @@ class RenderWidget(QtInteractor):
         #: Whether the left button draws strokes; the middle one, or Ctrl with the left, turns then.
         self.strokes = False
         self._stroke = False
+        #: What the left button takes hold of before it draws, turns or clicks, and what it holds.
+        self.grips: list[Grip] = []
+        self._grip: Grip | None = None
         self._step_rest = 0
 
     @property
@@ -206,8 +225,13 @@ class RenderWidget(QtInteractor):
         self._button, self._double = event.button(), False
         left = self._button == Qt.MouseButton.LeftButton
         turns = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
-        self._stroke = self.strokes and left and not turns
-        if self._stroke:
+        at = self.to_pixels(self._last.x(), self._last.y())
+        self._grip = next((each for each in self.grips if left and each.grab(*at)), None)
+        self._stroke = self.strokes and left and not turns and self._grip is None
+        if self._grip is not None:
+            self.dragging = True
+            self.pointer_moved.emit()
+        elif self._stroke:
             self.stroke_begun.emit(event.position(), event.modifiers())
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
@@ -222,6 +246,9 @@ class RenderWidget(QtInteractor):
             self._point_at(at)
             return
         self.pointer = at
+        if self._grip is not None:
+            self._grip.drag(*self.to_pixels(at.x(), at.y()))
+            return
         if self._stroke:
             self.stroke_moved.emit(at)
             return
@@ -252,7 +279,11 @@ class RenderWidget(QtInteractor):
         if event.button() != self._button or self.pressed is None:
             return
         pressed, self.pressed = self.pressed, None
-        if self._stroke:
+        if self._grip is not None:
+            self._grip.release()
+            self._grip = None
+            self._end_drag()
+        elif self._stroke:
             self._stroke = False
             self.stroke_ended.emit()
         elif self.dragging:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
-from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
@@ -70,7 +70,18 @@ _SELECTED = """
     fragOutput0.rgb = mix(fragOutput0.rgb, vec3(0.06), border);
   }
 """
-_ON_LIGHT = _RIM + _LINES + _SELECTED
+#: Where the mesh is cut: a line along the cut, and what faces inwards is paler than the outside.
+_CUT = """
+  if (cutInwards != 0) {
+    if (gl_FrontFacing == (cutInwards < 0)) {
+      float stripes = step(0.5, fract((gl_FragCoord.x - gl_FragCoord.y) / (6.0 * pixelsToPoint)));
+      fragOutput0.rgb = mix(fragOutput0.rgb, insideColor, 0.5 + 0.12 * stripes);
+    }
+    float toCut = heightOverCut / max(length(vec2(dFdx(heightOverCut), dFdy(heightOverCut)))
+                                      * pixelsToPoint, 1e-30);
+    fragOutput0.rgb = mix(lineColor, fragOutput0.rgb, smoothstep(1.5, 2.5, toCut));
+  }
+"""
 #: Size of the table by which the graphics card colours the field: the largest number of labels;
 #: the 256 colours of a map are repeated. VTK's own colouring computes texture coordinates on the
 #: processor, which takes 25 ms for a million vertices.
@@ -103,6 +114,8 @@ flat in float labelVC;
 #: Labels are not interpolated: a face has the label of one corner.
 _FIELD_COLOR = f"""//VTK::Color::Impl
   if (hiddenVC > 0.0) discard;  // one corner is enough
+  float heightOverCut = dot(cutPlane.xyz, vertexVC.xyz) + cutPlane.w;
+  if (heightOverCut < 0.0) discard;
   if (fieldShown > 0) {{
     float along = ((fieldLabels > 0 ? labelVC : fieldVC) - fieldLow) * fieldScale;
     // also in faces with one such corner, where rounding may change the sign
@@ -163,7 +176,7 @@ class Surface:
         shaders = self.actor.GetShaderProperty()
         shaders.AddFragmentShaderReplacement("//VTK::Normal::Impl", True, _FACING, False)
         shaders.AddFragmentShaderReplacement(
-            "//VTK::Light::Impl", True, _RIM + _LINES + _SELECTED, False
+            "//VTK::Light::Impl", True, _RIM + _LINES + _SELECTED + _CUT, False
         )
         shaders.AddVertexShaderReplacement("//VTK::Normal::Dec", True, _FIELD_IN, False)
         shaders.AddVertexShaderReplacement("//VTK::Normal::Impl", True, _FIELD_THROUGH, False)
@@ -173,6 +186,8 @@ class Surface:
         self._uniforms.SetUniformi("selectionShown", 0)
         self._uniforms.SetUniform3f("selectionColor", rgb(SELECTION_COLOR))
         self._uniforms.SetUniformi("fieldMissing", int(NAN_COLOR[1:], 16))
+        self._inwards = 0
+        self.cut(None)
         self.set_scale(1.0)
         self.set_theme(LIGHT)
         # a uniform variable must be set once before it is used
@@ -217,6 +232,27 @@ class Surface:
             self._selected[:] = selected  # in place: VTK has its address
             self._selected_array.Modified()
             self.data.Modified()
+
+    def cut(self, plane: tuple[float, float, float, float] | None) -> None:
+        """Leave out what is below a plane of the camera's coordinates; None to draw all.
+
+        The height of (x, y, z) over (a, b, c, d) is ax + by + cz + d.
+        """
+        if plane is not None and not self._inwards:
+            self._inwards = self._orientation()
+        # each is sent to the graphics card in the next frame: moving the plane costs nothing
+        self._uniforms.SetUniform4f("cutPlane", plane or (0.0, 0.0, 0.0, 1.0))
+        self._uniforms.SetUniformi("cutInwards", 0 if plane is None else self._inwards)
+
+    def _orientation(self) -> int:
+        """Whether normals are to the outside of most of the surface: 1, or -1 where they are not.
+
+        By the sign of the volume within, the sum of the heights over the middle along the normals.
+        """
+        points = vtk_to_numpy(self.data.GetPoints().GetData())
+        normals = vtk_to_numpy(self.data.GetPointData().GetNormals())
+        away = np.einsum("ij,ij->i", points - points.mean(axis=0), normals)
+        return 1 if np.nansum(away) >= 0.0 else -1
 
     def _show(self) -> None:
         shown = self._given
@@ -263,3 +299,4 @@ class Surface:
         """Set the colours of the lines, and of the surface without a field."""
         self.actor.GetProperty().SetColor(*rgb(theme.surface))
         self._uniforms.SetUniform3f("lineColor", rgb(theme.line))
+        self._uniforms.SetUniform3f("insideColor", rgb(theme.inside))

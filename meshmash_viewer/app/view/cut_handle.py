@@ -1,0 +1,123 @@
+"""VTK's plane widget, by which the clipping plane is moved and turned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from vtkmodules.vtkInteractionWidgets import vtkImplicitPlaneRepresentation
+from vtkmodules.vtkRenderingCore import vtkCellPicker, vtkProp, vtkPropCollection
+
+from meshmash_viewer.app.view.colors import rgb
+from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.surface.plane import Plane
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+
+#: Colour of the handle.
+_COLOR = "#f59e0b"
+#: Size of the handle in pixels of the screen.
+_SIZE = 9.0
+#: Where the arrow and the ball begin among the actors of VTK's widget, after its plane.
+_ARROW = 3
+#: Square of the length at which the normal is seen from which the ball stays under the pointer.
+_STEEPEST = 0.05
+#: Pixels from the ball within which an arrow does not turn faster.
+_SHORTEST = 20.0
+
+
+class CutHandle:
+    """A ball that is dragged along the normal, and an arrow that is turned, at the plane.
+
+    Of the plane itself only the outline is drawn, and not dragged, so that what is under it can
+    still be clicked, turned and painted. The arrow is to the side that is cut away. VTK's widget
+    draws, and finds what is under the pointer; dragged by it, ball and arrow would not stay there.
+    """
+
+    def __init__(self, drawing: MeshRenderer) -> None:
+        self._drawing = drawing
+        #: Called with the plane while it is dragged.
+        self.moved: Callable[[Plane], None] = lambda _plane: None
+        made = self._widget = vtkImplicitPlaneRepresentation()
+        made.SetRenderer(drawing.renderer)
+        made.SetPlaceFactor(1.1)
+        made.SetHandleSize(_SIZE)
+        made.SetDrawOutline(False)
+        made.SetDrawPlane(False)
+        made.SetTubing(False)
+        made.SetEdgeColor(*rgb(_COLOR))
+        made.GetEdgesProperty().SetLighting(False)
+        made.GetEdgesProperty().SetLineWidth(1.5)
+        made.GetNormalProperty().SetColor(*rgb(_COLOR))
+        made.VisibilityOff()
+        drawing.handle = made
+        drawing.renderer.AddViewProp(made)
+        # VTK would take hold of the plane and its outline, too
+        self._picker = vtkCellPicker()
+        self._picker.PickFromListOn()
+        actors = vtkPropCollection()
+        made.GetActors(actors)
+        for at in range(_ARROW, actors.GetNumberOfItems()):
+            actor = actors.GetItemAsObject(at)
+            assert isinstance(actor, vtkProp)
+            self._picker.AddPickList(actor)
+            self._ball = actor  # the last one
+        #: Where the ball is, and the pointer when it took hold of that; the arrow's length to the
+        #: pointer, negative on the other side of the plane, or 0 while the ball is held.
+        self._origin, self._start, self._arm = np.zeros(3), np.zeros(2), 0.0
+
+    def show(self, plane: Plane | None, bounds: FloatArray) -> None:
+        """Place the handle at a plane of a mesh with these bounds, shape (2, 3), or hide it."""
+        made = self._widget
+        made.SetVisibility(plane is not None)
+        if plane is None:
+            return
+        box = bounds.T.ravel().tolist()
+        if list(made.GetWidgetBounds()) != box:
+            made.SetWidgetBounds(box)
+            made.PlaceWidget(box)
+            made.SetOrigin(*bounds.mean(axis=0))
+        made.SetNormal(*-plane.normal)
+        origin = np.array(made.GetOrigin())
+        made.SetOrigin(*(origin - (plane.normal @ origin - plane.level) * plane.normal))
+        made.BuildRepresentation()
+
+    def grab(self, x: float, y: float) -> bool:
+        """Take hold of the ball or the arrow, if one is at a position in pixels."""
+        made, view = self._widget, self._drawing.view
+        if view is None or not made.GetVisibility():
+            return False
+        if not self._picker.Pick(x, y, 0.0, self._drawing.renderer):
+            return False
+        self._origin, self._start, self._arm = np.array(made.GetOrigin()), np.array([x, y]), 0.0
+        if self._picker.GetActor() is not self._ball:
+            arm = float((self._picker.GetPickPosition() - self._origin) @ made.GetNormal())
+            shortest = _SHORTEST * view.length_per_pixel(*self._drawing.renderer.GetSize())
+            self._arm = np.copysign(max(abs(arm), shortest), arm)
+        return True
+
+    def drag(self, x: float, y: float) -> None:
+        """Move the ball along the normal, or turn the arrow, to the pointer."""
+        view, size, origin = self._drawing.view, self._drawing.renderer.GetSize(), self._origin
+        if view is None:
+            return
+        normal = -np.array(self._widget.GetNormal())
+        pixel = view.length_per_pixel(*size)
+        if self._arm:
+            across = (np.array([x, y]) - view.to_pixels(origin, *size)[0, :2]) * pixel / self._arm
+            far = float(np.hypot(*across))
+            # beyond its reach, the arrow is seen from the side; else it stays before the plane
+            # of the screen through the ball, or behind it
+            depth = np.sqrt(max(1.0 - far**2, 0.0)) * (1.0 if view.axes[2] @ normal <= 0 else -1.0)
+            normal = -(np.array([*(across / max(far, 1.0)), depth]) @ view.axes)
+        else:
+            seen = (view.axes @ normal)[:2]
+            way = float(seen @ (np.array([x, y]) - self._start))
+            origin = origin + way * pixel / max(float(seen @ seen), _STEEPEST) * normal
+            self._widget.SetOrigin(*origin)
+        self.moved(Plane(normal, float(normal @ origin)))
+
+    def release(self) -> None:
+        """Let go of the handle."""
