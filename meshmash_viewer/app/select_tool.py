@@ -16,6 +16,8 @@ from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.selection import How, combined
 from meshmash_viewer.progress import CancelCallback
@@ -29,7 +31,6 @@ from meshmash_viewer.surface.picks import (
     prepared,
     same_label,
 )
-from meshmash_viewer.units import format_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.controller import Controller
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 _STROKES = ("brush", "lasso", "disc", "component", "part")
 #: Radius of the brush at first, as a share of the diagonal of the mesh.
 _BRUSH = 0.01
+#: The range of all values.
+_ALL = (-np.inf, np.inf)
 #: Most places of a brush between two events of the mouse.
 _BETWEEN = 6
 #: Milliseconds after a change of a range with which one change ends.
@@ -82,8 +85,8 @@ class SelectTool(QObject):
         self.radius = 0.0
         #: Whether a lasso takes hidden vertices, too, and whether alike ones are connected.
         self.through = self.connected = False
-        #: Ends of the range as shares of the colour bar.
-        self.range = (0.0, 1.0)
+        #: The range of values; infinite where a handle is at the end of the colour bar.
+        self.range = _ALL
         self._geodesics: tuple[Mesh, Geodesics] | None = None
         self._how: How = "replace"
         self._line: list[QPointF] = []
@@ -104,6 +107,8 @@ class SelectTool(QObject):
         canvas.stroke_moved.connect(self._move)
         canvas.stroke_ended.connect(self._end)
         canvas.pointer_moved.connect(self._show_circle)
+        scene.bar_handles.moved = self._drag_range
+        controller.drawn.connect(self._show_handles)
         listen(document.mesh_changed, self._on_mesh_changed)
         self._on_mesh_changed()
 
@@ -126,6 +131,11 @@ class SelectTool(QObject):
             self._queue or self._preparing.working or self._jobs.working or self._live.working
         )
 
+    @property
+    def field(self) -> Field | None:
+        """The displayed field, whose values are selected."""
+        return self._controller.field
+
     # -- choices ------------------------------------------------------------------------------
 
     def select(self, on: bool) -> None:
@@ -134,11 +144,12 @@ class SelectTool(QObject):
         self._document.selection.finish()
         self._scene.take_strokes(on and self.mode in _STROKES)
         self._prepare()
+        self._show_handles()
         self.changed.emit()
 
     def select_with(self, mode: str) -> None:
         """Switch the tool on in a mode."""
-        self.mode, self.range = mode, (0.0, 1.0)
+        self.mode, self.range = mode, _ALL
         self.select(True)
         if mode == "alike" and self._document.display.family.required != "vertex":
             if self._document.pins.placed and self._document.spectrum is not None:
@@ -152,8 +163,9 @@ class SelectTool(QObject):
         self.changed.emit()
 
     def set_range(self, low: float, high: float) -> None:
-        """Select the values between two shares of the colour bar."""
-        self.range = min(low, high), max(low, high)
+        """Select the values between two."""
+        self.range = low, high
+        self._show_handles()
         field = self._controller.field
         if field is None or self._document.mesh is None:
             self._say("There is no field whose values could be selected: choose one first.")
@@ -163,7 +175,7 @@ class SelectTool(QObject):
             self._say("Pin a vertex and choose Similar: what is like it is selected then.")
             return
         joined = vertex if self.connected else None
-        work = partial(between, self._document.mesh, field.values, *self.ends, joined)
+        work = partial(between, self._document.mesh, field.values, *self.range, joined)
         self._live.ask(_Live(work, None, "replace", "selection by value", last=False))
         self._rest.start()
         self.changed.emit()
@@ -171,37 +183,29 @@ class SelectTool(QObject):
     def set_connected(self, connected: bool) -> None:
         """Select only what is connected with the pinned vertex, or all that is alike."""
         self.connected = connected
-        if self.range != (0.0, 1.0):
+        if self.range != _ALL:
             self.set_range(*self.range)
 
     @property
-    def ends(self) -> tuple[float, float]:
-        """The range of values; infinite where a handle is at the end of the colour bar."""
-        field = self._controller.field
-        if field is None:
-            return -np.inf, np.inf
-        limits, _ = field.colors(self._document.display)
-        shares = np.array(self.range)
-        if limits.logarithmic:
-            values = limits.low * (limits.high / limits.low) ** shares
-        else:
-            values = limits.low + (limits.high - limits.low) * shares
-        low = -np.inf if shares[0] <= 0.0 else float(values[0])
-        return low, np.inf if shares[1] >= 1.0 else float(values[1])
+    def _limits(self) -> Limits | None:
+        """The ends of the colour bar; None without one."""
+        caption = self._scene.renderer.caption
+        if caption is None:
+            return None
+        return Limits(caption.low, caption.high, caption.logarithmic)
 
-    @property
-    def range_text(self) -> str:
-        """The range of values, "up to 12 mm⁻²"."""
-        field, ends = self._controller.field, self.ends
-        if field is None:
-            return ""
-        low, high = (
-            format_quantity(end, field.unit, like=field.size) if np.isfinite(end) else ""
-            for end in ends
-        )
-        if low and high:
-            return f"{low} to {high}"
-        return f"from {low}" if low else f"up to {high}" if high else "all values"
+    def _drag_range(self, low: float, high: float) -> None:
+        """Select the values between two shares of the colour bar."""
+        if (limits := self._limits) is not None:
+            self.set_range(limits.at(low), limits.at(high))
+
+    def _show_handles(self) -> None:
+        """Show the range at the colour bar, where it is selected by."""
+        limits, shares = self._limits, None
+        if limits is not None and self.on and self.mode in ("value", "alike"):
+            low, high = self.range
+            shares = limits.share_of(low), limits.share_of(high)
+        self._scene.set_bar_range(shares)
 
     def fill_selection(self) -> None:
         """Select what the selection encloses."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import MISSING, dataclass
 from typing import NamedTuple, Protocol, TypeAlias
 
@@ -26,6 +27,22 @@ class Limits(NamedTuple):
     low: float
     high: float
     logarithmic: bool = False
+
+    def at(self, share: float) -> float:
+        """Return the value at a share of the colour bar; infinite at its ends, for all beyond."""
+        if share <= 0.0 or share >= 1.0:
+            return -math.inf if share <= 0.0 else math.inf
+        if self.logarithmic:
+            return float(self.low * (self.high / self.low) ** share)
+        return float(self.low + (self.high - self.low) * share)
+
+    def share_of(self, value: float) -> float:
+        """Return where a value is on the colour bar, from 0 to 1."""
+        if value <= self.low or value >= self.high:
+            return float(value > self.low)
+        if self.logarithmic:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
 
 
 class LimitPolicy(Protocol):

@@ -15,6 +15,7 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.view.annotations import bar_place
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
@@ -190,21 +191,48 @@ def test_components_growing_and_inverting(hand: Hand) -> None:
     assert np.flatnonzero(hand.chosen).tolist() == [5]
 
 
-def test_a_range_of_values_follows_the_handle(hand: Hand) -> None:
+def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> None:
     hand.document.display.kind = OwnMaps.name
     hand.window.wait()
     hand.choose("value")
-    low = part(hand.window, "select_low")
-    low.setFocus()
-    QTest.keyClick(low, Qt.Key.Key_PageUp)
-    for _ in range(3):
-        QTest.keyClick(low, Qt.Key.Key_PageUp)
-    hand.wait()
-    field = hand.window.controller.field
+    field, scene = hand.window.controller.field, hand.window.scene
     assert field is not None
-    assert np.array_equal(hand.chosen, field.values >= hand.tool.ends[0])
+    low, high = scene.renderer.caption.low, scene.renderer.caption.high  # type: ignore[union-attr]
+    place = bar_place(scene.renderer.caption, scene.renderer.page)  # type: ignore[arg-type]
+    assert place is not None
+    camera = scene.camera()
+
+    def at(share: float) -> QPoint:
+        up = place.below + share * place.tall
+        return QPoint(round(place.left - 5), round(hand.canvas.height() - up))
+
+    image = hand.canvas.image
+    hand.drag(at(0.0), at(0.2), at(0.5))
+    np.testing.assert_allclose(hand.tool.range[0], (low + high) / 2, atol=0.02 * (high - low))
+    assert hand.tool.range[1] == np.inf
+    assert np.array_equal(hand.chosen, field.values >= hand.tool.range[0])
+    hand.qtbot.wait(600)  # the next drag is another change
+    hand.drag(at(1.0), at(0.75))
+    assert np.array_equal(
+        hand.chosen,
+        (field.values >= hand.tool.range[0]) & (field.values <= hand.tool.range[1]),
+    )
+    assert not np.array_equal(hand.canvas.image, image)
+    assert scene.camera() == camera
     hand.qtbot.wait(600)
-    assert [step.label for step in hand.document.history.past] == ["selection by value"]
+    assert [step.label for step in hand.document.history.past] == ["selection by value"] * 2
+    typed = part(hand.window, "select_low")
+    typed.setFocus()
+    typed.selectAll()
+    QTest.keyClicks(typed, "-0.25")
+    QTest.keyClick(typed, Qt.Key.Key_Return)
+    hand.wait()
+    assert hand.tool.range[0] == -0.25
+    assert np.array_equal(
+        hand.chosen, (field.values >= -0.25) & (field.values <= hand.tool.range[1])
+    )
+    hand.choose("brush")
+    assert scene.renderer.bar_range is None
 
 
 def test_the_connected_part_of_a_label(hand: Hand) -> None:

@@ -129,3 +129,12 @@ def test_a_log_scale_begins_above_zero() -> None:
 def test_values_beyond_the_limits_are_known() -> None:
     assert beyond_limits(Limits(0.0, 1.0), (0.0, 1.0)) == (False, False)
     assert beyond_limits(Limits(0.0, 1.0), (-0.5, 1.5)) == (True, True)
+
+
+def test_a_share_of_the_colour_bar_is_a_value_and_back() -> None:
+    for limits in (Limits(-2.0, 6.0), Limits(1e-8, 1e-2, logarithmic=True)):
+        for share in (0.1, 0.5, 0.9):
+            assert limits.share_of(limits.at(share)) == pytest.approx(share)
+        assert (limits.at(0.0), limits.at(1.0)) == (-np.inf, np.inf)
+        assert (limits.share_of(-np.inf), limits.share_of(np.inf)) == (0.0, 1.0)
+    assert Limits(1e-8, 1e-2, logarithmic=True).at(0.5) == pytest.approx(1e-5)

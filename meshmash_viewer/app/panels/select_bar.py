@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QSlider, QToolBar, QWidget
+from PySide6.QtWidgets import QToolBar, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import SELECT_MODES, Actions
@@ -15,13 +15,13 @@ from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.select_tool import SelectTool
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.units import counted, format_quantity
 
 #: Commands at the end of the bar.
 _COMMANDS = (
     "grow_selection", "shrink_selection", "fill_selection", "invert_selection", "clear_selection",
 )  # fmt: skip
-_STEPS = 1000
 #: Milliseconds after a change until the selection is counted.
 _REST = 120
 #: What the label of the selection has room for, so that the commands rarely move.
@@ -51,23 +51,33 @@ class SelectBar(QToolBar):
             tip="Select what is behind, too",
         )  # fmt: skip
         self.low, self.high = (
-            _handle(f"select_{name}", f"{text} end of the range")
-            for name, text in (("low", "Lower"), ("high", "Upper"))
+            NumberField(f"select_{name}", f"{text} end of the range", tip=tip)
+            for name, text, tip in (
+                ("low", "Lower", "From this value on; – for all below the handle above"),
+                ("high", "Upper", "Up to this value; – for all above the handle below"),
+            )
         )
-        for slider in (self.low, self.high):
-            slider.valueChanged.connect(self._give_range)
-        self.range_label = make.label("select_range", "The range", role="muted")
+        self.low.fault = lambda low: self._fault(low, self._tool.range[1])
+        self.high.fault = lambda high: self._fault(self._tool.range[0], high)
+        for field, give in (
+            (self.low, lambda low: tool.set_range(low, tool.range[1])),
+            (self.high, lambda high: tool.set_range(tool.range[0], high)),
+        ):
+            field.setFixedWidth(110)
+            field.edited.connect(give)
+            field.refused.connect(self._say)
         self.connected = make.check(
             "Connected", "select_connected", "Only what is connected with the pin",
             tool.set_connected,
             tip="Select only what is connected with the pinned vertex",
         )  # fmt: skip
+        to = make.muted(" Up to ")
         #: For each mode the controls that belong to it.
         self._of_modes: dict[str, tuple[QWidget, ...]] = {
             "brush": (make.muted(" Radius "), self.radius),
             "lasso": (self.through,),
-            "value": (self.low, self.high, self.range_label),
-            "alike": (self.high, self.connected, self.range_label),
+            "value": (make.muted(" From "), self.low, to, self.high),
+            "alike": (to, self.high, self.connected),
         }
         shown = dict.fromkeys(each for group in self._of_modes.values() for each in group)
         self._places: dict[QWidget, QAction] = {each: self.addWidget(each) for each in shown}
@@ -80,7 +90,7 @@ class SelectBar(QToolBar):
         self.addSeparator()
         self.addAction(actions["cut"])
         tool.changed.connect(self._refresh)
-        tool.changed.connect(self._count)
+        tool.changed.connect(self._count_soon)
         #: Counts after some moves of a stroke, not after each.
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(self._count)
@@ -98,14 +108,18 @@ class SelectBar(QToolBar):
             place.setVisible(widget in self._of_modes.get(tool.mode, ()))
         self.radius.bounds = 0.0, math.inf
         self.radius.show_value(tool.radius, self._document.unit, with_unit=True)
-        for slider, share in zip((self.low, self.high), tool.range, strict=True):
-            slider.blockSignals(True)
-            slider.setValue(round(_STEPS * share))
-            slider.blockSignals(False)
-        self.range_label.setText(f" {tool.range_text} ")
+        field = tool.field
+        unit, like = ("", None) if field is None else (field.unit, field.size)
+        for each, end in zip((self.low, self.high), tool.range, strict=True):
+            value = end if math.isfinite(end) else None
+            each.show_value(value, unit, with_unit=True, like=like)
 
-    def _give_range(self) -> None:
-        self._tool.set_range(self.low.value() / _STEPS, self.high.value() / _STEPS)
+    def _fault(self, low: float, high: float) -> str:
+        return "" if low <= high else "The lower end has to be below the upper one."
+
+    def _say(self, sentence: str) -> None:
+        if sentence:
+            self._document.notices.say(sentence, Severity.WARNING)
 
     def _count_soon(self) -> None:
         if not self._rest.isActive():
@@ -123,13 +137,6 @@ class SelectBar(QToolBar):
         if self._tool.prepared:
             texts.append(format_quantity(float(mesh.vertex_areas @ mask), mesh.unit, 2))
         self.count_label.setText(f" {' · '.join(texts)} ")
-
-
-def _handle(name: str, spoken: str) -> QSlider:
-    made = theme.named(QSlider(Qt.Orientation.Horizontal), name, spoken)
-    made.setRange(0, _STEPS)
-    made.setFixedWidth(110)
-    return made
 
 
 def _scaled(value: float, steps: int) -> float:

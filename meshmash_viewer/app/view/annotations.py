@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -44,7 +45,7 @@ from meshmash_viewer.units import round_length
 EDGE = 16
 #: Width of the colour bar with its labels, its distance from the right edge, its own width, the
 #: gap to its labels, and their smallest distance from the edge.
-BAR_SPACE, _BAR_EDGE, _BAR, _GAP, _PAD = 108, 88, 14, 6, 4
+BAR_SPACE, _BAR_EDGE, BAR, _GAP, _PAD = 108, 88, 14, 6, 4
 _MAX_LABELS = 7
 #: Number of characters of a label that there is room for.
 _LONGEST = 9
@@ -147,6 +148,23 @@ def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
     )
 
 
+class BarPlace(NamedTuple):
+    """Left and lower end of the colour bar, and its height, in points from the lower left."""
+
+    left: float
+    below: float
+    tall: float
+
+
+def bar_place(caption: Caption, page: Page) -> BarPlace | None:
+    """Return where the colour bar is; None in a small picture, and of the colours of labels."""
+    width, height = page.width / page.scale, page.height / page.scale
+    tall = min(300.0, 0.5 * height, height - 150.0)
+    if tall < 70.0 or width < 220.0 or not isinstance(caption.colormap, str):
+        return None
+    return BarPlace(width - _BAR_EDGE, (height - tall) / 2 - 15, tall)
+
+
 def title_size(caption: Caption, height: float = math.inf) -> tuple[int, int]:
     """Width and height in points of title, formula and quantity, in a picture of this height."""
     lines = (
@@ -168,6 +186,8 @@ class Annotations:
         self._caption: Caption | None = None
         self._unit = ""
         self._pins: Sequence[Pin] = ()
+        #: Shares of the colour bar at which it has handles; None for none.
+        self.bar_range: tuple[float, float] | None = None
 
     def new_actor(self) -> vtkContextActor:
         """An actor that paints these annotations over a renderer."""
@@ -195,6 +215,8 @@ class Annotations:
             if self._caption is not None:
                 painter.title(self._caption)
                 painter.color_bar(self._caption)
+                if self.bar_range is not None:
+                    painter.bar_range(self._caption, self.bar_range)
             painter.scale_bar(self._view, self._unit)
             painter.axes(self._view)
             for pin in self._pins:
@@ -231,11 +253,11 @@ class _Painter:
 
         The colours of labels have none: their names are in the panel.
         """
-        tall = min(300.0, 0.5 * self._height, self._height - 150.0)
-        if tall < 70.0 or self._width < 220.0 or not isinstance(caption.colormap, str):
+        place = bar_place(caption, self._page)
+        if place is None:
             return
-        left, below = self._width - _BAR_EDGE, (self._height - tall) / 2 - 15
-        next_to, theme = left + _BAR + _GAP, self._theme
+        left, below, tall = place
+        next_to, theme = left + BAR + _GAP, self._theme
         self._strip(caption.table, left, below, tall)
         count = min(max(int(tall / 34), 2), _MAX_LABELS)
         named = partial(bar_labels, caption.low, caption.high, caption.unit, caption.logarithmic)
@@ -251,13 +273,30 @@ class _Painter:
         for end, side, up, tip in ((0, 0, below + 1, -9), (-1, 1, below + tall - 1, 9)):
             if caption.beyond[side]:
                 self._brush("#" + bytes(caption.table[end, :3]).hex())
-                corners = left, up, left + _BAR, up, left + _BAR / 2, up + tip
+                corners = left, up, left + BAR, up, left + BAR / 2, up + tip
                 self._context.DrawPolygon([self._page.scale * each for each in corners], 3)
         if caption.missing:
             grey = np.rint([[*(255.0 * np.array(rgb(NAN_COLOR))), 255.0]]).astype(np.uint8)
             self._strip(grey, left, below - 24, 10)
             up = below - 19
             self._text("no value", _LABEL, theme.faint_ink, next_to, up, along=_MIDDLE, edge=_PAD)
+
+    def bar_range(self, caption: Caption, ends: tuple[float, float]) -> None:
+        """Paint handles at two shares of the colour bar, and cover what is not between them."""
+        place = bar_place(caption, self._page)
+        if place is None:
+            return
+        left, below, tall = place
+        ground = "#{:02x}{:02x}{:02x}".format(*(round(255 * c) for c in self._theme.ground(0.5)))
+        for low, high in ((0.0, ends[0]), (ends[1], 1.0)):
+            if high > low:
+                self._rectangle(ground, left, below + tall * low, BAR, tall * (high - low), 0.75)
+        for share, side in zip(ends, (-1.0, 1.0), strict=True):
+            up = below + tall * share
+            self._rectangle(self._theme.ink, left - 3.0, up - 1.0, BAR + 5.0, 2.0)
+            corners = left - 2.0, up, left - 12.0, up, left - 12.0, up + 9.0 * side
+            self._brush(self._theme.ink)
+            self._context.DrawPolygon([self._page.scale * each for each in corners], 3)
 
     def scale_bar(self, view: View, unit: str) -> None:
         """Paint a round length at the lower right."""
@@ -383,4 +422,4 @@ class _Painter:
         image.SetDimensions(1, len(colors), 1)
         image.GetPointData().SetScalars(numpy_to_vtk(colors, deep=True))
         self._brush("#ffffff")
-        self._context.DrawImage(vtkRectf(*self._pixels(x, y, _BAR, tall)), image)
+        self._context.DrawImage(vtkRectf(*self._pixels(x, y, BAR, tall)), image)

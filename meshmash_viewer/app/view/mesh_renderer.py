@@ -95,6 +95,8 @@ class MeshRenderer:
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
+        #: The frame that was drawn last.
+        self.page = Page(self.theme, 1, 1, 1.0)
 
     # -- contents ---------------------------------------------------------------------------
 
@@ -305,6 +307,11 @@ class MeshRenderer:
             surface.dress(self.caption)
 
     @property
+    def bar_range(self) -> tuple[float, float] | None:
+        """Shares of the colour bar at which it has handles; None for none."""
+        return self.annotations.bar_range
+
+    @property
     def shown_caption(self) -> Caption | None:
         """The caption with the shape, or the text `awaited` while a field is being computed."""
         if self.caption is None:
@@ -353,7 +360,7 @@ class MeshRenderer:
             for marks in self.marks.values():
                 marks.set_scale(scale)
             self._place_camera(self.view, width, height)
-        page = Page(self.theme, width, height, scale, plates)
+        page = self.page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         view = self.view if self.annotated else None
         self.annotations.show(page, view, self.shown_caption, unit, self.placed_pins())

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins, title_size
+from meshmash_viewer.app.view.bar_handles import BarHandles
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.cut_handle import CutHandle
@@ -103,7 +104,8 @@ class MeshView(QWidget):
             _ray_target, self._take_picker, parent=self
         )
         self.cut_handle = CutHandle(self.renderer)
-        self.plotter.grips.append(self.cut_handle)
+        self.bar_handles = BarHandles(self.renderer)
+        self.plotter.grips += [self.bar_handles, self.cut_handle]
         self.frames = Frames(self.renderer, self.plotter, self)
         self.frames.camera_moved.connect(self._note_camera)
         canvas = self.plotter
@@ -240,6 +242,12 @@ class MeshView(QWidget):
             self.renderer.set_cut(plane)
             self.cut_handle.show(plane, self.mesh.bounds)
             self._set_hovered(-1)
+            self._moves()
+
+    def set_bar_range(self, ends: tuple[float, float] | None) -> None:
+        """Draw handles at two shares of the colour bar, or none."""
+        if ends != self.renderer.bar_range:
+            self.renderer.annotations.bar_range = ends
             self._moves()
 
     def set_theme(self, dark: bool) -> None:
