@@ -77,6 +77,7 @@ class Commands:
             "reset_layout": arrangement.reset,
             "nodal_lines": partial(setattr, display, "nodal_lines"),
             "label_borders": partial(setattr, display, "label_borders"),
+            "label_graph": partial(setattr, display, "label_graph"),
             "hide_small": partial(setattr, display, "hide_small"),
             "play": partial(setattr, display, "playing"),
             "show_kind": partial(setattr, display, "kind"),
@@ -182,6 +183,7 @@ class Commands:
         actions["nodal_lines"].setChecked(display.nodal_lines)
         actions["label_borders"].setChecked(display.label_borders)
         actions["cut"].setChecked(display.cut.shown)
+        actions["label_graph"].setChecked(display.label_graph)
         actions["hide_small"].setChecked(display.hide_small)
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:

@@ -1,4 +1,4 @@
-"""Borders between the labels of the current set, drawn over the displayed field."""
+"""Borders of the labels of the current set, and their graph, drawn over the displayed field."""
 
 from __future__ import annotations
 
@@ -9,22 +9,26 @@ from PySide6.QtCore import QObject
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
-from meshmash_viewer.app.view.marks import BORDERS, Marks
+from meshmash_viewer.app.view.marks import BORDERS, GRAPH, Marks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.surface.edges import border_edges
+from meshmash_viewer.surface.edges import border_edges, region_graph
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-_Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None]
+#: Mesh, labels, hidden vertices, and which of `_DRAWN` are wanted.
+_Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None, tuple[bool, bool]]
+_Found: TypeAlias = dict[str, Marks | None]
+#: Layers of marks of the render.
+_DRAWN = ("borders", "graph")
 
 
 class LabelBorders(QObject):
-    """Finds the borders in a thread whenever labels have changed, and marks them on the render."""
+    """Finds borders and graph in a thread whenever labels have changed, and marks them."""
 
     def __init__(self, document: Document, scene: MeshView, parent: QObject) -> None:
         super().__init__(parent)
@@ -34,7 +38,7 @@ class LabelBorders(QObject):
         events = document.display.events
         changes = (
             document.labels.changed, document.spectrum_changed, document.hiding.changed,
-            events.label_borders, events.hide_small,
+            events.label_borders, events.label_graph, events.hide_small,
         )  # fmt: skip
         listen(document.mesh_changed, self._begin)
         listen(changes, self.refresh)
@@ -46,15 +50,25 @@ class LabelBorders(QObject):
         self.refresh()
 
     def refresh(self) -> None:
-        """Draw the borders of the current set, or none."""
-        document, before = self._document, self._drawn
+        """Draw the borders and the graph of the current set, or none."""
+        document, before, display = self._document, self._drawn, self._document.display
         mesh, known, hidden = document.mesh, document.labels.current, document.hidden
-        if mesh is None or known is None or not document.display.label_borders:
+        wanted = display.label_borders, display.label_graph
+        if mesh is None or known is None or not any(wanted):
             self._drawn = None
-            self._scene.set_marks(None, "borders")
-        elif before is None or before[1] is not known or before[2] is not hidden:
-            self._drawn = mesh, known, hidden
+            self._mark({})
+        elif (
+            before is None
+            or before[1] is not known
+            or before[2] is not hidden
+            or before[3] != wanted
+        ):
+            self._drawn = mesh, known, hidden, wanted
             self._thread.ask(self._drawn)
+
+    def _mark(self, found: _Found) -> None:
+        for name in _DRAWN:
+            self._scene.set_marks(found.get(name), name)
 
     @property
     def idle(self) -> bool:
@@ -65,15 +79,20 @@ class LabelBorders(QObject):
         """Wait for the thread."""
         self._thread.close()
 
-    def _take(self, asked: _Asked, marks: Marks | Exception | None) -> None:
-        if isinstance(marks, Exception):
-            raise marks
+    def _take(self, asked: _Asked, found: _Found | Exception | None) -> None:
+        if isinstance(found, Exception):
+            raise found
         if asked is self._drawn and self._scene.mesh is not None:
-            self._scene.set_marks(marks, "borders")
+            self._mark(found or {})
 
 
-def _found(asked: _Asked, _cancel: CancelCallback) -> Marks | None:
-    mesh, known, hidden = asked
+def _found(asked: _Asked, _cancel: CancelCallback) -> _Found:
+    mesh, known, hidden, (borders, graph) = asked
     faces = mesh.faces if hidden is None else mesh.faces[~hidden[mesh.faces].any(axis=1)]
-    edges = border_edges(faces, np.nan_to_num(known.shown, nan=-1.0))
-    return Marks(edges, BORDERS) if len(edges) else None
+    values = np.nan_to_num(known.shown, nan=-1.0)
+    found: _Found = {}
+    if borders and len(edges := border_edges(faces, values)):
+        found["borders"] = Marks(edges, BORDERS)
+    if graph and len(edges := region_graph(mesh.vertices, faces, values)):
+        found["graph"] = Marks(edges, GRAPH)
+    return found

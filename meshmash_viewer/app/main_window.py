@@ -260,7 +260,8 @@ class MainWindow(ScriptedWindow):
         needs = (
             document.mesh_changed, document.spectrum_changed, document.solve.changed,
             document.history.changed, document.pins.changed, document.work.changed,
-            events.nodal_lines, events.label_borders, events.cut, events.playing, events.kind,
+            events.nodal_lines, events.label_borders, events.label_graph, events.cut,
+            events.playing, events.kind,
             document.selection.changed, document.hiding.changed,
         )  # fmt: skip
         follow(needs, self._refresh_actions)

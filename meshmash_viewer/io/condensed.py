@@ -311,7 +311,7 @@ def holds(path: str | Path, *names: str) -> bool:
 def labelled_domains(
     maps: Sequence[VertexMap], mesh: Mesh
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Replace the map of domains by a label set; return all maps, and a clause on groups.
+    """Replace the map of domains by a label set, the last; return all, and a clause on groups.
 
     Domains that touch have different colours. Where there are more than labels can be, a label is a
     group of domains that do not touch, and the map of their numbers stays.
@@ -330,7 +330,7 @@ def labelled_domains(
             for i, color in enumerate(colors)
         )
         found = VertexMap(DOMAINS, numbers + 1, labels, path=given.path)
-        return (*maps[:at], found, *maps[at + 1 :]), ()
+        return (*maps[:at], *maps[at + 1 :], found), ()
     groups = tuple(
         Label(i + 1, f"group {i + 1}", _COLORS[i % len(_COLORS)]) for i in range(max(colors) + 1)
     )
@@ -340,7 +340,7 @@ def labelled_domains(
         f"has {count:,} domains, and {MOST_LABELS} labels can be distinguished: a label is a group"
         f" of domains that do not touch, and the map {DOMAINS} has their numbers"
     )
-    return (found, *maps), (said,)
+    return (*maps, found), (said,)
 
 
 def _distinct(corners: IntArray, count: int) -> list[int]:

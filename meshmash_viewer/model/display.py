@@ -49,6 +49,7 @@ _PLAIN = (
     "kind",
     "nodal_lines",
     "label_borders",
+    "label_graph",
     "diverging_colormap",
     "sequential_colormap",
     "log_scales",
@@ -128,6 +129,8 @@ class Display:
     nodal_lines: bool = False
     #: Whether the borders between labels are drawn, over any field.
     label_borders: bool = False
+    #: Whether lines connect the regions of labels that touch.
+    label_graph: bool = False
     #: Colour map names (matplotlib's) for signed and for non-negative fields.
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
@@ -288,6 +291,7 @@ _DISPLAY = Record(
         "kind": Choice(FAMILIES),
         "nodal_lines": Flag(),
         "label_borders": Flag(),
+        "label_graph": Flag(),
         "hide_small": Flag(),
         "diverging_colormap": _color_map,
         "sequential_colormap": _color_map,

@@ -82,6 +82,26 @@ def border_edges(faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
     return np.column_stack([found // len(values), found % len(values)])
 
 
+def region_graph(vertices: FloatArray, faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
+    """Find the regions of equal values that touch, shape (e, 2).
+
+    A region is connected by edges, and given by its vertex that is nearest to its mean position.
+    Values below zero are in no region.
+    """
+    n = len(vertices)
+    keys = np.unique(side_codes(faces, n) >> 1)
+    a, b = np.divmod(keys[(values[keys // n] >= 0) & (values[keys % n] >= 0)], n)
+    same = values[a] == values[b]
+    region = connected(a[same], b[same], n)
+    size = np.bincount(region)
+    means = np.stack([np.bincount(region, each) / size for each in vertices.T], axis=1)
+    apart = np.linalg.norm(vertices - means[region], axis=1)
+    order = np.lexsort((apart, region))
+    nearest = order[np.cumsum(size) - size]
+    pairs = np.sort(np.stack([region[a[~same]], region[b[~same]]], axis=1), axis=1)
+    return np.asarray(nearest[np.unique(pairs, axis=0)])
+
+
 def duplicates(faces: IntArray) -> npt.NDArray[np.bool_]:
     """Find faces with the same three vertices as an earlier one, shape (m,)."""
     return np.asarray(first_equal(np.sort(faces, axis=1)) != np.arange(len(faces)))

@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QPushButton, QWidget
 from pytestqt.qtbot import QtBot
 
+import meshmash_viewer as mv
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.spectral.weyl import Target
 
@@ -58,6 +59,29 @@ def areas(window: MainWindow) -> str:
     shown = window.findChild(QWidget, "drop_areas")
     assert isinstance(shown, QWidget)
     return shown.accessibleName() if shown.isVisible() else ""
+
+
+def test_condensed_features_become_maps_and_labels(
+    qtbot: QtBot, window: MainWindow, files: dict, tmp_path: Path
+) -> None:
+    drop(window, files["ball"], share=0.5)
+    opened(qtbot, window, files["ball"])
+    mesh = shapes.icosphere(2)
+    labels = np.digitize(mesh.vertices[:, 2], [-0.3, 0.3])
+    labels[mesh.vertices[:, 0] > 0.9] = -1
+    features = mv.aggregate_features(mesh.vertices, labels).rename(columns="hks_{}".format)
+    mv.write_condensed_features(tmp_path / "condensed.npz", features, labels)
+    drop(window, tmp_path / "condensed.npz", share=0.5)
+    document = window.document
+    qtbot.waitUntil(lambda: document.labels.current is not None, timeout=PATIENCE)
+    known = document.labels.current
+    np.testing.assert_array_equal(known.values, labels + 1)
+    assert [each.name for each in known.labels] == ["domain 0", "domain 1", "domain 2"]
+    assert [each.name for each in document.mesh.maps] == ["hks_0", "hks_1", "hks_2", "domains"]
+    values = document.mesh.map_named("hks_2").values
+    assert len(np.unique(values[labels >= 0])) == 3
+    document.history.undo()
+    assert not document.mesh.maps
 
 
 def opened(qtbot: QtBot, window: MainWindow, path: Path) -> None:

@@ -322,6 +322,33 @@ def test_borders_are_drawn_over_another_field(labelled: MainWindow, qtbot: QtBot
     np.testing.assert_array_equal(scene.picture((300, 300)), before)
 
 
+def test_the_graph_of_labels_is_drawn_over_any_field(labelled: MainWindow, qtbot: QtBot) -> None:
+    document, scene, action = labelled.document, labelled.scene, labelled.actions_["label_graph"]
+    z = MESH.vertices[:, 2]
+    document.labels.new_label()
+    for number, inside in ((2, ~UP & (z > -0.4)), (1, UP | (z < -0.4))):
+        document.selection.set(inside)
+        document.labels.assign(number)
+    document.selection.clear()
+    rest(labelled, qtbot)
+    before = scene.picture((300, 300))
+    action.trigger()
+    rest(labelled, qtbot)
+    assert action.isChecked()
+    drawn = scene.picture((300, 300))
+    # two lines from the band to either end, with a light edge
+    assert 100 < (np.abs(drawn.astype(int) - before).max(axis=2) > 60).sum() < 4000
+    assert (drawn[..., :3].max(axis=2) < 60).sum() > 20
+    document.labels.delete([1, 2])
+    rest(labelled, qtbot)
+    document.history.undo()
+    rest(labelled, qtbot)
+    np.testing.assert_array_equal(scene.picture((300, 300)), drawn)
+    action.trigger()
+    rest(labelled, qtbot)
+    np.testing.assert_array_equal(scene.picture((300, 300)), before)
+
+
 def test_borders_are_the_edges_between_faces_of_different_labels() -> None:
     for mesh in (MESH, shapes.blob(2)):
         labels = np.random.default_rng(2).integers(0, 3, mesh.n_vertices)

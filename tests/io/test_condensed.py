@@ -14,6 +14,7 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.condensed import labelled_domains
+from meshmash_viewer.surface.edges import region_graph
 from meshmash_viewer.vertex_map import MOST_LABELS
 
 BALL = shapes.icosphere(2)
@@ -180,7 +181,7 @@ def test_bad_files_are_one_sentence(case: str, tmp_path: Path) -> None:
 def test_a_file_of_features_is_one_of_maps_and_of_a_label_set(tmp_path: Path) -> None:
     path = by_hand(tmp_path / "hand.npz")
     with warnings.catch_warnings(action="error"):
-        domains, *columns = mv.read_maps(path, BALL)
+        *columns, domains = mv.read_maps(path, BALL)
     assert [each.name for each in columns] == NAMES
     inside = LABELS >= 0
     np.testing.assert_array_equal(columns[0].values[inside], 3.0 * LABELS[inside])
@@ -202,12 +203,28 @@ def test_a_file_of_another_mesh_or_without_its_header_is_refused(tmp_path: Path)
         mv.read_maps(path, BALL)
 
 
+def test_regions_that_touch_are_connected_from_their_middles() -> None:
+    strip = shapes.rectangle(31, 7)
+    x = strip.vertices[:, 0] - strip.vertices[:, 0].min()
+    values = np.array([5, 2, -1, 2])[np.minimum((4 * x / x.max()).astype(int), 3)]
+    values[strip.vertices[:, 1] == strip.vertices[:, 1].min()] = 7
+    found = region_graph(strip.vertices, strip.faces, values)
+    regions = values[found]
+    # both regions of value 2 touch that of 7, and one of them that of 5
+    assert sorted(map(tuple, np.sort(regions, axis=1).tolist())) == [(2, 5), (2, 7), (2, 7), (5, 7)]
+    for vertex in np.unique(found[regions == 5]):
+        own = strip.vertices[values == 5]
+        apart = np.linalg.norm(own - own.mean(axis=0), axis=1)
+        here = np.linalg.norm(strip.vertices[vertex] - own.mean(axis=0))
+        assert here == apart.min()
+
+
 def test_more_domains_than_labels_are_groups_that_do_not_touch() -> None:
     mesh = shapes.icosphere(4)
     numbers = np.arange(mesh.n_vertices) // 4
     assert numbers.max() >= MOST_LABELS
     domains = mv.VertexMap("domains", numbers.astype(float))
-    (groups, kept), said = labelled_domains([domains], mesh)
+    (kept, groups), said = labelled_domains([domains], mesh)
     assert kept is domains
     assert len(groups.labels) <= 40
     assert "641 domains, and 512 labels" in said[0]

@@ -70,6 +70,7 @@ SYNONYMS = {
     **{f"cut_{axis}": "cut slice section clip sagittal coronal axial plane" for axis in "xyz"},
     "reset_cut": "cut slice section clip reset plane",
     "label_borders": "boundaries outlines contours parcels regions",
+    "label_graph": "domains network nodes edges adjacency neighbours regions",
     "theme_system": "theme dark light mode appearance colour color",
     "theme_light": "theme white mode appearance colour color",
     "theme_dark": "theme night black mode appearance colour color",

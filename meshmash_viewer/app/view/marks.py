@@ -15,9 +15,9 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkPolyDataMapper
 from meshmash_viewer.app.view.colors import rgb
 from meshmash_viewer.arrays import IntArray
 
-#: Widths in points of points, and of the corners of edges and faces, which are seen where these are
-#: smaller than a pixel.
-_POINT, _CORNER = 8.0, 5.0
+#: Widths in points of points, of the corners of edges and faces, which are seen where these are
+#: smaller than a pixel, and of nodes of a graph.
+_POINT, _CORNER, _NODE = 8.0, 5.0, 3.6
 
 
 class Layer(NamedTuple):
@@ -36,12 +36,16 @@ class Layer(NamedTuple):
 FAULTS = (Layer(-8.0, 1.0, "#ff2fa8", 2.5), Layer(-1e6, 0.45, "#ff2fa8", 2.5))
 #: Borders between labels: dark lines with a faint light edge, which are seen over every colour.
 BORDERS = (Layer(-8.0, 0.4, "#ffffff", 3.6), Layer(-12.0, 1.0, "#14181d", 1.8))
+#: Graph of regions, seen through the mesh. Both are opaque: so far in front they have one depth,
+#: where the second covers the first, but a translucent first one would cover it in turn.
+GRAPH = (Layer(-1e6, 1.0, "#ffffff", 2.4), Layer(-1e6, 1.0, "#14181d", 1.2))
 
 
 class Marks:
     """Draws points, edges or faces, given by their vertices: shape (k, 1), (k, 2) or (k, 3).
 
-    Of a face the sides are drawn, too, so that one without area is visible; of faults the corners.
+    Of a face the sides are drawn, too, so that one without area is visible; of faults and graphs
+    the corners.
     """
 
     def __init__(self, parts: IntArray, layers: tuple[Layer, ...] = FAULTS) -> None:
@@ -51,14 +55,15 @@ class Marks:
         numbers = numbers.reshape(parts.shape)
         self._data = vtkPolyData()
         self._data.SetPoints(vtkPoints())
-        if layers is FAULTS:
+        if layers is not BORDERS:
             self._data.SetVerts(_cells(np.arange(len(self.vertices))[:, np.newaxis]))
         if parts.shape[1] == 2:
             self._data.SetLines(_cells(numbers))
         elif parts.shape[1] == 3:
             self._data.SetPolys(_cells(numbers))
             self._data.SetLines(_cells(numbers[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)))
-        self._point = _POINT if parts.shape[1] == 1 else _CORNER
+        corner = _NODE if layers is GRAPH else _CORNER
+        self._point = _POINT if parts.shape[1] == 1 else corner
         self.actor = vtkAssembly()
         self.actor.PickableOff()
         actors = [_drawn(self._data, each) for each in layers]

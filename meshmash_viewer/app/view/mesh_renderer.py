@@ -485,8 +485,9 @@ class MeshRenderer:
             other.surface.write(self.surface.values)
             other.surface.dress(self.caption)
             other.caption = self.caption
-        if "borders" in self.marks:  # faults are no part of a picture
-            other.set_marks(self.marks["borders"].copy(), "borders")
+        for of, marks in self.marks.items():
+            if of != "faults":  # which are no part of a picture
+                other.set_marks(marks.copy(), of)
         return other
 
     def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:
