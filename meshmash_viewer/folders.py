@@ -27,6 +27,11 @@ def session_folder() -> Path:
     return Path(platformdirs.user_data_dir("meshmash-viewer", appauthor=False)) / "sessions"
 
 
+def link_folder() -> Path:
+    """Return the folder of links to meshes, next to that of the sessions."""
+    return session_folder().parent / "links"
+
+
 def log_folder() -> Path:
     """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
     import platformdirs

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from segment_layers import SEGMENT, box, fragment, source, write_fragments
 from tiers import slow_but
 
 from meshmash_viewer.app.view import picture
@@ -920,3 +921,26 @@ def test_distances_that_cannot_be_had_are_one_line(
     status, text, err = run(capsys, "features", ball, *chosen, "-o", out)
     assert (status, text, err.count("\n"), out.exists()) == (2, "", 1, False)
     assert clause in err
+
+
+@pytest.mark.usefixtures("read_here")
+def test_links_are_meshes_of_every_command(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("cloudvolume")
+    layer = write_fragments(tmp_path / "layer", [fragment(box(2))])
+    chosen = ("--segment", SEGMENT, "--segment", 12)
+    status, out, err = run(capsys, "info", source(layer), *chosen, "--json")
+    assert json.loads(out)["n_vertices"] == box(2).n_vertices
+    assert json.loads(out)["unit"] == "nm"
+    assert (status, err.count("\n")) == (2, 1)
+    assert "#segment=12 has no mesh; check the id" in err
+    output = tmp_path / "out"
+    link = f"{source(layer)}#segment={SEGMENT}"
+    status, out, err = run(capsys, "features", link, "--count", 4, "-o", f"{output}/")
+    assert status == 0
+    assert [each.name for each in output.iterdir()] == [f"{SEGMENT}.npz"]
+    assert "names no segment" in run(capsys, "info", source(layer))[2]
+    assert "'axon' is no id" in run(capsys, "info", source(layer), "--segment", "axon")[2]
+    assert "are of a link: name one" in run(capsys, "info", "x.ply", "--segment", 12)[2]
+    assert "of one link, not of" in run(capsys, "info", link, link, "--segment", 12)[2]

@@ -30,12 +30,12 @@ BLOCKS = [
 ]
 
 #: Lines of pages and README for a shell; what a line says after two blanks is for its reader. The
-#: plug-in of the example is not installed here.
+#: plug-in of the example is not installed here, and links lead to layers elsewhere.
 COMMANDS = sorted({
     re.split(r"  +", line)[0]
     for page in [*PAGES, DOCS.parent / "README.md"]
     for line in re.findall(r"^meshmash-viewer (.+)$", page.read_text(encoding="utf-8"), re.M)
-    if "wavelets" not in line
+    if "wavelets" not in line and "://" not in line
 })  # fmt: skip
 
 

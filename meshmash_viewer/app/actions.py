@@ -92,6 +92,9 @@ COMMANDS: tuple[Command, ...] = (
     # -- File
     Command("open_mesh", "Open mesh…", "File", "Open a mesh file", ("Ctrl+O",),
             toolbar="Open", icon="open"),
+    Command("open_link", "Open link…", "File",
+            "Open a segment of a Neuroglancer layer by its link and id: precomputed, Graphene",
+            ("Ctrl+L",)),
     Command("open_sample", "Dendrite", "File",
             "Open a piece of a dendrite with spines, in nm", submenu="Open a sample"),
     *(Command(f"open_sample_{name}", text, "File", f"Open {tooltip}", submenu="Open a sample",

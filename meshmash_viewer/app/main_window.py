@@ -49,6 +49,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.vertex_menu import close_menus
+from meshmash_viewer.io.links import is_link, link_file, name_and_place, parse_link, shown_path
 from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -268,12 +269,13 @@ class MainWindow(ScriptedWindow):
         follow(document.mesh_changed, self._show_stage)
 
     def open_mesh(self, path: str | Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
-        """Read a mesh file as it was left, with files of maps, and show it.
+        """Read a mesh file, or a link with a segment, as it was left, with files of maps.
 
         It is in the unit that it was given last, unless another is given. The open one stays if
         that fails.
         """
-        self.opening.read(Path(path), unit, maps)
+        path = link_file(parse_link(path)) if is_link(path) else Path(path)
+        self.opening.read(path, unit, maps)
 
     def _on_mesh_changed(self) -> None:
         close_menus()
@@ -296,8 +298,8 @@ class MainWindow(ScriptedWindow):
         self._recent_menu.clear()
         self._recent_menu.setEnabled(bool(recent))
         for path in recent:
-            action = self._recent_menu.addAction(path.name)
-            action.setToolTip(str(path))
+            action = self._recent_menu.addAction(name_and_place(path)[0])
+            action.setToolTip(shown_path(path))
             action.triggered.connect(lambda _checked=False, path=path: self.opening.open_path(path))
 
     def _on_drawn(self, field: Field | None, limits: Limits) -> None:
@@ -350,7 +352,7 @@ class MainWindow(ScriptedWindow):
         if state is None and self.document.solve.seconds_rate is not None:
             self.settings.seconds_rate = self.document.solve.seconds_rate
         if state is not None and isinstance(state.job, ReadJob):
-            self.stage.welcome.set_loading(f"Reading {state.job.path.name} …")
+            self.stage.welcome.set_loading(f"{state.job.label} …")
         elif self.loaded:
             self.stage.welcome.set_loading("")
 

@@ -20,6 +20,7 @@ from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors
 from meshmash_viewer.io.kept_maps import KEPT_MAPS_ENDING, write_kept_maps
+from meshmash_viewer.io.links import LINK_ENDING, name_and_place
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.pins import is_pin_table
 from meshmash_viewer.io.read import READABLE_ENDINGS
@@ -85,7 +86,8 @@ class Opening(QObject):
         Tables of pins alone are for the first mesh.
         With `as_second` they are for the second mesh; maps are for the first if there is none.
         """
-        self._settings.folder = paths[0].parent
+        if paths[0].suffix != LINK_ENDING:  # a link has no folder to go on in
+            self._settings.folder = paths[0].parent
         maps = [path for path in paths if is_map_file(path)]
         others = [path for path in paths if path not in maps]
         pins = [] if others else [path for path in maps if is_pin_table(path)]
@@ -207,6 +209,17 @@ class Opening(QObject):
         path = self._ask_for_mesh("Open mesh")
         if path is not None:
             self.open_path(path)
+
+    def open_link(self) -> None:
+        """Ask for a link to the mesh of a segment."""
+        from meshmash_viewer.app.dialogs.link_dialog import LinkDialog
+
+        path = self._document.path
+        is_linked = path is not None and path.suffix == LINK_ENDING
+        dialog = LinkDialog(self._window, name_and_place(path)[1] if path and is_linked else "")
+        dialog.accepted.connect(lambda: self.open_path(dialog.path))
+        dialog.finished.connect(dialog.deleteLater)
+        dialog.open()
 
     def compare_with(self) -> None:
         """Ask for a second mesh."""

@@ -26,6 +26,7 @@ from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.message_bar import MessageBar
 from meshmash_viewer.app.screen import has_opengl
+from meshmash_viewer.io.links import name_and_place, shown_path
 
 _RECENT_SHOWN = 5
 #: Side margin of the card, and width of two buttons in a row, in logical pixels.
@@ -175,16 +176,17 @@ class Welcome(QScrollArea):
         heading.setContentsMargins(4, theme.GAP, 0, 2)
         self._recent.addWidget(heading)
         for path in paths[:_RECENT_SHOWN]:
+            name, place = name_and_place(path)
             button = make.button(
                 "",
                 "",
-                f"Open {path.name}",
+                f"Open {name}",
                 lambda _checked=False, path=path: self.recent_requested.emit(path),
                 role="link",
-                tip=str(path),
+                tip=shown_path(path),
             )
             self._recent.addWidget(button)
-            self._links.append((button, f"{path.name}  ·  {path.parent}"))
+            self._links.append((button, f"{name}  ·  {place}"))
         self._fit()
 
     def set_loading(self, text: str) -> None:

@@ -12,6 +12,7 @@ from meshmash_viewer.cli import numbers
 from meshmash_viewer.cli.numbers import said, whole
 from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.links import is_link
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
 from meshmash_viewer.quantities import parse_number, parse_unit
 from meshmash_viewer.structures import named_structure
@@ -70,7 +71,7 @@ def window_parser() -> argparse.ArgumentParser:
         epilog="commands without a window (each has its own --help):\n"
         + "\n".join(f"  {call:<47}{about}" for call, about in calls.items()),
     )
-    parser.add_argument("mesh", nargs="*", type=Path, help="mesh file or session")
+    parser.add_argument("mesh", nargs="*", type=_mesh, help="mesh file, session, or link")
     _add_unit(parser)
     _add_maps(parser)
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
@@ -97,8 +98,8 @@ def command_parser() -> argparse.ArgumentParser:
         made.add_argument(
             "mesh",
             nargs=1 if n_meshes == 1 else "+",
-            type=Path,
-            help='mesh file, or a pattern such as "*.ply"',
+            type=_mesh,
+            help='mesh file, a pattern such as "*.ply", or a link to a layer of segments',
         )
         # counted when patterns are expanded
         made.set_defaults(n_meshes=n_meshes)
@@ -316,7 +317,7 @@ def parsed_command(arguments: list[str]) -> argparse.Namespace:
     options, others = parser.parse_known_args(arguments)
     if others and (options.command != "train" or any(each.startswith("-") for each in others)):
         parser.error(f"unrecognized arguments: {' '.join(others)}")
-    options.mesh += map(Path, others)
+    options.mesh += map(_mesh, others)
     return options
 
 
@@ -525,9 +526,27 @@ def _scheduler(text: str) -> str:
     return text
 
 
+def _mesh(text: str) -> Path | str:
+    """A file, or a link, whose two slashes a path would not keep."""
+    return text if is_link(text) else Path(text)
+
+
 def _add_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unit", type=said(_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
+    )
+    parser.add_argument(
+        "--segment",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="of a link: the segment to read; may be given many times",
+    )
+    parser.add_argument(
+        "--lod",
+        type=int,
+        metavar="N",
+        help="of a link: the level of detail, 0 for the finest (default, unless it is too large)",
     )
 
 

@@ -22,6 +22,7 @@ from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
+from meshmash_viewer.io.links import LINK_ENDING, is_link, link_file, parse_link, shown_path
 from meshmash_viewer.io.maps import read_maps, read_mask
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.spectrum import obtain_eigenpairs
@@ -65,7 +66,7 @@ def described_fault(fault: Exception, subject: str = "") -> tuple[int, str]:
 def print_report(options: Namespace, subject: Path, report: dict[str, Any], said: str) -> None:
     """Print the result for a mesh, as text or as JSON."""
     for remark in report.get("remarks", ()):
-        say(f"{subject}: {remark}")
+        say(f"{shown_path(subject)}: {remark}")
     answer(json.dumps(report) if options.json else said)
 
 
@@ -110,6 +111,27 @@ def more_pairs(t_min: float | None = None) -> str:
 
 
 # Meshes ---------------------------------------------------------------------------------------
+
+
+def linked(options: Namespace) -> list[Path]:
+    """Replace a link by the files of links to its segments; `InputError` as by `parse_link`."""
+    links = [each for each in options.mesh if is_link(each)]
+    if not links and (options.segment or options.lod is not None):
+        raise InputError(
+            "--segment and --lod are of a link: name one, such as precomputed://gs://bucket/layer."
+        )
+    if len(links) > 1 and options.segment:
+        raise InputError(
+            "--segment is of one link, not of several: give each link its own command."
+        )
+    found = []
+    for each in options.mesh:
+        segments = options.segment or [None]
+        if is_link(each):
+            found += [link_file(parse_link(each, one, options.lod)) for one in segments]
+        else:
+            found.append(each)
+    return found
 
 
 def expanded(named: Iterable[Path]) -> list[Path]:
@@ -182,7 +204,7 @@ class Batch:
 
     def failed(self, number: int, fault: Exception, content: Content | None = None) -> Outcome:
         """Describe the fault of a mesh."""
-        status, text = described_fault(fault, str(self.options.mesh[number]))
+        status, text = described_fault(fault, shown_path(self.options.mesh[number]))
         return Outcome(number, content=content, status=status, fault=text)
 
     def here(self) -> Iterator[list[Outcome]]:
@@ -286,7 +308,9 @@ def _with_manifest(
 
 def read(path: Path, options: Namespace) -> Mesh:
     """Read a mesh with the requested unit and brain structure."""
-    mesh = read_mesh(path, options.unit)
+    bar = progress_bar(path.stem) if path.suffix == LINK_ENDING else contextlib.nullcontext()
+    with bar as progress:
+        mesh = read_mesh(path, options.unit, progress=progress)
     structure = getattr(options, "structure", None)  # of the commands that write files
     return replace(mesh, structure=structure) if structure else mesh
 
@@ -325,10 +349,10 @@ def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
     return pairs.on_mask(options.mask or "")
 
 
-def progress_bar(mesh: Mesh) -> contextlib.AbstractContextManager[ProgressBar | None]:
-    """Return a progress bar on a terminal, None otherwise."""
+def progress_bar(of: Mesh | str) -> contextlib.AbstractContextManager[ProgressBar | None]:
+    """Return a progress bar with the name of a mesh on a terminal, None otherwise."""
     if sys.stderr.isatty():
-        return ProgressBar(mesh.name, leave=False)
+        return ProgressBar(of if isinstance(of, str) else of.name, leave=False)
     return contextlib.nullcontext()
 
 

@@ -77,14 +77,14 @@ def open_window() -> int:
 def _run(arguments: list[str]) -> int:
     """Run the command, print its fault if it fails, and return the exit status."""
     warnings.showwarning = lambda message, *_: say(str(message))
-    from meshmash_viewer.cli.batch import expanded, say_fault  # a plug-in may warn
+    from meshmash_viewer.cli.batch import expanded, linked, say_fault  # a plug-in may warn
 
     try:
         if arguments and arguments[0] in COMMANDS:
             run, options = _run_command, parsed_command(signed(arguments))
         else:
             run, options = _open_window, window_parser().parse_args(arguments)
-        options.mesh = expanded(options.mesh)
+        options.mesh = expanded(linked(options))
         options.map = expanded(getattr(options, "map", ()))
         check_compiler()
         return run(options)

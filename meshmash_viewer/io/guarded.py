@@ -37,6 +37,11 @@ _watched = False
 _IDLE_SECONDS = 60.0
 
 
+def is_child() -> bool:
+    """Whether this process reads for another one, and may read what it is given itself."""
+    return _watched
+
+
 class LimitExceeded(InputError):
     """A file takes more time or memory than its size justifies; the message names the remedy."""
 
@@ -67,7 +72,7 @@ class ReadLimits:
         """
         honest = min(float(unpacked), _HONEST_RATIO * n_bytes)
         size = max(float(n_bytes), honest / 5.0)
-        factor = _factor()
+        factor = limit_factor()
         return cls(
             factor * (_SECONDS + _SECONDS_PER_BYTE * size),
             factor * (_BYTES + _BYTES_PER_BYTE * size),
@@ -79,7 +84,8 @@ class ReadLimits:
         return unpacked > max(_HARMLESS_BYTES, _HARMLESS_RATIO * n_bytes)
 
 
-def _factor() -> float:
+def limit_factor() -> float:
+    """Return the number in the environment variable `RAISE_LIMITS`, by default 1."""
     text = os.environ.get(RAISE_LIMITS, "1")
     try:
         factor = float(text)

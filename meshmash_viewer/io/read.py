@@ -16,6 +16,7 @@ import numpy as np
 from meshmash_viewer.arrays import distinct_corners, scaled_vertices
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
+from meshmash_viewer.io.formats.draco import is_draco, read_draco
 from meshmash_viewer.io.formats.freesurfer import (
     FREESURFER_ENDINGS,
     freesurfer_kind,
@@ -23,6 +24,7 @@ from meshmash_viewer.io.formats.freesurfer import (
 )
 from meshmash_viewer.io.formats.gifti import read_gifti
 from meshmash_viewer.io.formats.gltf import gltf_limits, read_gltf
+from meshmash_viewer.io.formats.meshparty import read_meshparty
 from meshmash_viewer.io.formats.npz import npz_limits, read_npz
 from meshmash_viewer.io.formats.obj import read_obj
 from meshmash_viewer.io.formats.off import read_off
@@ -30,9 +32,12 @@ from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
+from meshmash_viewer.io.links import LINK_ENDING, MeshLink, is_link, parse_link, read_link
 from meshmash_viewer.io.raw import RawMesh, checked_maps, read_raw
+from meshmash_viewer.io.segments import SegmentFault, read_linked, read_segment
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
+from meshmash_viewer.progress import CancelCallback, Cancelled, ProgressCallback
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.structures import structure_of_file
 from meshmash_viewer.units import NO_VOXEL, counted
@@ -51,19 +56,23 @@ READERS: dict[str, Reader] = {
     ".vtk": read_legacy_vtk,
     ".npz": read_npz,
     ".gii": read_gifti,
+    ".h5": read_meshparty,
+    ".drc": read_draco,
+    LINK_ENDING: read_linked,
     **dict.fromkeys(FREESURFER_ENDINGS, read_freesurfer),
 }
 READERS |= plug_ins("readers", READERS)
 
 
 #: Formats that are packed or refer to other files are not found gzipped.
-_NEVER_GZIPPED = (".npz", ".gltf", ".glb")
+_NEVER_GZIPPED = (".npz", ".gltf", ".glb", ".h5", LINK_ENDING)
 
 #: Limits of formats whose libraries crash or never end on some broken files, or whose files may
 #: unpack to much more than their size; None where a file is harmless.
 _LIMITS: dict[Reader, Callable[[Path], ReadLimits | None]] = {
     **dict.fromkeys(
-        (read_vtp, read_legacy_vtk, read_gifti), lambda path: ReadLimits.of(path.stat().st_size)
+        (read_vtp, read_legacy_vtk, read_gifti, read_meshparty, read_draco),
+        lambda path: ReadLimits.of(path.stat().st_size),
     ),
     read_gltf: gltf_limits,
     read_npz: npz_limits,
@@ -76,8 +85,16 @@ READABLE_ENDINGS: tuple[str, ...] = (
 )
 
 
-def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
-    """Read a triangle mesh from a file.
+def read_mesh(
+    path: str | Path,
+    unit: str | None = None,
+    *,
+    segment: int | str | None = None,
+    lod: int | None = None,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Mesh:
+    """Read a triangle mesh from a file, or the mesh of a segment by a link.
 
     The format is given by the file's ending, for FreeSurfer surfaces by the first bytes. Polygons
     are triangulated, concave ones too, a scene becomes one mesh, STL and glTF vertices with equal
@@ -87,16 +104,28 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     Parameters
     ----------
     path : str or Path
-        A file with one of `READABLE_ENDINGS`, or a FreeSurfer surface.
+        A file with one of `READABLE_ENDINGS`, or a FreeSurfer surface; or, as a string, a link:
+        the source of a layer, such as "precomputed://gs://bucket/layer" or "graphene://https://…",
+        or a URL of Neuroglancer with its state.
     unit : str, optional
         The unit of the file's coordinates: "nm", "µm", "mm", "m", "none", or the size of a
         voxel such as "8 nm" or "4 x 4 x 40 nm", by which coordinates are multiplied. None for the
-        unit that the format states: mm for GIFTI and FreeSurfer, otherwise no unit.
+        unit that the format states: mm for GIFTI and FreeSurfer, nm for links, otherwise no unit.
+    segment : int or str, optional
+        Of a link: the id of the segment, where the link does not name one.
+    lod : int, optional
+        Of a link to a multi-resolution mesh: the level of detail, 0 for the finest. None for that;
+        a segment with more than 20 million vertices is refused then, naming a level that fits.
+    progress : callable, optional
+        Of a link: called with a `Progress` while it is downloaded.
+    cancel : callable, optional
+        Of a link: called now and then; if it returns True, `Cancelled` is raised.
 
     Returns
     -------
     Mesh
-        With `Mesh.unit` and `Mesh.voxel` set; `Mesh.name` is the file's name without its ending.
+        With `Mesh.unit` and `Mesh.voxel` set; `Mesh.name` is the file's name without its ending, or
+        the id of the segment.
         `Mesh.structure` is stated in the file, or by FreeSurfer's file names, such as ``lh.pial``.
 
     Raises
@@ -117,15 +146,22 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     >>> mesh.unit, mesh.name
     ('nm', 'dendrite')
     """
-    path = Path(path)
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
-    check_file(path)
-    ending = _ending(path)
+    link, ending = _linked(path, segment, lod), LINK_ENDING
+    if link is None:
+        path = Path(path)
+        check_file(path)
+        ending = _ending(path)
+        link = read_link(path) if ending == LINK_ENDING else None
+    subject, name = (path, mesh_name(path)) if link is None else (link, str(link.segment))
     ReadLimits.of(0)  # raises if the environment variable is no number
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the fault is raised below, in one sentence
-            raw = _read_raw(path, ending)
+            if link is None:
+                raw = _read_raw(Path(path), ending)
+            else:
+                raw = read_segment(link, progress, cancel)
             _check_content(raw)
             n = len(raw.vertices)
             maps = [each for each in raw.maps_in_units if each.last >= 0 or len(each.values) == n]
@@ -134,26 +170,40 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
                 scaled_vertices(raw.vertices, voxel),
                 raw.faces,
                 unit=raw.unit or "" if given_unit is None else given_unit,
-                name=mesh_name(path),
+                name=name,
                 voxel=voxel,
                 maps=tuple(known),
-                structure=raw.structure or structure_of_file(path.name),
+                structure=raw.structure or structure_of_file(Path(path).name),
             )
-    except LimitExceeded as fault:
-        raise InputError(f"{path} {fault}") from fault
+    except (LimitExceeded, SegmentFault) as fault:
+        raise InputError(f"{subject} {fault}") from fault
     except PermissionError as fault:
-        raise _no_permission(path) from fault
+        raise _no_permission(Path(path)) from fault
     except MemoryError as fault:
         raise InputError(
-            f"{path} needs more memory than this machine has; read it on a larger one or"
+            f"{subject} needs more memory than this machine has; read it on a larger one or"
             " reduce the mesh first."
         ) from fault
+    except Cancelled:
+        raise
     except Exception as fault:  # libraries raise any exception on a broken file
         clause = str(fault if isinstance(fault, InputError) else unreadable(fault))
-        raise InputError(f"{path} {_with_remedy(clause, ending)}") from fault
+        raise InputError(f"{subject} {_with_remedy(clause, ending)}") from fault
     for remark in (*raw.remarks, *unusable):
-        warnings.warn(f"{path} {remark}.", MeshWarning, stacklevel=2)
+        warnings.warn(f"{subject} {remark}.", MeshWarning, stacklevel=2)
     return mesh
+
+
+def _linked(path: str | Path, segment: int | str | None, lod: int | None) -> MeshLink | None:
+    """Return the link that is given, None for a file."""
+    if is_link(path):
+        return parse_link(str(path), segment, lod)
+    if segment is not None or lod is not None:
+        raise InputError(
+            f"{path} is a file, and segment and level of detail are of a link: give one, such as"
+            " precomputed://gs://bucket/layer, or leave them out."
+        )
+    return None
 
 
 def _read_raw(path: Path, ending: str) -> RawMesh:
@@ -179,6 +229,8 @@ def mesh_name(path: str | Path) -> str:
 def _ending(path: Path) -> str:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     ending = "".join(suffixes[-2:]) if suffixes[-1:] == [".gz"] else "".join(suffixes[-1:])
+    if ending not in READABLE_ENDINGS and is_draco(path):  # fragments have names without endings
+        return ".drc"
     if ending not in READABLE_ENDINGS and not _is_freesurfer(path):
         known = " ".join(key for key in READERS if key not in FREESURFER_ENDINGS)
         raise InputError(
@@ -252,6 +304,8 @@ def _with_remedy(fault: str, ending: str) -> str:
         return f"{fault}."
     if fault.endswith("."):
         return f"is no usable mesh: {fault[0].lower()}{fault[1:]}"
+    if ending == LINK_ENDING:
+        return f"{fault}; look at it in Neuroglancer, or open another segment."
     kind = _kind(ending.removesuffix(".gz"))
     remedies = (remedy for part, remedy in _REMEDIES.items() if part in fault)
     return f"{fault}; {next(remedies, f'check that it is {kind}, or export it again')}."
@@ -272,7 +326,7 @@ def _kind(ending: str) -> str:
     if READERS.get(ending, read_freesurfer) is read_freesurfer:
         return "a FreeSurfer surface"
     name = "GIFTI" if ending == ".gii" else ending.lstrip(".").upper()
-    return f"an {name} mesh" if name[0] in "ONS" else f"a {name} mesh"  # an OBJ, an NPZ, an STL
+    return f"an {name} mesh" if name[0] in "HONS" else f"a {name} mesh"  # an OBJ, an NPZ
 
 
 @contextlib.contextmanager

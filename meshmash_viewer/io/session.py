@@ -31,6 +31,7 @@ from meshmash_viewer.fields.parameter import (
 )
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.links import is_link, link_file, parse_link, shown_path
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.weyl import TARGET_KINDS
 
@@ -111,7 +112,7 @@ class Session(Parameters):
     """State of a window as it is written to a session file."""
 
     #: File of the mesh; written as a relative path if it is below the folder of the session file,
-    #: so that both can be moved together.
+    #: so that both can be moved together. A link is written as it is.
     mesh_path: str = parameter("", Text())
     #: Files of added maps, in their order; relative as `mesh_path` is.
     maps: list[str] = parameter(list, _FILES)
@@ -177,7 +178,8 @@ def write_session(path: str | Path, session: Session) -> None:
     folder = path.absolute().parent
     for name in ("mesh_path", "second_path"):
         if content[name]:
-            content[name] = _relative(content[name], folder)
+            shown = shown_path(Path(content[name]))
+            content[name] = shown if is_link(shown) else _relative(shown, folder)
     for name in ("maps", "second_maps"):
         content[name] = [_relative(each, folder) for each in content[name]]
     version = _VERSION if session.repairs else _WITHOUT_REPAIRS
@@ -231,7 +233,9 @@ def read_session(path: str | Path) -> Session:
         )
     folder = path.absolute().parent
     for name in ("mesh_path", "second_path"):
-        if session.get(name):
+        if is_link(session.get(name)):
+            session[name] = str(link_file(parse_link(session[name])))
+        elif session.get(name):
             session[name] = os.path.normpath(folder / session[name])
     for name in ("maps", "second_maps"):
         session[name] = [os.path.normpath(folder / each) for each in session.get(name, ())]

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
+from meshmash_viewer.io.links import name_and_place
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MeshReady, PartReady, RegionsReady
@@ -49,12 +50,12 @@ class ReadJob:
 
     @property
     def label(self) -> str:
-        return f"Reading {self.path.name}"
+        return f"Reading {name_and_place(self.path)[0]}"
 
     def run(self, channel: Channel) -> MeshReady:
-        channel.report(Progress("reading", message=f"Reading {self.path.name}"))
+        channel.report(Progress("reading", message=self.label))
         with heard_warnings() as heard:
-            mesh, source = _read(self.path, self.unit)
+            mesh, source = _read(self.path, self.unit, channel)
         series, remark = [mesh], ""
         if self.repairs and self.source in ("", source):
             channel.report(Progress("repairing", message="Repairing as before"))
@@ -248,15 +249,20 @@ def heard_warnings() -> Iterator[list[str]]:
             warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
-def _read(path: Path, unit: str) -> tuple[Mesh, str]:
+def _read(path: Path, unit: str, channel: Channel) -> tuple[Mesh, str]:
     """Read a mesh; return it with the hash of the numbers in its file, before they are scaled."""
     from meshmash_viewer.io.read import read_mesh
 
     voxel, name = parse_unit(unit)
-    if voxel == NO_VOXEL:
-        mesh = read_mesh(path, unit or None)
-        return mesh, mesh.content_hash
-    numbers = read_mesh(path, "none")
+    scaled = voxel != NO_VOXEL
+    numbers = read_mesh(
+        path,
+        "none" if scaled else unit or None,
+        progress=channel.report,
+        cancel=channel.cancelled,
+    )
+    if not scaled:
+        return numbers, numbers.content_hash
     return numbers.in_voxels(voxel, name), numbers.content_hash
 
 

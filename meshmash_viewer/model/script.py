@@ -7,6 +7,7 @@ from typing import NamedTuple
 from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.io.session import packed_mask
 from meshmash_viewer.model.display import FEWEST_PAIRS
 from meshmash_viewer.model.document import Document
@@ -96,7 +97,8 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
     if path is None:
         lines = ["", f"{name} = mv.Mesh(vertices, faces, unit=...)  # the mesh in memory"]
     else:
-        read = f"mv.read_mesh({str(path.absolute())!r}, unit={document.unit_text!r})"
+        where = shown_path(path.absolute())  # a link names the segment
+        read = f"mv.read_mesh({where!r}, unit={document.unit_text!r})"
         lines = ["", f"{name} = {read}"]
     if document.repairs:
         repairs = ", ".join(map(repr, document.repairs))

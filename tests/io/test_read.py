@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tiers import slow_unless
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.read import READABLE_ENDINGS, READERS, mesh_name, read_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.units import Voxel
@@ -123,8 +123,35 @@ def write_freesurfer(path: Path) -> None:
     write_geometry(str(path), VERTICES, FACES, create_stamp="")
 
 
+def draco_bytes() -> bytes:
+    import DracoPy
+
+    step = 1.0 / 64.0  # the grid of the corners
+    return bytes(
+        DracoPy.encode(
+            VERTICES,
+            FACES,
+            quantization_bits=9,
+            quantization_range=511 * step,
+            quantization_origin=np.full(3, -2.0),
+        )
+    )
+
+
+def write_draco(path: Path) -> None:
+    path.write_bytes(draco_bytes())
+
+
+def write_meshparty(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["vertices"] = VERTICES.astype(np.float32)
+        file["faces"] = FACES.astype(np.uint32).ravel()  # in one row, as MeshParty does at times
+
+
 #: Read in a process of its own, which takes half a second to start.
-GUARDED = ("mesh.glb", "mesh.gltf", "mesh.vtp", "mesh.vtk", "mesh.surf.gii")
+GUARDED = ("mesh.glb", "mesh.gltf", "mesh.vtp", "mesh.vtk", "mesh.surf.gii", "mesh.h5", "mesh.drc")
 WRITERS: dict[str, Callable[[Path], None]] = {
     "mesh.obj": write_obj,
     "mesh.off": write_off,
@@ -139,6 +166,8 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "mesh.vtp": write_vtk,
     "mesh.vtk": write_vtk,
     "mesh.surf.gii": write_gifti,
+    "mesh.h5": write_meshparty,
+    "mesh.drc": write_draco,
     "lh.pial": write_freesurfer,
 }
 
@@ -184,7 +213,63 @@ def test_gzipped_files_read_the_same(name: str, tmp_path: Path) -> None:
 
 def test_every_ending_is_tried() -> None:
     tried = {Path(name).suffix for name in WRITERS}
-    assert tried >= {ending for ending in READERS if READERS[ending] is not READERS[".pial"]}
+    elsewhere = READERS[".pial"], READERS[".meshlink"]
+    assert tried >= {ending for ending in READERS if READERS[ending] not in elsewhere}
+
+
+@pytest.mark.usefixtures("read_here")
+def test_a_fragment_packed_by_draco_needs_no_ending(tmp_path: Path) -> None:
+    path = tmp_path / "91:0:0-512_0-512_0-512"
+    path.write_bytes(draco_bytes())
+    assert same_surface(read_mesh(path), VERTICES, FACES)
+    path.write_bytes(draco_bytes()[:-20])
+    with pytest.raises(InputError, match="is a Draco file that is cut short or damaged; copy or"):
+        read_mesh(path)
+
+
+@pytest.mark.usefixtures("read_here")
+def test_meshparty_files_packed_by_draco_with_masks_and_link_edges(tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / "mesh.h5"
+    with h5py.File(path, "w") as file:
+        file["draco"] = np.void(draco_bytes())
+        file["link_edges"] = [[0, 3]]
+        file["node_mask"] = np.arange(6) > 1
+    with pytest.warns(MeshWarning, match="holds 1 link edge, which no surface has, left out"):
+        mesh = read_mesh(path)
+    assert same_surface(mesh, VERTICES, FACES)
+    assert mesh.maps[0].name == "node_mask"
+    assert mesh.maps[0].values.tolist() == [0, 0, 1, 1, 1, 1]
+    write_meshparty(path)
+    with h5py.File(path, "a") as file:
+        file["node_mask"] = np.ones(9, dtype=bool)
+    with pytest.warns(MeshWarning, match="node mask of other vertices"):
+        assert read_mesh(path).maps == ()
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        ({}, "holds neither vertices and faces nor a mesh packed by Draco; check that it is an H5"),
+        ({"vertices": np.ones((4, 2)), "faces": FACES}, "has vertices that are not rows of three"),
+        ({"vertices": VERTICES, "faces": FACES + 0.5}, "no whole number"),
+        ({"vertices": VERTICES, "faces": FACES + 9}, "vertex index out of range"),
+    ],
+)
+def test_broken_meshparty_files(content: dict[str, np.ndarray], fault: str, tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / "mesh.h5"
+    with h5py.File(path, "w") as file:
+        for name, values in content.items():
+            file[name] = values
+    with pytest.raises(InputError, match=fault):
+        read_mesh(path)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(InputError, match="is no HDF5 file, or cut short; copy or export it again"):
+        read_mesh(path)
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.spin import typed_fields
+from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
 from meshmash_viewer.model.document import Document
@@ -195,7 +196,7 @@ def ask_to_save(
     parent: QWidget, document: Document, what: str, name: str, kind: str, endings: Iterable[str]
 ) -> Path | None:
     """Ask for a file next to the open mesh, named after it; None if the dialog is cancelled."""
-    folder = document.path.parent if document.path else Path()
+    folder = folder_of(document.path)
     mesh = document.mesh.name if document.mesh is not None else ""
     path, _ = QFileDialog.getSaveFileName(
         parent,

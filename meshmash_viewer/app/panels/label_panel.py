@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -23,6 +22,7 @@ from meshmash_viewer.app.panels.class_section import ClassSection
 from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label
 from meshmash_viewer.app.panels.region_table import RegionTable
 from meshmash_viewer.app.pictures import ask
+from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.write_labels import write_labels, write_regions
 from meshmash_viewer.io.writers import LABEL_WRITERS, SPECTRUM_WRITERS
 from meshmash_viewer.mesh import Mesh
@@ -163,8 +163,7 @@ class LabelPanel(QWidget):
         self._document.labels.choose(self.combo.itemText(row))
 
     def _open(self) -> None:
-        path = self._document.path
-        self._document.maps.open(ask_for_maps(self, path.parent if path else Path()))
+        self._document.maps.open(ask_for_maps(self, folder_of(self._document.path)))
 
     def _save(self) -> None:
         known, mesh = self._document.labels.current, self._document.mesh

@@ -28,6 +28,7 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
 from meshmash_viewer.app.panels.unit_combo import UnitCombo
+from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import expected_bytes
@@ -157,7 +158,7 @@ class MeshPanel(QWidget):
             return
         mesh, health = ready.mesh, ready.health
         self.name_label.setText(mesh.name or "Mesh in memory")
-        where = str(ready.path) if ready.path else "handed over in memory"
+        where = shown_path(ready.path) if ready.path else "handed over in memory"
         self.path_label.setToolTip(where)
         self.path_label.setText(
             self.path_label.fontMetrics().elidedText(where, Qt.TextElideMode.ElideMiddle, 244)

@@ -29,6 +29,7 @@ from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Severity
@@ -79,7 +80,7 @@ class PlotSaver(QObject):
     def ask(self) -> None:
         """Ask for format and file, and save the plot."""
         document, name = self._document, self._plot.objectName().removesuffix("_plot")
-        folder = document.path.parent if document.path else Path()
+        folder = folder_of(document.path)
         mesh = document.mesh.name if document.mesh is not None else ""
         path = folder / f"{mesh or 'mesh'}_{name}"
         dialog = FormatDialog(

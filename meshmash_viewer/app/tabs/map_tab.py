@@ -21,6 +21,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import MapSpectrum
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.maps import CURVATURES, SUMS, VIEWS, OwnMaps
+from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.write import write_map_spectrum
 from meshmash_viewer.io.writers import SPECTRUM_WRITERS
 from meshmash_viewer.model.field import Field
@@ -135,8 +136,7 @@ class MapTab(FamilyTab):
         return list(dict.fromkeys([*READY.values(), self._document.display[Filters].text]))
 
     def _add(self) -> None:
-        path = self._document.path
-        self._document.maps.open(ask_for_maps(self, path.parent if path else Path()))
+        self._document.maps.open(ask_for_maps(self, folder_of(self._document.path)))
 
     def _save(self) -> None:
         """Write the coefficients; a few hundred rows take no time."""
@@ -146,7 +146,7 @@ class MapTab(FamilyTab):
         if spectrum is None or found is None or mesh is None:
             return
         name = chosen.resolved(spectrum, {}).chosen
-        folder = document.path.parent if document.path else Path()
+        folder = folder_of(document.path)
         path, _ = QFileDialog.getSaveFileName(
             self,
             "Save coefficients",

@@ -1,0 +1,47 @@
+"""Draco files, and the fragments of meshes that Neuroglancer shows, which are the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.raw import RawMesh
+
+_FIRST = b"DRACO"
+
+
+def is_draco(path: Path) -> bool:
+    """Whether a file begins as a Draco file does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_FIRST)) == _FIRST
+    except OSError:
+        return False
+
+
+def read_draco(path: Path) -> RawMesh:
+    """Read the vertices and triangles of a Draco file."""
+    return decode_draco(path.read_bytes())
+
+
+def decode_draco(data: bytes) -> RawMesh:
+    """Decode a mesh packed by Draco; `InputError` is raised if it is damaged."""
+    try:
+        import DracoPy
+    except ImportError:
+        raise InputError(
+            'is read by DracoPy, which is not installed: pip install "meshmash-viewer[draco]"'
+        ) from None
+    if not data.startswith(_FIRST):
+        raise InputError(f'does not begin with "{_FIRST.decode()}"')
+    try:
+        content: Any = DracoPy.decode(data)
+    except (ValueError, DracoPy.FileTypeException) as fault:
+        raise InputError("is a Draco file that is cut short or damaged") from fault
+    vertices = np.asarray(content.points, dtype=np.float64).reshape(-1, 3)
+    # a cloud of points has no faces
+    faces = np.asarray(getattr(content, "faces", ()), dtype=np.int64).reshape(-1, 3)
+    return RawMesh(vertices, faces)

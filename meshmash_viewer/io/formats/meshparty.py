@@ -1,0 +1,66 @@
+"""Meshes that MeshParty has stored in HDF5 files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.formats.draco import decode_draco
+from meshmash_viewer.io.raw import RawMap, RawMesh
+from meshmash_viewer.units import counted
+
+
+def read_meshparty(path: Path) -> RawMesh:
+    """Read vertices and faces, or the mesh packed by Draco in place of them.
+
+    A node mask of these vertices is a map, "node_mask". Link edges, which belong to no surface, and
+    a node mask of other vertices are left out with a remark.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise InputError(
+            'is read by h5py, which is not installed: pip install "meshmash-viewer[neuro]"'
+        ) from None
+    try:
+        with h5py.File(path, "r") as file:
+            held = {name: file[name][()] for name in _KNOWN if _is_array(file.get(name))}
+    except OSError as fault:
+        raise InputError("is no HDF5 file, or cut short") from fault
+    if "draco" in held:
+        raw = decode_draco(np.asarray(held["draco"]).tobytes())
+    elif "vertices" in held and "faces" in held:
+        raw = RawMesh(_rows(held["vertices"], "vertices"), _rows(held["faces"], "faces"))
+    else:
+        raise InputError("holds neither vertices and faces nor a mesh packed by Draco")
+    maps, remarks = [], []
+    if n_links := len(held.get("link_edges", ())):
+        remarks.append(f"holds {counted(n_links, 'link edge')}, which no surface has, left out")
+    mask = held.get("node_mask")
+    if mask is not None and mask.shape == (len(raw.vertices),):
+        maps.append(RawMap("node_mask", mask.astype(np.float64)))
+    elif mask is not None and mask.size:
+        remarks.append("holds a node mask of other vertices than its own, which is left out")
+    return RawMesh(raw.vertices, raw.faces, maps=tuple(maps), remarks=tuple(remarks))
+
+
+_KNOWN = ("vertices", "faces", "draco", "link_edges", "node_mask")
+
+
+def _is_array(entry: Any) -> bool:
+    """Whether an entry of the file is one, not a folder or nothing."""
+    return hasattr(entry, "shape") and entry.shape is not None
+
+
+def _rows(values: Any, name: str) -> Any:
+    """Rows of three numbers; some files have faces as one long row."""
+    if values.dtype.kind not in "fiu" or values.size % 3 or values.shape[1:] not in ((), (3,)):
+        raise InputError(f"has {name} that are not rows of three numbers")
+    kind = np.float64 if name == "vertices" else np.int64
+    rows = values.reshape(-1, 3)
+    if name == "faces" and rows.dtype.kind == "f" and not np.array_equal(rows, np.floor(rows)):
+        raise InputError("has a face with a vertex index that is no whole number")
+    return rows.astype(kind)

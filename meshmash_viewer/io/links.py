@@ -1,0 +1,244 @@
+"""Links to the meshes of segments: layers of Neuroglancer, its URLs, and files of one link."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeGuard
+from urllib.parse import unquote
+
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.folders import link_folder
+from meshmash_viewer.io.atomic import made_folder, writing_errors
+
+#: Ending of a file that holds the text of one `MeshLink`.
+LINK_ENDING = ".meshlink"
+
+_SCHEME = re.compile(r"[a-z][a-z0-9+]+://", re.IGNORECASE)
+_LAYER = re.compile(
+    r"(?:(precomputed|graphene)://)?((?:gs|s3|file|(?:middleauth\+)?https?)://\S.*)", re.IGNORECASE
+)
+#: How Neuroglancer writes the same since 2025: "gs://bucket/layer/|neuroglancer-precomputed:".
+_PIPED = re.compile(r"(.*)\|(neuroglancer-precomputed|graphene):?/?", re.IGNORECASE)
+#: The segment and the level of detail at the end of a `MeshLink`.
+_CHOSEN = re.compile(r"#segment=(\d+)(?:&lod=(\d+))?$")
+#: Bytes of the largest file of a link.
+_LARGEST = 10_000
+
+
+@dataclass(frozen=True)
+class MeshLink:
+    """The mesh of a segment: its layer, such as "precomputed://gs://bucket/seg", and its id.
+
+    Its text, "precomputed://gs://bucket/seg#segment=12&lod=1", is read by `parse_link`.
+    """
+
+    source: str
+    segment: int
+    #: Level of detail, 0 for the finest; None for that, unless it has too many vertices.
+    lod: int | None = None
+
+    def __str__(self) -> str:
+        level = "" if self.lod is None else f"&lod={self.lod}"
+        return f"{self.source}#segment={self.segment}{level}"
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer that a link names, with the segments that it names of it."""
+
+    source: str
+    segments: tuple[int, ...] = ()
+    lod: int | None = None
+    name: str = ""
+
+
+def is_link(text: object) -> TypeGuard[str]:
+    """Whether an argument is a link, not the path of a file."""
+    return isinstance(text, str) and _SCHEME.match(text.strip()) is not None
+
+
+def parse_link(text: str, segment: int | str | None = None, lod: int | None = None) -> MeshLink:
+    """Return the link that a text names, with a segment where it names none or several.
+
+    `InputError` is raised if it is no link, names no segment or several, or holds a secret.
+    """
+    layers = layers_of(text)
+    if lod is not None and lod < 0:
+        raise InputError(f"The level of detail is {lod}: give 0 for the finest, or a larger one.")
+    if segment is None:
+        named = [(layer, each) for layer in layers for each in layer.segments]
+        if not named:
+            raise InputError(
+                f"The link {_short(layers)} names no segment: give its id"
+                " (--segment ID, or segment=ID)."
+            )
+        if len(named) > 1:
+            ids = ", ".join(str(each) for _, each in named[:5]) + ", …" * (len(named) > 5)
+            raise InputError(
+                f"The link names {len(named)} segments: give one of them (--segment ID, or"
+                f" segment=ID): {ids}."
+            )
+        layer, number = named[0]
+    else:
+        number = segment_id(segment)
+        listing = [layer for layer in layers if number in layer.segments] or list(layers)
+        if len(listing) > 1:
+            raise InputError(
+                f"The link names {len(listing)} layers, and segment {number} may be of any: give"
+                f" the link of one: {_short(listing)}."
+            )
+        layer = listing[0]
+    return MeshLink(layer.source, number, layer.lod if lod is None else lod)
+
+
+def segment_id(text: int | str) -> int:
+    """Return the id of a segment; `InputError` is raised if it is none."""
+    written = str(text).strip()
+    if not re.fullmatch(r"[0-9]{1,20}", written) or not 0 < int(written) < 2**64:
+        raise InputError(
+            f"{printable(written, 40)!r} is no id of a segment: give the whole number that"
+            " Neuroglancer shows, such as 720575940612345678."
+        )
+    return int(written)
+
+
+def layers_of(text: str) -> tuple[Layer, ...]:
+    """Return the layers with meshes that a link names: one, or those of a URL of Neuroglancer.
+
+    `InputError` is raised if there is none, or the link holds a secret.
+    """
+    text = text.strip()
+    _, mark, state = text.partition("#!")
+    if mark:
+        return _layers_of_state(state)
+    chosen = _CHOSEN.search(text)
+    if chosen is None:
+        return (Layer(_source(text)),)
+    lod = None if chosen[2] is None else int(chosen[2])
+    return (Layer(_source(text[: chosen.start()]), (segment_id(chosen[1]),), lod),)
+
+
+def _layers_of_state(state: str) -> tuple[Layer, ...]:
+    state = unquote(state).strip()
+    if not state.startswith("{"):
+        raise InputError(
+            "The state of this URL of Neuroglancer is kept on a server: give the source of its"
+            " layer (precomputed://… or graphene://…) and the id of the segment."
+        )
+    try:
+        content = json.loads(state)
+        layers = content.get("layers", [])
+        if isinstance(layers, dict):
+            layers = [{**each, "name": name} for name, each in layers.items()]
+        found = tuple(layer for each in layers for layer in _layers_of_entry(each))
+    except (ValueError, TypeError, AttributeError, RecursionError) as fault:
+        if isinstance(fault, InputError):
+            raise
+        raise InputError(
+            "The state of this URL of Neuroglancer cannot be read: copy the whole URL again, or"
+            " give the source of its layer and the id of the segment."
+        ) from None
+    if not found:
+        raise InputError(
+            "This URL of Neuroglancer has no layer of segments: open one there, and copy it again."
+        )
+    return found
+
+
+def _layers_of_entry(entry: dict[str, Any]) -> Iterator[Layer]:
+    """Yield the layer of an entry of the state, if it is one of segments."""
+    sources = entry.get("source", [])
+    for given in sources if isinstance(sources, list) else [sources]:
+        url = str(given.get("url", "") if isinstance(given, dict) else given)
+        kind = entry.get("type", "segmentation").removesuffix("_with_graph")
+        if kind == "segmentation" and (_LAYER.fullmatch(url) or _PIPED.fullmatch(url)):
+            # a "!" is before those that are not shown
+            ids = (str(each).lstrip("!") for each in entry.get("segments", []))
+            yield Layer(_source(url), tuple(map(segment_id, ids)), name=str(entry.get("name", "")))
+            return
+
+
+def _source(text: str) -> str:
+    """Return the source of a layer as it is stored and shown."""
+    piped = _PIPED.fullmatch(text)
+    if piped:
+        text = f"{piped[2].lower().removeprefix('neuroglancer-')}://{piped[1]}"
+    found = _LAYER.fullmatch(text.strip())
+    if found is None:
+        scheme = _SCHEME.match(text)
+        raise InputError(
+            f"A link of {scheme[0] if scheme else 'this kind'} cannot be read: give the source of a"
+            " layer, such as precomputed://gs://bucket/layer, or a URL of Neuroglancer."
+        )
+    kind, place = (found[1] or "precomputed").lower(), found[2].rstrip("/")
+    protocol, _, rest = place.partition("://")
+    if "@" in rest.partition("/")[0] or "?" in rest:
+        raise InputError(
+            "The link holds a password or a query such as ?token=…, which recent files and sessions"
+            " would keep: give it without, and the secret to cloud-volume in"
+            " ~/.cloudvolume/secrets."
+        )
+    if protocol.lower() == "file" and os.name == "posix":
+        rest = os.path.abspath(os.path.expanduser(unquote(rest)))
+    return f"{kind}://{protocol.lower()}://{rest}"
+
+
+def _short(layers: tuple[Layer, ...] | list[Layer]) -> str:
+    return printable(", ".join(layer.source for layer in layers), 300)
+
+
+# -- files ---------------------------------------------------------------------------------------
+
+
+def link_file(link: MeshLink) -> Path:
+    """Return the file of a link in the folder of links, by which lists and sessions know it.
+
+    `InputError` is raised if it cannot be written.
+    """
+    mark = hashlib.sha256(f"{link.source}\n{link.lod}".encode()).hexdigest()[:12]
+    path = link_folder() / mark / f"{link.segment}{LINK_ENDING}"
+    with made_folder(path.parent), writing_errors(path):
+        path.write_text(f"{link}\n", encoding="utf-8")
+    return path
+
+
+def read_link(path: Path) -> MeshLink:
+    """Return the link in a file; `InputError` is raised if there is none."""
+    try:
+        text = path.read_bytes()[:_LARGEST].decode("utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        text = ""
+    if not is_link(text):
+        raise InputError(f"{path} holds no link: write precomputed://…#segment=ID into it.")
+    return parse_link(text)
+
+
+def shown_path(path: Path) -> str:
+    """Return the path of a file as it is shown; for a file in the folder of links, the link."""
+    link = _known_link(path)
+    return str(path) if link is None else str(link)
+
+
+def name_and_place(path: Path) -> tuple[str, str]:
+    """Return the name of a file and its folder; for a link, the segment and its layer."""
+    link = _known_link(path)
+    return (path.name, str(path.parent)) if link is None else (str(link.segment), link.source)
+
+
+def _known_link(path: Path) -> MeshLink | None:
+    if path.suffix == LINK_ENDING and path.parent.parent == link_folder():
+        with contextlib.suppress(InputError):  # reading the mesh says what is wrong with it
+            return read_link(path)
+    return None
+
+
+def folder_of(path: Path | None) -> Path:
+    """Return the folder in which results are suggested for a mesh; empty for links and None."""
+    return Path() if path is None or path.suffix == LINK_ENDING else path.parent

@@ -1,0 +1,362 @@
+"""Meshes of segments, read by cloud-volume in a child process, with progress and Cancel."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import io
+import math
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeAlias
+from urllib.parse import urlsplit
+
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
+from meshmash_viewer.io.guarded import (
+    RAISE_LIMITS,
+    LimitExceeded,
+    ReadLimits,
+    is_child,
+    limit_factor,
+)
+from meshmash_viewer.io.links import MeshLink, read_link
+from meshmash_viewer.io.raw import RawMesh
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
+from meshmash_viewer.units import counted
+from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child
+
+#: Called in the child process with the share that is done and the expected number of vertices.
+_Note: TypeAlias = Callable[[float, float], None]
+
+#: Vertices that are read without being asked for by a level of detail.
+MOST_VERTICES = 20_000_000
+#: Bytes of a vertex with its two faces in a mesh that is not packed, and the fewest in one that is.
+_BYTES, _PACKED_BYTES = 36, 0.5
+#: Fragments that are fetched at a time.
+_AT_ONCE = 64
+#: Seconds without any sign after which a download is given up, and until a server must answer.
+_SILENCE, _ANSWER = 300.0, 8.0
+#: Statuses of HTTP for lacking credentials.
+_REFUSED = (401, 403)
+#: Hosts of the cloud storages.
+_HOSTS = {"gs": "storage.googleapis.com", "s3": "s3.amazonaws.com"}
+#: Parts of the names of exceptions of cloud libraries, and what they mean.
+_FAULTS = {
+    ("Credential", "Authenti", "Forbidden", "Unauthorized", "Permission", "RefreshError"): (
+        "may not be read with your permissions or credentials; give cloud-volume those that it"
+        " needs in ~/.cloudvolume/secrets, or open a public layer."
+    ),
+    ("InfoUnavailable",): "belongs to no layer; check the link, whose folder has no file info.",
+    ("MeshDecode", "FileType", "Decompress", "Decoding"): (
+        "has a broken fragment; report it to those who host the layer, or open another segment."
+    ),
+    ("Connect", "Timeout", "gaierror", "NameResolution", "Transport"): (
+        "cannot be reached; check the network, a proxy, and the link."
+    ),
+}
+
+
+class SegmentFault(InputError):
+    """A segment cannot be read: a clause with its remedy and a full stop."""
+
+
+def read_linked(path: Path) -> RawMesh:
+    """Read the mesh of the link in a file."""
+    return read_segment(read_link(path))
+
+
+def read_segment(
+    link: MeshLink,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> RawMesh:
+    """Read the mesh of a segment, in nm.
+
+    `SegmentFault` is raised if that is not possible, and `Cancelled` if `cancel` returns True.
+    """
+    if importlib.util.find_spec("cloudvolume") is None:
+        raise SegmentFault(
+            'is read by cloud-volume, which is not installed: pip install "meshmash-viewer[neuro]".'
+        )
+    remove_abandoned()
+    with TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as folder:
+        notes = Path(folder, "notes")
+        if is_child():
+            return fetch(link, notes)
+        try:
+            return call_in_child(
+                fetch,
+                link,
+                notes,
+                look=_Follower(notes, progress, cancel),
+                env={"OPENBLAS_NUM_THREADS": "1"},
+            )
+        except ChildEnded:
+            raise SegmentFault(
+                "has a fragment so broken that the library that reads it ends on it; open another"
+                " segment."
+            ) from None
+
+
+class _Follower:
+    """Reports what the child process notes, and raises where it has to end."""
+
+    def __init__(
+        self, notes: Path, progress: ProgressCallback | None, cancel: CancelCallback | None
+    ) -> None:
+        self._notes, self._progress, self._cancel = notes, progress, cancel
+        self._sign: tuple[str, int] = "", 0
+        self._since = time.monotonic()
+
+    def __call__(self, tree: ProcessTree) -> None:
+        check_cancelled(self._cancel)
+        seconds, memory = tree.measured()
+        note = self._notes.read_text() if self._notes.exists() else ""
+        # the last line may not be whole yet
+        note = note.rpartition("\n")[0].rpartition("\n")[2]
+        sign = note, int(seconds)
+        if sign != self._sign:
+            if note and note != self._sign[0] and self._progress is not None:
+                share = float(note.split()[0])
+                text = "Downloading the segment" if share < 1.0 else "Joining its fragments"
+                self._progress(Progress("reading", share, message=text))
+            self._sign, self._since = sign, time.monotonic()
+        elif time.monotonic() - self._since > _SILENCE:
+            raise SegmentFault(f"sends nothing for {_SILENCE:.0f} seconds; try it later.")
+        n_vertices = float(note.split()[1]) if note else 0.0
+        if memory > (limit := ReadLimits.of(round(n_vertices * _BYTES)).memory):
+            raise LimitExceeded(f"takes more than {limit / 1e6:.0f} MB of memory to read")
+
+
+# -- in the child process ------------------------------------------------------------------------
+
+
+def fetch(link: MeshLink, notes: Path) -> RawMesh:
+    """Read the mesh of a segment in this process, and note the progress in a file."""
+
+    def note(share: float, n_vertices: float) -> None:
+        with notes.open("a") as file:
+            file.write(f"{share} {n_vertices}\n")
+
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            _check_place(link.source)
+            return _read(link, note)
+    except (InputError, MemoryError):
+        raise
+    except Exception as fault:  # noqa: BLE001  its text may hold a secret
+        raise _explained(fault) from None
+
+
+def _explained(fault: BaseException | None) -> SegmentFault:
+    """Say what an exception of a cloud library means, without its text."""
+    seen: list[BaseException] = []
+    while fault is not None and fault not in seen:
+        seen.append(fault)
+        fault = fault.__cause__ or fault.__context__
+    for each in seen:
+        response = getattr(each, "response", None)
+        status = getattr(response, "status_code", getattr(each, "code", None))
+        names = " ".join(kind.__name__ for kind in type(each).__mro__)
+        names += " Forbidden" if status in _REFUSED else ""
+        for parts, clause in _FAULTS.items():
+            if any(part in names for part in parts):
+                return SegmentFault(clause)
+        if status in (400, 404):
+            return _missing()
+    name = type(seen[0]).__name__
+    return SegmentFault(f"cannot be read ({name}); check the link, and open it in Neuroglancer.")
+
+
+def _missing() -> SegmentFault:
+    return SegmentFault("has no mesh; check the id, or open another segment.")
+
+
+def _check_place(source: str) -> None:
+    """Raise `SegmentFault` at once where a library would try for minutes."""
+    protocol, _, rest = source.partition("://")[2].partition("://")
+    if protocol == "file":
+        if os.name == "posix" and not os.path.isdir(rest):
+            raise SegmentFault("belongs to no layer; check the link, whose folder does not exist.")
+        return
+    given = {name.lower() for name in os.environ}
+    if given & {"http_proxy", "https_proxy", "all_proxy"}:
+        return  # which finds the host
+    place = urlsplit(f"{protocol.removeprefix('middleauth+')}://{rest}")
+    host = _HOSTS.get(protocol, place.hostname or "")
+    port = None if protocol in _HOSTS else place.port
+    try:
+        socket.create_connection(
+            (host, port or (80 if protocol == "http" else 443)), _ANSWER
+        ).close()
+    except OSError:
+        raise SegmentFault(
+            f"cannot be reached, as {host} does not answer; check the network and the link."
+        ) from None
+
+
+def _read(link: MeshLink, note: _Note) -> RawMesh:
+    from cloudvolume import CloudVolume
+
+    if link.source.startswith("precomputed"):
+        _check_info(link.source.partition("://")[2])
+    source = CloudVolume(link.source, progress=False).mesh
+    if link.source.startswith("graphene"):
+        found = source.get(link.segment)
+        mesh, n_fragments = found[link.segment] if isinstance(found, dict) else found, 2
+    elif hasattr(source, "get_manifest"):
+        mesh, n_fragments = _of_levels(source, link, note)
+    else:
+        mesh, n_fragments = _of_fragments(source, link, note)
+    note(1.0, len(mesh.vertices))
+    return _joined(mesh.vertices, mesh.faces, n_fragments)
+
+
+def _check_info(place: str) -> None:
+    import requests
+    from cloudfiles import CloudFiles
+
+    info = CloudFiles(place).get_json("info")
+    if info is None and place.startswith("http"):  # where a refusal looks as if it were missing
+        answer = requests.get(f"{place}/info", timeout=_ANSWER)
+        if answer.status_code in _REFUSED:
+            answer.raise_for_status()
+    if not isinstance(info, dict):
+        raise SegmentFault("belongs to no layer; check the link, whose folder has no file info.")
+    if not info.get("mesh"):
+        raise SegmentFault(
+            "belongs to a layer without meshes (its info names no folder of them); take a layer of"
+            " segments that Neuroglancer shows in 3D."
+        )
+
+
+def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
+    """Read fragments that a manifest lists, packed by Draco or not; cloud-volume takes the latter.
+
+    They come in the order of their names, so that the mesh is the same each time.
+    """
+    from cloudfiles import CloudFiles
+    from cloudvolume import Mesh
+    from cloudvolume.datasource.precomputed.mesh.common import apply_transform
+
+    if link.lod:
+        raise SegmentFault("has one level of detail; leave it out, or give 0.")
+    folder = CloudFiles(source.meta.layerpath, progress=False)
+    manifest = folder.get_json(f"{link.segment}:0")
+    if manifest is None:
+        raise _missing()
+    names = sorted(set(manifest["fragments"]))
+    sizes = folder.size(names)
+    lacking = [name for name in names if sizes[name] is None]
+    if lacking or not names:
+        what = f"lacks {counted(len(lacking), 'fragment')}" if lacking else "lists no fragments"
+        raise SegmentFault(f"{what}; report it to those who host the layer.")
+    total, done, n_vertices, meshes = sum(sizes.values()), 0, 0, []
+    for batch in _batches(names):
+        found = {each["path"]: each["content"] for each in folder.get(batch)}
+        for name in batch:
+            meshes.append(_decoded(Mesh, name, found[name]))
+            n_vertices, done = n_vertices + len(meshes[-1]), done + sizes[name]
+        expected = n_vertices * total / max(done, 1)
+        if link.lod is None:
+            _check_size([expected])
+        note(0.99 * done / max(total, 1), expected)
+    mesh = Mesh.concatenate(*meshes)
+    mesh.vertices = apply_transform(mesh.vertices, source.transform)
+    return mesh, len(names)
+
+
+def _batches(names: Sequence[str]) -> Iterator[Sequence[str]]:
+    """Yield the first name alone, by which the size of all is estimated, and then many at once."""
+    yield names[:1]
+    for start in range(1, len(names), _AT_ONCE):
+        yield names[start : start + _AT_ONCE]
+
+
+def _decoded(kind: Any, name: str, content: bytes) -> Any:
+    """Decode a fragment as cloud-volume does."""
+    try:
+        packed = content[:5] == b"DRACO"
+        mesh = kind.from_draco(content) if packed else kind.from_precomputed(content)
+        if len(mesh.faces) and int(mesh.faces.max()) >= len(mesh.vertices):
+            raise ValueError
+    except Exception:  # noqa: BLE001  libraries raise any
+        raise SegmentFault(
+            f"has a broken fragment, {printable(name, 80)}; report it to those who host the layer,"
+            " or open another segment."
+        ) from None
+    return mesh
+
+
+def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
+    """Read a level of detail of a multi-resolution mesh."""
+    manifest = source.get_manifest(link.segment)
+    if manifest is None:
+        raise _missing()
+    n_levels = manifest.num_lods
+    lod = link.lod or 0
+    if lod >= n_levels:
+        one = n_levels == 1
+        raise SegmentFault(
+            "has one level of detail; leave it out, or give 0."
+            if one
+            else f"has the levels of detail 0 to {n_levels - 1}; give one of these."
+        )
+    sizes = [int(each.sum()) for each in manifest.fragment_offsets]
+    n_vertices = sizes[lod] / _PACKED_BYTES
+    if link.lod is None and n_vertices > _most():
+        # the coarsest level shows how tightly they are packed
+        n_coarse = len(source.get(link.segment, lod=n_levels - 1)[link.segment].vertices)
+        expected = [n_coarse * size / max(sizes[-1], 1) for size in sizes]
+        _check_size(expected)
+        n_vertices = expected[0]
+    note(0.1, n_vertices)
+    found = source.get(link.segment, lod=lod)
+    if link.segment not in found:
+        raise SegmentFault(f"has nothing at level of detail {lod}; give another one.")
+    return found[link.segment], len(manifest.fragment_offsets[lod])
+
+
+def _most() -> float:
+    """Vertices that are read unasked; the environment variable multiplies them as all limits."""
+    return MOST_VERTICES * limit_factor()
+
+
+def _check_size(expected: Sequence[float]) -> None:
+    """Raise `SegmentFault` if the first level has too many vertices, and name one that fits."""
+    most = _most()
+    if expected[0] <= most:
+        return
+    said = f"has about {_millions(expected[0])}, more than the {_millions(most)} that are read"
+    fitting = next((lod for lod, n in enumerate(expected) if n <= most), None)
+    if fitting is not None:
+        raise SegmentFault(
+            f"{said} unasked; take level of detail {fitting} with about"
+            f" {_millions(expected[fitting])} (--lod {fitting}, or lod={fitting})."
+        )
+    raise SegmentFault(
+        f"{said}, and no coarser level of detail; where that fits into memory, set"
+        f" {RAISE_LIMITS}={math.ceil(expected[0] / most)}."
+    )
+
+
+def _millions(n: float) -> str:
+    return f"{n / 1e6:,.0f} million vertices" if n >= 1e6 else counted(round(n), "vertex")
+
+
+def _joined(vertices: Any, faces: Any, n_fragments: int) -> RawMesh:
+    """Join fragments where two open edges lie on one another."""
+    from meshmash_viewer.health import repair_mesh
+    from meshmash_viewer.mesh import Mesh
+
+    if n_fragments < 2 or not len(faces):
+        return RawMesh(vertices, faces, "nm")
+    mesh = repair_mesh(Mesh(vertices, faces), "merge_seams")
+    n_joined = len(vertices) - mesh.n_vertices
+    remark = f"has {counted(n_joined, 'vertex')} at the seams of its fragments, now joined"
+    return RawMesh(mesh.vertices, mesh.faces, "nm", remarks=(remark,) if n_joined else ())

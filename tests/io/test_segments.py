@@ -1,0 +1,356 @@
+"""Meshes of segments by their links: every layout as cloud-volume reads it, every fault said."""
+
+from __future__ import annotations
+
+import http.server
+import json
+import os
+import socket
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+from segment_layers import (
+    SEGMENT,
+    box,
+    fragment,
+    halves,
+    packed,
+    source,
+    write_fragments,
+    write_layer,
+    write_levels,
+)
+
+from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.health import repair_mesh
+from meshmash_viewer.io.links import (
+    MeshLink,
+    folder_of,
+    is_link,
+    layers_of,
+    link_file,
+    parse_link,
+    read_link,
+    shown_path,
+)
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import Cancelled, Progress
+
+pytest.importorskip("cloudvolume")
+
+FINE, COARSE = box(3), box(2)
+WHOLE = np.round((FINE.vertices + 1000.0) * 10.0)
+
+
+@pytest.fixture(scope="module")
+def layers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One layer of each layout, all with a box in two fragments."""
+    top = tmp_path_factory.mktemp("layers")
+    pieces = halves(FINE)
+    grown = [packed(np.round((each.vertices + 1000.0) * 10.0), each.faces) for each in pieces]
+    return {
+        "fragments": write_fragments(top / "fragments", [fragment(each) for each in pieces]),
+        "draco": write_fragments(top / "draco", grown),
+        "levels": write_levels(top / "levels", [FINE, COARSE]),
+        "sharded": write_levels(top / "sharded", [FINE, COARSE], sharded=True),
+    }
+
+
+def read(folder: Path, segment: int | str | None = SEGMENT, **given: object) -> Mesh:
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        return read_mesh(source(folder), segment=segment, **given)  # type: ignore[arg-type]
+
+
+def fault_of(link: str, segment: int | str | None = SEGMENT, lod: int | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        read_mesh(link, segment=segment, lod=lod)
+    said = str(caught.value)
+    assert said.endswith(".")
+    assert "\n" not in said
+    return said
+
+
+# -- layouts -------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("lod", [None, 1])
+@pytest.mark.parametrize("layout", ["fragments", "levels", "sharded"])
+def test_vertices_and_faces_are_those_of_cloud_volume(
+    layers: dict[str, Path], layout: str, lod: int | None
+) -> None:
+    if layout == "fragments" and lod:
+        pytest.skip("has one level of detail")
+    mesh = read(layers[layout], lod=lod)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from cloudvolume import CloudVolume
+
+        layer = CloudVolume(source(layers[layout]), progress=False).mesh
+        if layout == "fragments":
+            theirs = layer.get(SEGMENT, remove_duplicate_vertices=False)
+        else:
+            theirs = layer.get(SEGMENT, lod=lod or 0)[SEGMENT]
+    joined = repair_mesh(Mesh(theirs.vertices, theirs.faces), "merge_seams")
+    assert np.array_equal(mesh.vertices, joined.vertices)
+    assert np.array_equal(mesh.faces, joined.faces)
+    expected = COARSE if lod else FINE
+    assert (mesh.n_vertices, mesh.n_faces) == (expected.n_vertices, expected.n_faces)
+    assert (mesh.unit, mesh.name) == ("nm", str(SEGMENT))
+    assert len(theirs.vertices) > mesh.n_vertices  # at the seam
+
+
+@pytest.mark.usefixtures("read_here")
+def test_fragments_packed_by_draco(layers: dict[str, Path]) -> None:
+    mesh = read(layers["draco"])
+    assert np.array_equal(np.unique(mesh.vertices, axis=0), np.unique(WHOLE, axis=0))
+    assert mesh.n_faces == FINE.n_faces
+
+
+def test_progress_and_seams_of_a_child_process(layers: dict[str, Path]) -> None:
+    heard: list[Progress] = []
+    with pytest.warns(MeshWarning, match="32 vertices at the seams of its fragments, now joined"):
+        mesh = read_mesh(source(layers["fragments"]), segment=SEGMENT, progress=heard.append)
+    assert mesh.n_vertices == FINE.n_vertices
+    shares = [each.fraction for each in heard]
+    assert shares == sorted(shares)  # type: ignore[type-var]
+    assert shares[-1] == 1.0
+
+
+def test_cancel_ends_the_child_process(layers: dict[str, Path]) -> None:
+    began = time.monotonic()
+    with pytest.raises(Cancelled):
+        read(layers["fragments"], cancel=lambda: True)
+    assert time.monotonic() - began < 3.0
+
+
+@pytest.mark.usefixtures("read_here")
+def test_transform_and_one_fragment_are_kept_as_they_are(tmp_path: Path) -> None:
+    folder = write_fragments(tmp_path / "layer", [fragment(FINE)])
+    info = folder / "mesh" / "info"
+    moved = {**json.loads(info.read_text()), "transform": [2, 0, 0, 5, 0, 2, 0, 0, 0, 0, 2, 0]}
+    info.write_text(json.dumps(moved))
+    assert np.array_equal(read(folder).vertices, 2.0 * FINE.vertices + [5.0, 0.0, 0.0])
+
+
+# -- faults --------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("layout", ["fragments", "levels", "sharded"])
+def test_missing_segment(layers: dict[str, Path], layout: str) -> None:
+    said = fault_of(source(layers[layout]), 12)
+    assert said.endswith("#segment=12 has no mesh; check the id, or open another segment.")
+
+
+@pytest.mark.usefixtures("read_here")
+def test_layer_without_meshes_or_info_or_folder(tmp_path: Path) -> None:
+    assert "layer without meshes" in fault_of(source(write_layer(tmp_path / "bare")))
+    (tmp_path / "empty").mkdir()
+    assert "has no file info" in fault_of(source(tmp_path / "empty"))
+    assert "folder does not exist" in fault_of(source(tmp_path / "nowhere"))
+
+
+@pytest.mark.usefixtures("read_here")
+def test_broken_fragments_are_named(tmp_path: Path) -> None:
+    good, bad = map(fragment, halves(FINE))
+    far = np.frombuffer(bad, dtype="<u4").copy()
+    far[-1] = 10_000
+    short = packed(WHOLE, FINE.faces)[:-200]
+    for number, content in enumerate((bad[:-7], bad[:40], b"", far.tobytes(), short)):
+        folder = write_fragments(tmp_path / str(number), [good, content])
+        assert f"has a broken fragment, {SEGMENT}:0:1;" in fault_of(source(folder))
+    (folder / "mesh" / f"{SEGMENT}:0:1").unlink()
+    assert "lacks 1 fragment;" in fault_of(source(folder))
+
+
+@pytest.mark.usefixtures("read_here")
+def test_broken_fragment_of_a_level_and_levels_that_are_not_there(tmp_path: Path) -> None:
+    folder = write_levels(tmp_path / "layer", [FINE, COARSE])
+    assert "has the levels of detail 0 to 1;" in fault_of(source(folder), lod=2)
+    assert "give 0 for the finest" in fault_of(source(folder), lod=-1)
+    data = folder / "mesh" / str(SEGMENT)
+    data.write_bytes(b"DRACO" + bytes(data.stat().st_size - 5))
+    assert "has a broken fragment" in fault_of(source(folder))
+    one = write_fragments(tmp_path / "one", [fragment(FINE)])
+    assert "has one level of detail" in fault_of(source(one), lod=1)
+
+
+@pytest.mark.usefixtures("read_here")
+def test_too_many_vertices_are_said_before_they_are_read(tmp_path: Path) -> None:
+    # the second fragment is a hole of 1.8 GB in a file, which would take minutes to decode
+    folder = write_fragments(tmp_path / "fragments", [fragment(FINE), b""])
+    os.truncate(folder / "mesh" / f"{SEGMENT}:0:1", 50_000_000 * 36)
+    said = fault_of(source(folder))
+    assert "has about 50 million vertices, more than the 20 million vertices that are read" in said
+    assert "set MESHMASH_READ_LIMITS=3." in said
+
+    folder = write_levels(tmp_path / "levels", [FINE, COARSE])
+    index, data = (folder / "mesh" / f"{SEGMENT}{ending}" for ending in (".index", ""))
+    grow_finest_level(index, data, 50_000_000)
+    said = fault_of(source(folder))
+    assert "has about 50 million vertices" in said
+    assert "take level of detail 1 with about 114 vertices (--lod 1, or lod=1)." in said
+    assert read(folder, lod=1).n_vertices == COARSE.n_vertices
+
+
+def grow_finest_level(index: Path, data: Path, n_vertices: int) -> None:
+    """Say in a manifest that the finest level is so large, and move the other one behind it."""
+    from cloudvolume.datasource.precomputed.mesh.multilod import MultiLevelPrecomputedMeshManifest
+
+    manifest = MultiLevelPrecomputedMeshManifest.from_binary(index.read_bytes(), SEGMENT)
+    fine, coarse = (int(each.sum()) for each in manifest.fragment_offsets)
+    size = round(coarse * n_vertices / (COARSE.n_vertices + 16))  # with those of the seam
+    content = data.read_bytes()[fine:]
+    with data.open("wb") as file:
+        file.seek(size)
+        file.write(content)
+    sizes = np.array([size, 0, *manifest.fragment_offsets[1]])
+    manifest.fragment_offsets = sizes
+    index.write_bytes(manifest.to_binary())
+
+
+@pytest.fixture
+def refusing_server() -> Iterator[str]:
+    """A server on this machine that asks for credentials, with a secret in what it says."""
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(403, "token=hush")
+            self.end_headers()
+
+        do_HEAD = do_GET
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+@pytest.mark.usefixtures("read_here")
+def test_no_network_and_no_credentials(refusing_server: str) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    said = fault_of(f"precomputed://http://127.0.0.1:{port}/layer")
+    assert "cannot be reached, as 127.0.0.1 does not answer; check the network" in said
+    said = fault_of(f"precomputed://http://{refusing_server}/layer")
+    assert "may not be read with your permissions or credentials; give cloud-volume" in said
+    assert "hush" not in said
+
+
+def test_not_installed(layers: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cloudvolume", None)
+    said = fault_of(source(layers["fragments"]))
+    assert 'cloud-volume, which is not installed: pip install "meshmash-viewer[neuro]".' in said
+
+
+# -- links ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("segment", ["axon", "12a", "-3", "1.5", "0", str(2**64), "", "१२"])
+def test_ids_that_are_none(segment: str) -> None:
+    with pytest.raises(InputError, match="is no id of a segment"):
+        parse_link("precomputed://gs://bucket/layer", segment)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "graphene://https://me:hush@example.org/table/x",
+        "precomputed://https://example.org/x?middle_auth_token=hush",
+        "https://example.org/#!"
+        + quote('{"layers": [{"source": "precomputed://https://a:hush@b.org/x"}]}'),
+    ],
+)
+def test_secrets_are_refused_and_not_repeated(text: str) -> None:
+    with pytest.raises(InputError, match="recent files and sessions") as caught:
+        parse_link(text, 1)
+    assert "hush" not in str(caught.value)
+
+
+def test_a_url_of_neuroglancer_offers_its_segments() -> None:
+    state = {
+        "layers": [
+            {"type": "image", "source": "precomputed://gs://bucket/em", "name": "em"},
+            {
+                "type": "segmentation",
+                "name": "cells",
+                "source": [{"url": "gs://bucket/cells/|neuroglancer-precomputed:"}],
+                "segments": ["12", "!13"],
+            },
+            {
+                "type": "segmentation_with_graph",
+                "name": "proofread",
+                "source": "graphene://middleauth+https://example.org/table/x",
+                "segments": ["14"],
+            },
+        ]
+    }
+    url = "https://neuroglancer-demo.appspot.com/?hl=en#!" + quote(json.dumps(state))
+    cells, proofread = layers_of(url)
+    assert (cells.source, cells.segments) == ("precomputed://gs://bucket/cells", (12, 13))
+    assert proofread.source == "graphene://middleauth+https://example.org/table/x"
+    assert parse_link(url, 14).source == proofread.source
+    assert parse_link(url, "13") == MeshLink(cells.source, 13)
+    with pytest.raises(InputError, match=r"names 3 segments: give one of them .*: 12, 13, 14"):
+        parse_link(url)
+    with pytest.raises(InputError, match="names 2 layers, and segment 15 may be of any"):
+        parse_link(url, 15)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("https://example.org/#!https://states.org/12", "kept on a server"),
+        ("https://example.org/#!%7B%22layers", "cannot be read"),
+        ("https://example.org/#!" + quote('{"layers": 3}'), "cannot be read"),
+        ("https://example.org/#!" + quote('{"layers": []}'), "no layer of segments"),
+        ("ftp://example.org/layer", "A link of ftp:// cannot be read"),
+        ("precomputed://", "A link of precomputed:// cannot be read"),
+    ],
+)
+def test_links_that_are_none(text: str, fault: str) -> None:
+    assert is_link(text)
+    with pytest.raises(InputError, match=fault):
+        parse_link(text, 1)
+
+
+def test_the_text_of_a_link_is_one_and_its_file_is_found_again(own_cache: Path) -> None:
+    link = MeshLink("precomputed://gs://bucket/layer", 12, 1)
+    assert parse_link(str(link)) == link
+    assert parse_link("gs://bucket/layer/", 12, 1) == link
+    path = link_file(link)
+    assert path == link_file(link) != link_file(MeshLink(link.source, 12))
+    assert (path.name, own_cache in path.parents) == ("12.meshlink", True)
+    assert read_link(path) == link
+    assert shown_path(path) == str(link)
+    assert folder_of(path) == Path()
+    with pytest.raises(InputError, match="names no segment"):
+        parse_link("gs://bucket/layer")
+
+
+@pytest.mark.usefixtures("read_here")
+def test_a_file_of_a_link_is_read_as_the_link_is(layers: dict[str, Path], tmp_path: Path) -> None:
+    path = tmp_path / "axon.meshlink"
+    path.write_text(f"{source(layers['draco'])}#segment={SEGMENT}\n")
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        assert read_mesh(path).content_hash == read(layers["draco"]).content_hash
+    path.write_text("axon")
+    with pytest.raises(InputError, match="holds no link"):
+        read_mesh(path)
+    with pytest.raises(InputError, match="is a file, and segment and level"):
+        read_mesh(path, segment=3)
