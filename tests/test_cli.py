@@ -671,7 +671,8 @@ def test_pieces_are_the_whole_but_for_their_seams(
     # what neighbours differ by is about what either is off
     assert (differences <= 2.0 * np.array(report["seam_largest"]) + 1e-6).all()
     if "hks" in chosen:
-        assert max(report["seam_largest"]) < 0.01, "heat has not seen the cut yet"
+        assert max(report["seam_largest"]) < 0.02, "heat has not seen the cut yet"
+        assert max(report["seam_median"]) < 1e-3
         assert report["seam_flagged"] == []
 
 

@@ -80,6 +80,11 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
             ("movie", "ball.off", "--sweep", ":", "-o", "out.mp4"),
             'pip install "meshmash-viewer[movie]"',
         ),
+        slow(
+            "fast_simplification",
+            ("condense", "ball.off", "-o", "out.npz"),
+            'pip install "meshmash-viewer[neuro]"',
+        ),
         (
             "skops",
             ("train", "ball.off", "--labels", "values.csv", "-o", "model.skops"),
