@@ -8,7 +8,9 @@ import shapes
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.geodesics import Geodesics
-from meshmash_viewer.surface.lasso import visible, within_polygon
+from meshmash_viewer.surface.kernels import heights_of, in_picture
+from meshmash_viewer.surface.lasso import Projection, visible, within_polygon
+from meshmash_viewer.surface.picks import lasso, prepared
 
 
 def test_a_disc_of_a_plane_is_exact() -> None:
@@ -91,3 +93,17 @@ def test_a_ball_behind_another_is_hidden(subdivisions: int) -> None:
     found = visible(seen, both.faces, facing, chosen)[: back.n_vertices]
     differing = found != (facing[: back.n_vertices] > 0.0)
     assert (np.abs(facing[: back.n_vertices][differing]) < 1e-6).all()  # on the silhouette
+
+
+def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:
+    ball = shapes.icosphere(2)
+    prepared(ball)
+    known = [len(loop.signatures) for loop in (heights_of, in_picture)]
+    points, normals = (each.astype(np.float32) for each in (ball.vertices, ball.vertex_normals))
+    seen = Projection(points, normals, np.eye(3), np.zeros(3), 0.02, (50.0, 50.0))
+    around = np.array([[-9.0, -9.0], [109.0, -9.0], [109.0, 109.0], [-9.0, 109.0]])
+    back = ball.vertices[:, 2] < -0.5
+    for hidden in (None, back):
+        chosen = lasso(ball, seen, around, hidden, False)
+        assert np.array_equal(chosen, seen.facing > 0.0)
+    assert [len(loop.signatures) for loop in (heights_of, in_picture)] == known

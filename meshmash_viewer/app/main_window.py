@@ -332,6 +332,7 @@ class MainWindow(ScriptedWindow):
             self.pair_panel.health.scene = self.opening.second_view.scene
         self.commands.refresh()
         second = self.opening.second_view
+        self.select_tool.set_second(None if second is None else second.scene)
         if second is not None:
             second.scene.menu_requested.connect(
                 partial(self.commands.pins.show_second_menu, second)

@@ -47,6 +47,11 @@ _BETWEEN = 6
 #: Milliseconds after a change of a range with which one change ends.
 _REST = 500
 
+_ONLY_FIRST = (
+    "Vertices are selected on the first mesh: to select on this one, open it, and compare it with"
+    " the other."
+)
+
 #: Computes a mask in a thread.
 _Work: TypeAlias = Callable[[], Mask]
 
@@ -79,6 +84,7 @@ class SelectTool(QObject):
     ) -> None:
         super().__init__(parent)
         self._document, self._scene, self._controller = document, scene, controller
+        self._second: MeshView | None = None
         self.on = False
         self.mode = next(iter(SELECT_MODES))
         #: Radius of the brush, in the mesh's unit.
@@ -142,10 +148,18 @@ class SelectTool(QObject):
         """Switch the tool on or off."""
         self.on = on
         self._document.selection.finish()
-        self._scene.take_strokes(on and self.mode in _STROKES)
+        for scene in filter(None, (self._scene, self._second)):
+            scene.take_strokes(on and self.mode in _STROKES)
         self._prepare()
         self._show_handles()
         self.changed.emit()
+
+    def set_second(self, scene: MeshView | None) -> None:
+        """Say on the render of a second mesh, if there is one, that the first is selected on."""
+        self._second = scene
+        if scene is not None:
+            scene.plotter.stroke_begun.connect(lambda *_: self._say(_ONLY_FIRST))
+            scene.take_strokes(self.on and self.mode in _STROKES)
 
     def select_with(self, mode: str) -> None:
         """Switch the tool on in a mode."""

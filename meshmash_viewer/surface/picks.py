@@ -15,10 +15,15 @@ from meshmash_viewer.surface.masks import Mask, parts
 
 
 def prepared(mesh: Mesh) -> Geodesics:
-    """Make what strokes need, and load the compiled loops."""
-    made = Geodesics(mesh.vertices - mesh.bounds.mean(axis=0), mesh.faces)
+    """Make what strokes need, and compile or load the loops of brush and lasso."""
+    points = mesh.vertices - mesh.bounds.mean(axis=0)
+    made = Geodesics(points, mesh.faces)
     made.within(mesh.faces[0, :1], 0.0)
     _ = mesh.vertex_areas, mesh.component_labels
+    pixel = float(np.ptp(mesh.bounds, axis=0).max()) / 100.0 or 1.0
+    seen = points.astype(np.float32), mesh.vertex_normals.astype(np.float32)
+    projection = Projection(*seen, np.eye(3), np.zeros(3), pixel, (0.0, 0.0))
+    lasso(mesh, projection, 60.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), None, False)
     return made
 
 
@@ -41,6 +46,7 @@ def lasso(
     if hidden is not None:
         chosen &= ~hidden
         faces = faces[~hidden[faces].any(axis=1)]
+        faces.flags.writeable = mesh.faces.flags.writeable  # as the loops were compiled for
     return chosen if through else visible(projection.seen, faces, projection.facing, chosen)
 
 

@@ -490,6 +490,26 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     assert window.document.pins.placed == ()
 
 
+def test_a_stroke_on_the_second_says_that_the_first_is_selected_on(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second = beside(window, folder / "copy.npz", monkeypatch)
+    wait_for(lambda: second.scene.can_pick)
+    camera, at = second.scene.camera(), second.scene.rect().center()
+    window.actions_["select"].trigger()
+    QTest.mousePress(second.scene.plotter, LEFT, pos=at)
+    QTest.mouseMove(second.scene.plotter, at + QPoint(40, 0))
+    QTest.mouseRelease(second.scene.plotter, LEFT, pos=at + QPoint(40, 0))
+    notice = window.stage.message_bar.notice
+    assert notice is not None
+    assert notice.text.startswith("Vertices are selected on the first mesh")
+    assert second.scene.camera() == camera
+    assert second.document.pins.placed == ()
+    window.actions_["select"].trigger()
+    QTest.mouseClick(second.scene.plotter, LEFT, pos=at)
+    assert len(second.document.pins.placed) == 1
+
+
 def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -102,7 +102,7 @@ def hand(open_window: Callable[..., MainWindow], qtbot: QtBot) -> Hand:
     qtbot.waitUntil(lambda: window.scene.can_pick, timeout=PATIENCE)
     made = Hand(window, qtbot)
     made.key(Qt.Key.Key_W)
-    qtbot.waitUntil(lambda: made.tool.prepared, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: made.tool.prepared, timeout=60_000)  # the loops may be compiled
     return made
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from PySide6.QtCore import QSize, Qt, QTimer
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QToolBar, QWidget
@@ -133,9 +134,10 @@ class SelectBar(QToolBar):
         if mesh is None or mask is None:
             self.count_label.setText(" Nothing selected ")
             return
-        texts = [counted(int(mask.sum()), "vertex")]
+        chosen = np.flatnonzero(mask)  # most often few
+        texts = [counted(len(chosen), "vertex")]
         if self._tool.prepared:
-            texts.append(format_quantity(float(mesh.vertex_areas @ mask), mesh.unit, 2))
+            texts.append(format_quantity(float(mesh.vertex_areas[chosen].sum()), mesh.unit, 2))
         self.count_label.setText(f" {' · '.join(texts)} ")
 
 

@@ -89,6 +89,8 @@ class MeshRenderer:
         #: Search structure of picking and of hidden pins, once it has been made.
         self.picker: RayTarget | None = None
         self._coarse_mesh: CoarseMesh | None = None
+        #: The points of `drawn` that it has.
+        self._coarse_points: npt.NDArray[np.float32] | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
         #: Marks by what they are of.
         self.marks: dict[str, Marks] = {}
@@ -127,7 +129,7 @@ class MeshRenderer:
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
-        self.hidden = self.selected = self.cut = None
+        self.hidden = self.selected = self.cut = self._coarse_points = None
         self.caption, self._pins, self.shape_text = None, (), ""
         if mesh is None:
             self.mesh = self.normals = self.view = None
@@ -268,6 +270,7 @@ class MeshRenderer:
 
     def set_coarse(self, coarse: CoarseMesh) -> None:
         """Set the stand-in, which `show_coarse` draws in place of the mesh."""
+        self._coarse_points = self.drawn[0]
         points, normals = (each[coarse.representatives] for each in self.drawn)
         self.coarse, self._coarse_mesh = self._new_surface(points, coarse.faces, normals), coarse
         self.coarse.actor.VisibilityOff()
@@ -374,7 +377,9 @@ class MeshRenderer:
         self.coarse.write(self.surface.values[chosen])
         self.coarse.select(None if self.selected is None else self.selected[chosen])
         points, normals = self.drawn
-        self.coarse.move(points[chosen], normals[chosen])
+        if points is not self._coarse_points:  # they are far apart in memory
+            self._coarse_points = points
+            self.coarse.move(points[chosen], normals[chosen])
 
     def _place_camera(self, view: View, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
