@@ -185,6 +185,8 @@ class Opening(QObject):
 
     def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
         camera = self.scene.camera() if self.scene is not None else None
+        if camera and self.scene is not None and not self.scene.turned_by_hand:
+            camera["fitted"] = True  # to the size of the render, whatever that is then
         return camera or {}, self.pair
 
     def add_map(self) -> None:
@@ -334,7 +336,7 @@ class Opening(QObject):
             return
         self.restoration = None
         if restoration.camera is not None:
-            self.scene.set_camera(restoration.camera.to_json())
+            self.scene.set_camera(restoration.camera.to_json(), fitted=restoration.fitted)
         if restoration.second is not None and self._waiting is None:
             view = self._make_view(restoration.second.links)
             view.pair.match = restoration.second.match

@@ -104,6 +104,8 @@ class Restoration:
         self._classes = read_saved_classes(session.classes, path)
         #: From where the session was saved.
         self.camera: View | None = None
+        #: Whether that showed the whole mesh, in the size that the render had.
+        self.fitted = bool(session.camera.get("fitted"))
         if session.camera:
             try:
                 self.camera = View.from_json(session.camera)

@@ -95,6 +95,7 @@ _CAMERA = Record(
         "focus": Listing(Number(-1e30, 1e30), 3, 3),
         "axes": Listing(_AXIS, 3, 3),
         "half_size": Number(1e-30, 1e30),
+        "fitted": Flag(),
     }
 )
 _MATCH = Record(

@@ -216,6 +216,27 @@ def test_a_camera_at_rest_is_saved(
     assert session.camera == window.scene.camera()
 
 
+def test_a_view_of_the_whole_mesh_fits_a_render_of_another_size(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path = two_balls(folder / "balls.npz")
+    window = opened(open_window(size=(1300, 850)), path, qtbot)
+    window.scene.look_from("dorsal")
+    axes = window.scene.camera()["axes"]
+    window.close()
+    again = opened(open_window(size=(1300, 600)), path, qtbot)
+    qtbot.waitUntil(lambda: again.scene.camera()["axes"] == axes, timeout=PATIENCE)
+    assert not again.scene.turned_by_hand
+    wide = again.scene.camera()["half_size"]
+    again.scene.set_camera(again.scene.camera() | {"half_size": 3.0 * wide})
+    again.close()
+    closer = opened(open_window(size=(1300, 850)), path, qtbot)
+    qtbot.waitUntil(
+        lambda: closer.scene.camera()["half_size"] == pytest.approx(3.0 * wide), timeout=PATIENCE
+    )
+    assert closer.scene.turned_by_hand
+
+
 def test_label_sets_are_there_as_they_were_changed(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:

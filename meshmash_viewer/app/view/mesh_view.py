@@ -269,10 +269,15 @@ class MeshView(QWidget):
         """The camera as plain numbers for a session, None without a mesh."""
         return None if self.renderer.view is None else self.renderer.view.to_json()
 
-    def set_camera(self, state: dict[str, Any]) -> None:
-        """Restore what `camera` returned; ValueError if it is not a camera."""
+    def set_camera(self, state: dict[str, Any], *, fitted: bool = False) -> None:
+        """Restore what `camera` returned; ValueError if it is not a camera.
+
+        With `fitted` only its direction is restored, and the whole mesh shown.
+        """
         self.renderer.view = View.from_json(state)
         self.turned_by_hand = True
+        if fitted:
+            self._fit()
         self.plotter.render()
         self.camera_changed.emit()
 
