@@ -85,7 +85,7 @@ def _gifti(path: Path) -> Any:
     return parser.img
 
 
-def _gifti_maps(image: Any, name: str = "map") -> Iterator[RawMap]:
+def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
     """Every array that is neither the points nor the triangles; numbered if it has no name."""
     from nibabel.nifti1 import intent_codes
 
@@ -99,7 +99,9 @@ def _gifti_maps(image: Any, name: str = "map") -> Iterator[RawMap]:
         if intent in ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE") or data is None:
             continue
         alone = len(image.darrays) == 1
-        own_name = dict(array.meta or {}).get("Name") or ("" if alone else f"{name} {at}")
+        own_name = dict(array.meta or {}).get("Name") or (
+            "" if alone else f"{name} {at}" if name else f"map {at}"
+        )
         labels = table if intent == "NIFTI_INTENT_LABEL" else ()
         own = "meshmash-viewer" in dict(image.meta or {})
         columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
