@@ -185,7 +185,10 @@ def test_predict_on_a_cluster(cluster: Any, capsys: pytest.CaptureFixture[str]) 
     assert main([*command, "-o", "here/"]) == 0
     assert main([*command, "-o", "there/", "--scheduler", cluster.scheduler_address]) == 0
     check_same("here", "there", 2)
-    assert [row["complete"] for row in rows("there/manifest_predict.parquet")] == [True, True]
+    found = rows("there/manifest_predict.parquet")
+    assert [row["complete"] for row in found] == [True, True]
+    areas = json.loads(found[0]["report"])["areas"]
+    assert sum(areas.values()) == pytest.approx(mv.read_mesh("m0.ply").area)
     capsys.readouterr()
     Path("model.skops").write_bytes(Path("model.skops").read_bytes() + b" ")
     assert main([*command, "-o", "there/", "--resume"]) == 0

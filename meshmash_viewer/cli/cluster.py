@@ -22,6 +22,15 @@ from meshmash_viewer.units import counted
 
 #: Begins the name of a scheduler that runs during the command, with processes of this machine.
 LOCAL = "local:"
+#: Settings of that scheduler: no profiler and fewer looks at memory and time, which take a tenth of
+#: a core by default. A process that does not answer is not a lost one: it computes.
+_QUIET = {
+    "distributed.scheduler.worker-ttl": None,
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.monitor-interval": "1s",
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
 #: Seconds until a scheduler has to answer.
 _ANSWER = 10.0
 #: One mesh at a time in a process: the working directory and standard error are the process's.
@@ -49,7 +58,7 @@ def connected(scheduler: str) -> Iterator[Any]:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
         if scheduler.startswith(LOCAL):
-            stack.enter_context(dask.config.set({"distributed.scheduler.worker-ttl": None}))
+            stack.enter_context(dask.config.set(_QUIET))
             place: Any = stack.enter_context(
                 distributed.LocalCluster(
                     n_workers=int(scheduler.removeprefix(LOCAL)),

@@ -35,12 +35,16 @@ COLUMNS: dict[str, type] = {
     "truncation": float,  # largest share that a column misses, as estimated
     "seconds": float,
     "bytes": int,  # of the output
+    "report": str,  # what --json prints
 }
 DONE, FAILED = "done", "failed"
 #: Columns whose entry of the report has another name.
 _REPORTED = {"pairs": "n_eigenpairs", "residual": "worst_residual"}
-#: Options that do not change what is written.
-_FREE = ("mesh", "output", "json", "jobs", "scheduler", "resume", "no_cache", "n_meshes")
+#: Options that do not change what is written for a mesh of the same content.
+_FREE = (
+    "mesh", "segment", "lod", "n_meshes", "output", "json", "jobs", "scheduler", "resume",
+    "no_cache",
+)  # fmt: skip
 #: Options that name files which are written.
 _WRITTEN = ("graphs", "id_map")
 #: Hashes of a mesh: of vertices and faces, and of the rest.
@@ -94,6 +98,7 @@ class Manifest:
                 "options": self._options,
                 "truncation": max(missing) if missing else None,
                 "bytes": None if fault else _size(output),
+                "report": None if fault else json.dumps(report),
             }
         with writing_errors(self.path), written_whole(self.path) as part:
             _write(part, [self._rows[name] for name in sorted(self._rows)])
