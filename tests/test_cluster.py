@@ -281,6 +281,19 @@ def test_condense_and_points_take_the_same_options(capsys: pytest.CaptureFixture
     assert capsys.readouterr().out.startswith("out/m0.npz")
 
 
+def test_segments_of_a_link_have_rows_of_their_own(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    link = f"precomputed://file://{tmp_path}/layer"
+    segments = ["--segment", "12", "--segment", "34"]
+    assert main(["features", link, *segments, "--no-cache", "--resume", "-o", "out/"]) == 2
+    assert "0 of 2 meshes done, 2 failed" in capsys.readouterr().err
+    first, second = rows("out/manifest_features.parquet")
+    assert (first["output"], second["output"]) == ("12.npz", "34.npz")
+    assert first["mesh"].startswith(link)
+    assert first["status"] == "failed"
+
+
 def at_first(file: str, act: Callable[[], None]) -> threading.Thread:
     """Act once there is a file."""
 

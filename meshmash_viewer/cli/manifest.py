@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.mesh import Mesh
 
 #: Columns, and their types; None where a value is not known.
@@ -125,8 +126,9 @@ def content_of(mesh: Mesh) -> Content:
 
 
 def _whole(mesh: Path) -> str:
-    """Return the path of a mesh from the root; a link as it is."""
-    return str(mesh) if ":/" in str(mesh) else str(mesh.absolute())
+    """Return the path of a mesh from the root; of a file of a link the link."""
+    shown = shown_path(mesh)
+    return shown if shown != str(mesh) else str(mesh.absolute())
 
 
 def _described(options: Namespace) -> str:
