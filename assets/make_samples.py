@@ -235,17 +235,22 @@ class Field:
 # --------------------------------------------------------------------------------- the meshes
 
 
-def make_dendrite() -> tuple[Array, Faces, list[str]]:
-    """A shaft that forks twice, with its spines: one closed surface of genus 0, and its parts."""
-    rng = np.random.default_rng(SEED)
-    shaft = wandering_tube(rng, np.zeros(3), np.array([1.0, 0.0, 0.0]), 18_500, (430, 260), WANDER)
+def make_dendrite(seed: int = SEED, size: float = 1.0) -> tuple[Array, Faces, list[str]]:
+    """A shaft that forks twice, with its spines: one closed surface of genus 0, and its parts.
+
+    With a smaller `size` branches are shorter, with fewer spines.
+    """
+    rng = np.random.default_rng(seed)
+    shaft = wandering_tube(
+        rng, np.zeros(3), np.array([1.0, 0.0, 0.0]), 18_500 * size, (430, 260), WANDER
+    )
     fork = int(0.36 * len(shaft.points))
     limb = wandering_tube(
-        rng, shaft.points[fork], np.array([0.72, 0.66, 0.16]), 11_000, (300, 190), WANDER
+        rng, shaft.points[fork], np.array([0.72, 0.66, 0.16]), 11_000 * size, (300, 190), WANDER
     )
     twig_at = int(0.62 * len(shaft.points))
     twig = wandering_tube(
-        rng, shaft.points[twig_at], np.array([0.66, -0.72, -0.2]), 7_500, (250, 170), WANDER
+        rng, shaft.points[twig_at], np.array([0.66, -0.72, -0.2]), 7_500 * size, (250, 170), WANDER
     )
     tubes = [shaft, limb, twig]
     corners = np.concatenate([tube.points for tube in tubes])
@@ -257,7 +262,7 @@ def make_dendrite() -> tuple[Array, Faces, list[str]]:
     # Branches are bare near the fork.
     n_spines = grow_spines(rng, field, [(shaft, 0), (limb, 34), (twig, 34)], 5.0)
     field.roughen(rng, amplitude=11.0, wavelength=420.0)
-    vertices, faces = thinned(field.surface(), N_VERTICES)
+    vertices, faces = thinned(field.surface(), round(N_VERTICES * size))
     parts = np.where(shafts.beyond(vertices), "spine", "shaft").tolist()
     vertices += ORIGIN - vertices.mean(axis=0)
     print(f"dendrite: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")

@@ -30,6 +30,10 @@ from meshmash_viewer.units import counted
 _MOST = 20_000
 #: Trees, and labelled vertices times trees that are trained between two questions whether to go on.
 _TREES, _AT_ONCE = 100, 500_000
+#: Trees in each training of the cross-validation, whose scores differ by some thousandths.
+_TREES_SCORED = 40
+#: Inverse of the penalty of the coefficients of the logistic regression.
+_PENALTY = 0.05
 #: Vertices that are predicted at a time.
 _BLOCK = 25_000
 #: Range relative to the largest magnitude below which a column is constant.
@@ -92,7 +96,9 @@ class Training:
             for mesh, count in zip(self.meshes, self.counts, strict=True)
         )
 
-    def fitted(self, some: IntArray, progress: ProgressCallback | None = None) -> Any:
+    def fitted(
+        self, some: IntArray, progress: ProgressCallback | None = None, n_trees: int = _TREES
+    ) -> Any:
         """Train on some of the labelled vertices."""
         check_cancelled(self.cancel)
         values, places = self.values[some], self.places[some]
@@ -101,7 +107,9 @@ class Training:
             from sklearn.pipeline import make_pipeline
             from sklearn.preprocessing import StandardScaler
 
-            return make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000)).fit(
+            # strokes are few, and neighbouring columns say nearly the same
+            regression = LogisticRegression(C=_PENALTY, class_weight="balanced", max_iter=1000)
+            return make_pipeline(StandardScaler(), regression).fit(
                 values.astype(np.float64), places
             )
         from sklearn.ensemble import ExtraTreesClassifier
@@ -110,10 +118,10 @@ class Training:
             min_samples_leaf=2, random_state=0, n_jobs=-1, warm_start=True
         )
         step = max(_AT_ONCE // len(some), 1)
-        for part in blocks(_TREES, step):
+        for part in blocks(n_trees, step):
             check_cancelled(self.cancel)
             if progress is not None:
-                progress(Progress("training", part.start / _TREES, message="Training"))
+                progress(Progress("training", part.start / n_trees, message="Training"))
             forest.set_params(n_estimators=part.stop).fit(values, places)
         return forest.set_params(warm_start=False, n_jobs=1)
 
@@ -129,7 +137,7 @@ class Training:
             if progress is not None:
                 progress(Progress("scores", seen / count, message="Cross-validation"))
             seen += 1
-            classifier = self.fitted(train)
+            classifier = self.fitted(train, n_trees=_TREES_SCORED)
             if not self.smoothing:
                 return self._best(classifier, self.values[test])
             found = np.zeros(len(test), dtype=np.int64)

@@ -58,7 +58,7 @@ class ClassOptions(Parameters):
     """How classes are learned, see `train_classes`; the smoothing is in the unit of the mesh."""
 
     kinds: tuple[str, ...] = parameter(
-        tuple(KINDS)[:1], Listing(Choice(KINDS), len(KINDS), into=tuple, different=True)
+        tuple(KINDS)[-1:], Listing(Choice(KINDS), len(KINDS), into=tuple, different=True)
     )
     classifier: Classifier = parameter("forest", Choice(CLASSIFIERS))
     smoothing: float = parameter(0.0, Number(0.0))

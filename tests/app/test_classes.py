@@ -50,7 +50,7 @@ MESH, SPINE = spiny()
 
 @pytest.fixture
 def window(open_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
-    """With 80 eigenpairs, and two labels that no vertex has."""
+    """With 80 eigenpairs, and two labels that no vertex has; HKS is chosen, which is quick."""
     window = open_window(Document())
     document = window.document
     document.take_mesh(MESH)
@@ -62,6 +62,9 @@ def window(open_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
     document.labels.new_set()
     document.labels.new_label()
     rest(window, qtbot)
+    assert document.classes.options.kinds == ("curvature",)
+    press(window, "class_hks_check")
+    press(window, "class_curvature_check")
     return window
 
 
