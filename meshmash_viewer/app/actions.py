@@ -50,7 +50,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Drag with Select on", "Select; with Shift in addition, with Alt take away"),
     ("Middle button with Select on, or Ctrl + drag", "Turn"),
     ("Right click", "Everything that can be done at a vertex, a pin or next to the mesh"),
-    ("Drop a file", "Open it, or add its values per vertex to the mesh"),
+    ("Drop a file", "Open it, or add its values per vertex, or points, to the mesh"),
     ("Drop a mesh on the right half of the window", "Compare it with the open one"),
     ("Drop values per vertex on the second mesh", "Add them to that one"),
 )
@@ -111,6 +111,9 @@ COMMANDS: tuple[Command, ...] = (
             "Leave the first mesh alone in the window", needs="second mesh"),
     Command("add_map", "Add map…", "File",
             "Add values per vertex of this mesh from files: thickness, activity, labels",
+            needs="render"),
+    Command("open_points", "Open points…", "File",
+            "Draw synapses or other points of a table over the mesh: CSV, Parquet, Feather",
             needs="render"),
     Command("open_session", "Open session…", "File",
             "Go on with a mesh, its settings, pins and camera from a session file",

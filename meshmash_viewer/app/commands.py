@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.cutting import Cutting
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+    from meshmash_viewer.app.point_tool import PointTool
     from meshmash_viewer.app.select_tool import SelectTool
     from meshmash_viewer.app.view.mesh_view import MeshView
 
@@ -70,6 +71,7 @@ class Commands:
         #: Made with the render.
         self.select_tool: SelectTool | None = None
         self.cutting: Cutting | None = None
+        self.point_tool: PointTool | None = None
         display = document.display
         #: The commands that are a call of something else.
         self._calls: dict[str, Callable[..., object]] = {
@@ -129,10 +131,8 @@ class Commands:
 
     def method(self, name: str) -> Callable[..., object]:
         """Return the method of a command."""
-        owners = (
-            self, self.select_tool, self.cutting, self._opening, self.pictures, self.pins,
-            self._document,
-        )  # fmt: skip
+        tools = self.select_tool, self.point_tool, self.cutting
+        owners = (self, *tools, self._opening, self.pictures, self.pins, self._document)
         return self._calls.get(name) or next(
             getattr(owner, name) for owner in owners if hasattr(owner, name)
         )

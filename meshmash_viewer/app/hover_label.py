@@ -23,7 +23,7 @@ class HoverLabel(QLabel):
         theme.named(self, "hover_label", "Vertex under the pointer")
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._document = document
-        self._vertex = -1
+        self._vertex = self._point = -1
         #: The field that is drawn.
         self.field: Field | None = None
         follow(document.pins.changed, self._refresh)
@@ -32,6 +32,24 @@ class HoverLabel(QLabel):
         """Describe a vertex; -1 for none."""
         self._vertex = vertex
         self._refresh()
+
+    def show_point(self, point: int) -> None:
+        """Describe a point of the table as well; -1 for none."""
+        self._point = point
+        self._refresh()
+
+    def _of_point(self) -> list[str]:
+        """What the point under the pointer is, and its value in the column that colours it."""
+        points = self._document.points
+        if points.projected is None or points.shown is None or self._point < 0:
+            return []
+        values = points.shown.table.columns.get(points.shown.column)
+        parts = [points.projected.describe(self._point)]
+        if values is not None:
+            value = values[self._point]
+            written = format_number(float(value)) if isinstance(value, float) else str(value)
+            parts.append(f"{points.shown.column} {written}")
+        return parts
 
     def _refresh(self) -> None:
         ready, field, vertex = self._document.ready, self.field, self._vertex
@@ -42,7 +60,7 @@ class HoverLabel(QLabel):
             parts = [counted(health.n_vertices, "vertex"), counted(health.n_faces, "face"), unit]
         else:
             mesh, pin = ready.mesh, pin_at(self._document.pins.placed, vertex)
-            parts = [mesh.named_vertex(vertex).capitalize()]
+            parts = [*self._of_point(), mesh.named_vertex(vertex).capitalize()]
             if field is not None and vertex < len(field.values):
                 named = field.labels or not math.isfinite(field.values[vertex])
                 value = field.value_text(vertex)

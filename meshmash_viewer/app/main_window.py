@@ -188,6 +188,7 @@ class MainWindow(ScriptedWindow):
         from meshmash_viewer.app.panels.select_bar import SelectBar
         from meshmash_viewer.app.panels.shape_panel import ShapePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
+        from meshmash_viewer.app.point_tool import PointTool
         from meshmash_viewer.app.select_tool import SelectTool
         from meshmash_viewer.app.shape_source import ShapeSource
         from meshmash_viewer.app.view.mesh_view import MeshView
@@ -209,6 +210,13 @@ class MainWindow(ScriptedWindow):
         self.select_tool = SelectTool(self.document, self.scene, self.controller, self)
         self.commands.select_tool = self.select_tool
         self.commands.cutting = Cutting(self.document, self.scene)
+        given = self, self.document, self.scene, self.settings, self.background_io
+        self.point_tool = self.commands.point_tool = PointTool(*given)
+        self.opening.points_requested.connect(self.point_tool.open_dropped)
+        self.scene.point_hovered.connect(self.hover_label.show_point)
+        points = self.label_panel.points
+        points.open_requested.connect(self.point_tool.open_points)
+        points.remove_requested.connect(self.point_tool.remove_points)
         self.select_tool.changed.connect(self._refresh_actions)
         self.select_bar = SelectBar(self.document, self.select_tool, self.actions_)
         self.addToolBarBreak()
@@ -472,6 +480,7 @@ class MainWindow(ScriptedWindow):
                 self.shape_source.close()
                 self.profile_panel.close()
                 self.label_borders.close()
+                self.point_tool.close()
                 self.label_panel.close()
                 self.mesh_panel.health.close()
                 self.scene.close()

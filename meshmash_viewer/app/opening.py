@@ -23,6 +23,7 @@ from meshmash_viewer.io.kept_maps import KEPT_MAPS_ENDING, write_kept_maps
 from meshmash_viewer.io.links import LINK_ENDING, name_and_place
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.pins import is_pin_table
+from meshmash_viewer.io.points import POINT_ENDINGS
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING, Session, write_session
 from meshmash_viewer.model.document import Document
@@ -43,6 +44,8 @@ class Opening(QObject):
     pair_changed = Signal(object)
     #: The table of pins at a path was opened.
     pins_requested = Signal(object)
+    #: The table at a path was opened: of points, or of values per vertex.
+    points_requested = Signal(object)
 
     def __init__(
         self,
@@ -88,12 +91,17 @@ class Opening(QObject):
         """
         if paths[0].suffix != LINK_ENDING:  # a link has no folder to go on in
             self._settings.folder = paths[0].parent
-        maps = [path for path in paths if is_map_file(path)]
+        maps = [path for path in paths if is_map_file(path) or _is_table(path)]
         others = [path for path in paths if path not in maps]
         pins = [] if others else [path for path in maps if is_pin_table(path)]
         maps = [path for path in maps if path not in pins]
         for path in pins:
             self.pins_requested.emit(path)
+        if not others and not as_second and self._document.mesh is not None:
+            tables = [path for path in maps if _is_table(path)]
+            for path in tables:
+                self.points_requested.emit(path)
+            maps, pins = [path for path in maps if path not in tables], pins + tables
         if pins and not maps:
             return
         self._waiting = None
@@ -125,7 +133,10 @@ class Opening(QObject):
 
     def drop_texts(self, paths: Sequence[Path]) -> tuple[str, ...]:
         """Say what `open_paths` does with files, and with `as_second` if that is something else."""
-        first, maps = self._document.mesh, [path for path in paths if is_map_file(path)]
+        first, maps = (
+            self._document.mesh,
+            [path for path in paths if is_map_file(path) or _is_table(path)],
+        )
         others = [path for path in paths if path not in maps]
         values = maps[0].name if len(maps) == 1 else counted(len(maps), "map")
         if not others:
@@ -168,6 +179,7 @@ class Opening(QObject):
             "map": self.last_session.restore_maps(self.last_session.path(path), session.kept_maps),
             "map file": len(session.maps),
             "second mesh": int(bool(session.second_path)),
+            "table of points": int(bool(session.points)),
             "rebuilt shape": int(self._document.display.shape.shown),
         }
         if any(made.values()):
@@ -379,3 +391,8 @@ class Opening(QObject):
             self._document.notices.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
         say_saved(self._document, f"Session saved to {path}.", path)
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file is a table, of points or of maps."""
+    return path.suffix.lower() in POINT_ENDINGS

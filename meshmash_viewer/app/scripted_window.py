@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.commands import Commands
     from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.opening import Opening
+    from meshmash_viewer.app.point_tool import PointTool
     from meshmash_viewer.app.shape_source import ShapeSource
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.app.view.render_widget import RenderWidget
@@ -35,6 +36,7 @@ class ScriptedWindow(QMainWindow):
     shape_source: ShapeSource
     background_io: BackgroundIO
     opening: Opening
+    point_tool: PointTool
 
     @property
     def plotter(self) -> RenderWidget:
@@ -110,6 +112,7 @@ class ScriptedWindow(QMainWindow):
             and self.background_io.idle
             and self.controller.idle
             and self.shape_source.idle
+            and self.point_tool.idle
             and (self.opening.second_view is None or self.opening.second_view.idle)
         ):
             if deadline.hasExpired():

@@ -56,6 +56,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         selection=_packed(mesh, document.selection.mask),
         hidden=_packed(mesh, document.hiding.mask),
         part=_packed(mesh, None if part is None else part.referenced),
+        points=document.points.plain(),
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
@@ -193,6 +194,7 @@ class Restoration:
             document.take_part(part)
         document.classes.restore(self._classes)
         document.maps.open([Path(each) for each in session.maps], shown=False)
+        document.points.restore(session.points)
         self.done = True
         self.restored.emit()
 

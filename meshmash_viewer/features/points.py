@@ -44,6 +44,14 @@ _VOXELS = ((4, 4, 40), (8, 8, 40), (16, 16, 40), (32, 32, 40), (4, 4, 30), (8, 8
 _SAMPLE = 300
 
 
+class FarPointsError(InputError):
+    """No point is near the mesh; `unit` is the one in which most would be, "" for none."""
+
+    def __init__(self, said: str, unit: str) -> None:
+        super().__init__(said)
+        self.unit = unit
+
+
 @dataclass(frozen=True, eq=False)
 class Points:
     """Points with their other columns, as a file has them; see `read_points`.
@@ -342,14 +350,14 @@ def project_points(
     vertices[near] = used[found[near]]
     distances[~near] = np.nan
     outside = int((((places < low - limit) | (places > high + limit)).any(axis=1)).sum())
-    remark = ""
+    remark = unit = ""
     if np.count_nonzero(near) < 0.5 * len(near):
-        remark = _elsewhere(surface, table, tree, limit, outside, int(np.count_nonzero(near)))
+        remark, unit = _elsewhere(surface, table, tree, limit, outside, int(np.count_nonzero(near)))
     if not near.any():
         within = format_quantity(limit, surface.unit)
         of = f" of {table.name}" if table.name else ""
         remedy = remark or "check the unit of the points, or allow a larger distance."
-        raise InputError(f"No point{of} is within {within} of the mesh; {remedy}")
+        raise FarPointsError(f"No point{of} is within {within} of the mesh; {remedy}", unit)
     said = (*table.remarks, remark) if remark else table.remarks
     return ProjectedPoints(table, surface, places, vertices, distances, limit, said)
 
@@ -376,14 +384,14 @@ def likely_unit(mesh: Mesh, points: Points, tree: cKDTree, limit: float) -> tupl
 
 def _elsewhere(
     mesh: Mesh, points: Points, tree: cKDTree, limit: float, outside: int, n_near: int
-) -> str:
+) -> tuple[str, str]:
     """Say that most points are far from a mesh, and in which unit they would not be."""
     unit, share = likely_unit(mesh, points, tree, limit)
     where = f"{outside:,} of {counted(len(points), 'point')} lie outside the box of the mesh"
     if share > max(0.5, 2.0 * n_near / len(points)):
         near = f"in {unit} {format_share(share, 2)} are near it: state that as their unit"
-        return f"{where}, and {near}." if outside else f"{near}."
-    return f"{where}: check their unit, or allow a larger distance." if outside else ""
+        return (f"{where}, and {near}." if outside else f"{near}."), unit
+    return (f"{where}: check their unit, or allow a larger distance." if outside else ""), ""
 
 
 def _is_numeric(values: npt.NDArray[Any]) -> bool:

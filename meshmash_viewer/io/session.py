@@ -107,6 +107,18 @@ _MATCH = Record(
     }
 )
 
+_POINTS = Record(
+    {
+        "path": Text(),
+        "hash": Text(100),
+        "unit": _Unit(100),
+        "position": Text(200),
+        "column": Text(200),
+        "size": Whole(1, 100),
+        "max_distance": Number(0.0),
+    }
+)
+
 
 @dataclass(frozen=True)
 class Session(Parameters):
@@ -150,6 +162,8 @@ class Session(Parameters):
     hidden: str = parameter("", _Mask(_LARGEST))
     #: The vertices that eigenpairs are computed on, written the same way; "" for all.
     part: str = parameter("", _Mask(_LARGEST))
+    #: The points, as `PointSet.plain` writes them, whose path is relative as `mesh_path` is.
+    points: dict[str, Any] = parameter(dict, _POINTS)
     #: Name of a file next to this one with maps that are in no other; "" for none.
     kept_maps: str = parameter("", Text(200))
     #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
@@ -183,6 +197,8 @@ def write_session(path: str | Path, session: Session) -> None:
             content[name] = shown if is_link(shown) else _relative(shown, folder)
     for name in ("maps", "second_maps"):
         content[name] = [_relative(each, folder) for each in content[name]]
+    if path_of_points := content["points"].get("path"):
+        content["points"] = {**content["points"], "path": _relative(path_of_points, folder)}
     version = _VERSION if session.repairs else _WITHOUT_REPAIRS
     text = json.dumps({"format": _FORMAT, "version": version, **content}, indent=1)
     with writing_errors(path), written_whole(path) as part:
@@ -240,6 +256,8 @@ def read_session(path: str | Path) -> Session:
             session[name] = os.path.normpath(folder / session[name])
     for name in ("maps", "second_maps"):
         session[name] = [os.path.normpath(folder / each) for each in session.get(name, ())]
+    if points := session.get("points"):
+        points["path"] = os.path.normpath(folder / points["path"]) if points.get("path") else ""
     return Session(**session)
 
 

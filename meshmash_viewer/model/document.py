@@ -25,6 +25,7 @@ from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices
 from meshmash_viewer.model.open_mesh import OpenMesh, Shown
 from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
+from meshmash_viewer.model.points import DocumentPoints
 from meshmash_viewer.model.results import MeshReady, PartReady
 from meshmash_viewer.model.selection import Hiding, Selection, followed_mask
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
@@ -73,10 +74,12 @@ class Document(OpenMesh):
         self.selection = Selection(self, self.history)
         self.hiding = Hiding(self, self.history)
         self._hidden: tuple[Mask | None, Mask | None, Mask | None] = (None, None, None)
+        self.points = DocumentPoints(self, self.history)
         self.maps = Maps(self, self.display, self.history, self.notices)
         self.labels = Labels(
             self, self.maps, self.selection, self.hiding, self.display, self.notices, self.work
         )
+        self.points.changed.connect(self._count_points)
         self.classes = Classes(self, self.maps, self.labels, self.work, self.notices)
         self.history.started.connect(self.classes.forget)
         self.solve = Solve(self, self.work)
@@ -373,6 +376,8 @@ class Document(OpenMesh):
         self.pins.placed = () if before is None else followed_pins(pins, before, ready.mesh)
         self.selection.follow(before, ready.mesh)
         self.hiding.follow(before, ready.mesh)
+        if before is None:
+            self.points.drop()
         n_components = ready.health.n_components
         display = self.display
         display.put(
@@ -396,6 +401,7 @@ class Document(OpenMesh):
         self.pins.changed.emit()
         self.selection.changed.emit()
         self.hiding.changed.emit()
+        self.points.changed.emit()
         self.spectrum_changed.emit()
 
     def accept_spectrum(self, spectrum: Eigenpairs) -> None:
@@ -418,6 +424,9 @@ class Document(OpenMesh):
     def _go_within(self, spectrum: Eigenpairs) -> None:
         """Clip the position of every family to the range of a spectrum."""
         self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
+
+    def _count_points(self) -> None:
+        self.labels.count_points(self.points.projected)
 
     def _on_finished(self, job: JobState) -> None:
         self._undoing = False

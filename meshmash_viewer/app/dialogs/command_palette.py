@@ -36,6 +36,7 @@ SYNONYMS = {
     "open_sample": "example demo",
     "compare_with": "second mesh side by side",
     "add_map": "overlay values scalars load",
+    "open_points": "synapses table csv parquet spines load",
     "export": "save write csv table features download",
     "save_picture": "image screenshot figure png pdf svg photo paper journal",
     "gallery": "overview contact sheet thumbnails",

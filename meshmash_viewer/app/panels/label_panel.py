@@ -20,6 +20,7 @@ from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.class_section import ClassSection
 from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label
+from meshmash_viewer.app.panels.point_section import PointSection
 from meshmash_viewer.app.panels.region_table import RegionTable
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.io.links import folder_of
@@ -148,11 +149,16 @@ class LabelPanel(QWidget):
                 self.regions,
             )
         )
+        self.points = PointSection(self._document)
         self.combo.setPlaceholderText("No label set")
         sets = row((self.combo,), self.new_set_button)
         files = row(self.open_button, self.save_button, self.remove_button, None)
         content = QWidget()
-        content.setLayout(column(sets, files, self.hint, self._of_set, None, margins=PANEL))
+        content.setLayout(
+            column(
+                sets, files, self.hint, self._of_set, make.line(), self.points, None, margins=PANEL
+            )
+        )
         area = make.scroll(content)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setLayout(column(area))

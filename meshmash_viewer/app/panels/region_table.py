@@ -74,7 +74,8 @@ class _Rows(QAbstractTableModel):
         name = self._columns[section - 1]
         unit = self._units[name][1]
         title = _TITLES.get(name) or name[:1].upper() + name[1:]
-        if role == roles.DisplayRole:  # "Mean" of "mean Mean curvature"
+        if role == roles.DisplayRole and not name.startswith("sum "):
+            # "Mean" of "mean Mean curvature"
             title = title.partition(" ")[0]
         return f"{title}, {unit}" if unit else title
 
@@ -98,7 +99,7 @@ class _Rows(QAbstractTableModel):
             return value
         if not np.isfinite(value):
             return "–"
-        if name in ("vertices", "loops"):
+        if name in ("vertices", "loops", "points"):
             return f"{value:,.0f}"
         return format_number(value * 10.0 ** self._units[name][0], 3)
 

@@ -28,6 +28,7 @@ from meshmash_viewer.app.view.colors import (
     color_table,
     rgb,
 )
+from meshmash_viewer.app.view.points import PointLegend
 from meshmash_viewer.app.view.text import (
     bar_labels,
     fitted,
@@ -61,6 +62,8 @@ _AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 _DARK = "#14181d"
 #: Width in points at which the name of a pin is truncated.
 _LONGEST_LABEL = 160.0
+#: Height of the lowest row of a legend of points, and of each.
+_LEGEND, _ROW = 104.0, 17.0
 #: Justification of text in VTK: its left or lower edge, its middle, or its upper edge.
 _LOW, _MIDDLE, _TOP = 0, 1, 2
 
@@ -188,6 +191,7 @@ class Annotations:
         self._pins: Sequence[Pin] = ()
         #: Shares of the colour bar at which it has handles; None for none.
         self.bar_range: tuple[float, float] | None = None
+        self._legend: PointLegend | None = None
 
     def new_actor(self) -> vtkContextActor:
         """An actor that paints these annotations over a renderer."""
@@ -198,11 +202,17 @@ class Annotations:
         return actor
 
     def show(
-        self, page: Page, view: View | None, caption: Caption | None, unit: str, pins: Sequence[Pin]
+        self,
+        page: Page,
+        view: View | None,
+        caption: Caption | None,
+        unit: str,
+        pins: Sequence[Pin],
+        legend: PointLegend | None = None,
     ) -> None:
         """Set what the next frames have; without a view there are no annotations."""
         self._page, self._view, self._caption = page, view, caption
-        self._unit, self._pins = unit, pins
+        self._unit, self._pins, self._legend = unit, pins, legend
 
     def Initialize(self, _item: vtkPythonItem) -> bool:
         """Prepare nothing."""
@@ -219,6 +229,8 @@ class Annotations:
                     painter.bar_range(self._caption, self.bar_range)
             painter.scale_bar(self._view, self._unit)
             painter.axes(self._view)
+            if self._legend is not None:
+                painter.legend(self._legend)
             for pin in self._pins:
                 painter.pin(pin, self._view)
         return True
@@ -323,6 +335,23 @@ class _Painter:
                 x, y = _ORIGIN + 1.3 * _AXIS * x, _ORIGIN + 1.3 * _AXIS * y
                 ink = self._theme.ink
                 self._text("xyz"[axis], _LABEL, ink, x, y, _MIDDLE, _MIDDLE, plated=False)
+
+    def legend(self, legend: PointLegend) -> None:
+        """Paint what the colours of points mean, at the left above the axes."""
+        rows = legend.rows
+        if self._height < _LEGEND + _ROW * (len(rows) + 6):  # with the title of the field
+            return
+        up = _LEGEND + _ROW * len(rows)
+        self._text(legend.title, _LABEL, self._theme.ink, EDGE, up, along=_MIDDLE, bold=True)
+        for color, text in rows:
+            up -= _ROW
+            if legend.graded:
+                self._rectangle(color, EDGE, up - _ROW / 2, 12.0, _ROW)
+            else:
+                self._disc(_DARK, EDGE + 6.0, up, 5.0)
+                self._disc(color, EDGE + 6.0, up, 4.2)
+            text = fitted(text, _LONGEST_LABEL, lambda part: text_size(part, _LABEL, False)[0])
+            self._text(text, _LABEL, self._theme.ink, EDGE + 19.0, up, along=_MIDDLE)
 
     def pin(self, pin: Pin, view: View) -> None:
         """Paint discs with a number or a name, fainter for a pin behind the mesh."""

@@ -28,10 +28,12 @@ from meshmash_viewer.app.view.page import (
     Line,
     Page,
     bar_width,
+    legend_width,
     text_width,
     wrapped,
 )
 from meshmash_viewer.app.view.picture import OffScreen, straight
+from meshmash_viewer.app.view.points import PointLegend
 from meshmash_viewer.app.view.text import scale_bar_text
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
@@ -99,6 +101,8 @@ class Panel:
     unit: str
     #: Of the render.
     theme: RenderTheme
+    #: Of the points over the mesh.
+    legend: PointLegend | None = None
 
     @property
     def bar(self) -> Caption | None:
@@ -124,6 +128,8 @@ class Frame:
     unit: str
     #: Of the render.
     theme: RenderTheme
+    #: Of the points over the mesh.
+    legend: PointLegend | None = None
 
 
 def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
@@ -131,7 +137,8 @@ def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
     assert drawing.view is not None
     assert drawing.mesh is not None
     caption, pins = drawing.shown_caption, drawing.placed_pins()
-    return Frame(pixels, drawing.view, caption, pins, drawing.mesh.unit, drawing.theme)
+    legend = None if drawing.points is None else drawing.points.legend
+    return Frame(pixels, drawing.view, caption, pins, drawing.mesh.unit, drawing.theme, legend)
 
 
 @dataclass(frozen=True)
@@ -181,6 +188,7 @@ def panel_of(frame: Frame) -> Panel:
         frame.pins,
         frame.unit,
         frame.theme,
+        frame.legend,
     )
 
 
@@ -259,7 +267,8 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     font = options.font_points / POINTS * MM
     across, edge = options.width_mm / len(panels), 0.4 * font
     barred = [panel.bar for panel in panels if panel.bar is not None and options.color_bar]
-    aside = font * max(map(bar_width, barred), default=0.0)
+    legends = [panel.legend for panel in panels if panel.legend is not None and options.color_bar]
+    aside = font * max((*map(bar_width, barred), *map(legend_width, legends)), default=0.0)
     wide = across - 2.0 * edge - aside
     if wide < 5.0:
         raise InputError("The text leaves no room for the mesh: choose a wider figure.")
@@ -299,8 +308,12 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
     # a preview has other pixels than the page
     page.axes(image).imshow(panel.image, aspect="auto", interpolation="antialiased")
     page.lines(place.lines, part.left, place.top)
+    room, legend = place.room, panel.legend if options.color_bar else None
+    if legend is not None:
+        low = page.legend(legend, right - font * legend_width(legend), room.below)
+        room = Box(room.left, low, room.width, max(room.below + room.height - low, 8.0 * font))
     if options.color_bar and panel.bar is not None:
-        page.bar(panel.bar, right - font * bar_width(panel.bar), place.room)
+        page.bar(panel.bar, right - font * bar_width(panel.bar), room)
     if options.pins:
         page.pins(panel.pins, view, image)
     if options.axes:

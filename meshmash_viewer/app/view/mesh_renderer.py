@@ -23,6 +23,7 @@ from meshmash_viewer.app.view.camera import View, fitted_view
 from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.app.view.marks import Marks
+from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
@@ -94,6 +95,8 @@ class MeshRenderer:
         self._pins: tuple[tuple[int, str, str], ...] = ()
         #: Marks by what they are of.
         self.marks: dict[str, Marks] = {}
+        #: Points of a table.
+        self.points: PointCloud | None = None
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
@@ -126,6 +129,7 @@ class MeshRenderer:
         """Draw a mesh with normals of shape (n, 3), or none, without field and pins."""
         for of in tuple(self.marks):
             self.set_marks(None, of)
+        self.set_points(None)
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
@@ -147,6 +151,8 @@ class MeshRenderer:
             return
         self.hidden = hidden
         self.surface.hide(hidden)
+        if self.points is not None:
+            self.points.hide(hidden)
         geometry = geometry_of(self.mesh)
         self.sample = geometry.sample
         if hidden is not None:
@@ -165,8 +171,10 @@ class MeshRenderer:
         self.cut = plane
         for marks in self.marks.values():
             self._cut_marks(marks)
+        if self.points is not None:
+            self._cut_marks(self.points)
 
-    def _cut_marks(self, marks: Marks) -> None:
+    def _cut_marks(self, marks: Marks | PointCloud) -> None:
         cut = self.cut
         if cut is None:
             marks.cut(None)
@@ -340,6 +348,24 @@ class MeshRenderer:
     def _place_marks(self) -> None:
         for marks in self.marks.values():
             marks.move(self.drawn[0][marks.vertices])
+        if self.points is not None:
+            self.points.move(self.drawn[0])
+
+    def set_points(self, points: PointCloud | None) -> None:
+        """Draw points of the displayed mesh, in place of those before."""
+        if self.points is not None:
+            self.renderer.RemoveActor(self.points.actor)
+        self.points = None
+        if points is not None:
+            points.move(self.drawn[0])
+            points.hide(self.hidden)
+            self._add_points(points, self.centre)
+
+    def _add_points(self, points: PointCloud, centre: npt.NDArray[np.float64]) -> None:
+        self.points = points
+        points.actor.SetPosition(*centre)
+        self._cut_marks(points)
+        self.renderer.AddActor(points.actor)
 
     # -- camera and frame -------------------------------------------------------------------
 
@@ -362,11 +388,14 @@ class MeshRenderer:
                 surface.set_scale(scale)
             for marks in self.marks.values():
                 marks.set_scale(scale)
+            if self.points is not None:
+                self.points.set_scale(scale)
             self._place_camera(self.view, width, height)
         page = self.page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         view = self.view if self.annotated else None
-        self.annotations.show(page, view, self.shown_caption, unit, self.placed_pins())
+        legend = None if self.points is None else self.points.legend
+        self.annotations.show(page, view, self.shown_caption, unit, self.placed_pins(), legend)
 
     def _write_coarse(self) -> None:
         """Give the stand-in the values and positions of its vertices."""
@@ -444,6 +473,7 @@ class MeshRenderer:
             *(id(surface.actor) for surface in self._surfaces),
         }
         ours |= {id(marks.actor) for marks in self.marks.values()}
+        ours |= {id(self.points.actor)} if self.points is not None else set()
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)
@@ -493,6 +523,8 @@ class MeshRenderer:
         for of, marks in self.marks.items():
             if of != "faults":  # which are no part of a picture
                 other.set_marks(marks.copy(), of)
+        if self.points is not None:
+            other._add_points(self.points.copy(), self.centre)
         return other
 
     def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:
@@ -505,6 +537,8 @@ class MeshRenderer:
         other.set_mesh(small, self.drawn[1][picked])
         other.set_hidden(None if self.hidden is None else self.hidden[picked])
         other.view, other.cut = self.view, self.cut
+        if self.points is not None:
+            other._add_points(self.points.copy(), self.centre)
         return other, picked
 
 

@@ -22,6 +22,7 @@ from meshmash_viewer.app.view.frames import Frames
 from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
+from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.render_widget import Outline, RenderWidget, Ring
 from meshmash_viewer.app.view.standard_views import view_axes
 from meshmash_viewer.mesh import Mesh
@@ -60,6 +61,8 @@ class MeshView(QWidget):
 
     #: Vertex under the pointer, -1 for none.
     vertex_hovered = Signal(int)
+    #: Row in its table of the drawn point under the pointer, -1 for none.
+    point_hovered = Signal(int)
     #: Vertex that was clicked (not dragged from).
     vertex_clicked = Signal(int)
     #: The last click was the first of a double click, and means nothing by itself.
@@ -99,7 +102,7 @@ class MeshView(QWidget):
         self.movable_pins = False
         self._dragged_pin: int | None = None
         self._closed = False
-        self._hovered = self._pointed = self._last_clicked = -1
+        self._hovered = self._pointed = self._last_clicked = self._hovered_point = -1
         self._picking: LatestThread[_Places] = LatestThread(
             _ray_target, self._take_picker, parent=self
         )
@@ -383,9 +386,28 @@ class MeshView(QWidget):
         return -1
 
     def pinned_or_at(self, x: float, y: float) -> int:
-        """Vertex of the pin at a position, else the one displayed there, -1 for none."""
+        """Vertex of the pin or point at a position, else the one displayed there, -1 for none."""
         pinned = self.pin_at(x, y)
-        return pinned if pinned >= 0 else self.vertex_at(x, y)
+        if pinned >= 0:
+            return pinned
+        at, cloud = self._drawn_point_at(x, y), self._cloud
+        return self.vertex_at(x, y) if at < 0 or cloud is None else int(cloud.vertices[at])
+
+    @property
+    def _cloud(self) -> PointCloud | None:
+        return self.renderer.points
+
+    def _drawn_point_at(self, x: float, y: float) -> int:
+        """Place among the drawn points of the one at a position, -1 for none or a hidden one."""
+        drawing, cloud = self.renderer, self._cloud
+        if cloud is None or drawing.view is None or drawing.picker is None:
+            return -1
+        size = self.plotter.pixels()
+        found = cloud.near(self.plotter.to_pixels(x, y), drawing.view, size, drawing.centre)
+        for at in found[:_TRIED].tolist():
+            if not drawing.is_covered(int(cloud.vertices[at])):
+                return int(at)
+        return -1
 
     @property
     def can_pick(self) -> bool:
@@ -496,11 +518,17 @@ class MeshView(QWidget):
             self._set_view(view.zoomed(factor, x, y, width, height))
 
     def _hover(self) -> None:
-        inside = self.plotter.pointer
+        inside, point = self.plotter.pointer, -1
         if inside is None or self.plotter.dragging:
             self._set_hovered(-1)
         else:
             self._set_hovered(self.pinned_or_at(inside.x(), inside.y()))
+            point = self._drawn_point_at(inside.x(), inside.y())
+        if self._cloud is not None and point >= 0:
+            point = int(self._cloud.rows[point])
+        if point != self._hovered_point:
+            self._hovered_point = point
+            self.point_hovered.emit(point)
 
     def point_at(self, vertex: int) -> None:
         """Show the ring around a vertex while none is under the pointer; -1 hides it."""
@@ -576,6 +604,11 @@ class MeshView(QWidget):
     def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
         """Draw marks over the surface, or none; those of something else stay."""
         self.renderer.set_marks(marks, of)
+        self.plotter.render()
+
+    def set_points(self, points: PointCloud | None) -> None:
+        """Draw points of the displayed mesh, or none."""
+        self.renderer.set_points(points)
         self.plotter.render()
 
     def _centre_on(self, at: QPointF) -> None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from meshmash_viewer.app.view.annotations import Caption, Pin
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table
+from meshmash_viewer.app.view.points import PointLegend
 from meshmash_viewer.app.view.text import bar_labels
 
 if TYPE_CHECKING:  # loaded when the first figure is composed
@@ -84,6 +85,12 @@ def bar_width(caption: Caption) -> float:
     factor, labels = _bar_texts(caption, _MOST)
     texts = [*labels.values(), "no value" if caption.missing else ""]
     return _AROUND + max(text_width(factor), _BAR + _GAP + max(map(text_width, texts)))
+
+
+def legend_width(legend: PointLegend) -> float:
+    """Width of a legend of points with the space around it, in font sizes."""
+    texts = max(text_width(text) for _, text in legend.rows)
+    return _AROUND + max(text_width(legend.title, True), _BAR + _GAP + texts)
 
 
 class Page:
@@ -163,6 +170,26 @@ class Page:
             axes.fill([0, 1, 1, 0], [0, 0, 1, 1], color=NAN_COLOR)
             axes.set(xlim=(0, 1), ylim=(0, 1))
             self.text(right, below - 1.35 * font, "no value")
+
+    def legend(self, legend: PointLegend, left: float, below: float) -> float:
+        """Draw what the colours of points mean above `below`; returns where it ends."""
+        font = self.font
+        left, step = left + 0.5 * _AROUND * font, 1.4 * font
+        up = below + step * (len(legend.rows) - 0.5)
+        self.text(left, up + step, legend.title, weight="bold")
+        for color, text in legend.rows:
+            if legend.graded:
+                axes = self.axes(Box(left, up - 0.5 * step, _BAR * font, step))
+                axes.fill([0, 1, 1, 0], [0, 0, 1, 1], color=color)
+                axes.set(xlim=(0, 1), ylim=(0, 1))
+            else:
+                axes = self.axes(Box(left, up - 0.6 * font, _BAR * font, _BAR * font))
+                size = 0.75 * font / MM * POINTS
+                axes.plot(0.5, 0.5, "o", ms=size, mfc=color, mec=self.ink, mew=0.06 * size)
+                axes.set(xlim=(0, 1), ylim=(0, 1))
+            self.text(left + (_BAR + _GAP) * font, up, text)
+            up -= step
+        return below + step * (len(legend.rows) + 1.5)
 
     def pins(self, pins: Sequence[Pin], view: View, box: Box) -> None:
         """Draw pins as discs with their labels; fainter where the mesh hides them."""

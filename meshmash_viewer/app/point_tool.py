@@ -1,0 +1,240 @@
+"""Points over the render: opened from a table, projected and coloured in a thread."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QFileDialog, QInputDialog, QLabel, QMainWindow
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.pictures import ask
+from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.view.points import PointCloud, point_colors
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.points import FarPointsError, ProjectedPoints, project_points
+from meshmash_viewer.io.points import (
+    POINT_ENDINGS,
+    SeveralPositionsError,
+    has_positions,
+    read_points,
+)
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.points import PointSet
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import counted, format_quantity, written_unit
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.mesh_view import MeshView
+
+#: Width of the question how points are to be read.
+_WIDE = 440
+#: What to draw, and where it is on the mesh as far as that is known.
+_Asked: TypeAlias = tuple[Mesh, PointSet, ProjectedPoints | None]
+_Drawn: TypeAlias = tuple[ProjectedPoints, PointCloud]
+#: What reading a table led to: points on the mesh, a question, or None if it is no such table.
+_Read: TypeAlias = tuple[PointSet, ProjectedPoints] | SeveralPositionsError | FarPointsError | None
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A file of points, and how it is to be read."""
+
+    path: Path
+    unit: str = ""
+    position: str = ""
+    #: Whether it may be a table of values per vertex as well.
+    dropped: bool = False
+
+
+class PointTool(QObject):
+    """Opens tables of points for the first mesh, and draws them."""
+
+    def __init__(
+        self,
+        window: QMainWindow,
+        document: Document,
+        scene: MeshView,
+        settings: Settings,
+        background_io: BackgroundIO,
+    ) -> None:
+        super().__init__(window)
+        self._window, self._document, self._scene = window, document, scene
+        self._settings, self._background_io = settings, background_io
+        self._asked: _Asked | None = None
+        self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
+        listen(document.mesh_changed, self._begin)
+        listen(document.points.changed, self.refresh)
+        document.points.requested.connect(self._restore)
+        self.refresh()
+
+    @property
+    def idle(self) -> bool:
+        """Whether the drawn points are those of the document."""
+        return not self._thread.working
+
+    def close(self) -> None:
+        """Wait for the thread."""
+        self._document.points.requested.disconnect(self._restore)
+        self._thread.close()
+
+    # -- reading ------------------------------------------------------------------------------
+
+    def open_points(self) -> None:
+        """Ask for a table of points, and draw them."""
+        patterns = " ".join(f"*{ending}" for ending in POINT_ENDINGS)
+        chosen, _ = QFileDialog.getOpenFileName(
+            self._window,
+            "Open points",
+            str(self._settings.folder),
+            f"Tables of points ({patterns});;All files (*)",
+        )
+        if chosen:
+            self._settings.folder = Path(chosen).parent
+            self._read(_Table(Path(chosen)))
+
+    def open_dropped(self, path: Path) -> None:
+        """Draw the points of a table, or add its values per vertex as maps."""
+        self._read(_Table(path, dropped=True))
+
+    def remove_points(self) -> None:
+        """Draw no points; their file stays."""
+        self._document.points.set(None, "removal of points")
+
+    def _read(self, table: _Table) -> None:
+        mesh = self._document.mesh
+        if mesh is None:
+            text = "There is no mesh for these points: open the mesh first, then its points."
+            self._document.notices.say(text, Severity.WARNING)
+            return
+        self._background_io.run(
+            f"Reading {table.path.name}",
+            lambda: _read(table, mesh),
+            lambda found: self._accept(table, mesh, found),
+        )
+
+    def _accept(self, table: _Table, mesh: Mesh, found: _Read) -> None:
+        document = self._document
+        if found is None:
+            document.maps.open([table.path])
+        elif isinstance(found, SeveralPositionsError):
+            choices = list(found.stems)
+            self._ask(str(found), choices, lambda text: self._read(replace(table, position=text)))
+        elif isinstance(found, FarPointsError):
+            said = f"{found}\nUnit of the points, or the voxel that they count:"
+            suggested = found.unit or table.unit or written_unit(mesh.unit)
+            self._ask(said, [suggested], lambda text: self._read(replace(table, unit=text)))
+        elif document.mesh is None or document.mesh.vertices is not mesh.vertices:
+            text = "The points are not shown: their mesh is not open any more."
+            document.notices.say(text, Severity.WARNING)
+        else:
+            points, projected = found
+            document.points.set(points, found=projected)
+            self._say(projected)
+
+    def _say(self, found: ProjectedPoints) -> None:
+        mesh, table = found.mesh, found.points
+        within = format_quantity(found.max_distance, mesh.unit)
+        text = f"{counted(len(found), 'point')} in {table.unit or written_unit(mesh.unit)}"
+        text += f" from {table.name}, {found.n_near:,} within {within} of a vertex."
+        severity = Severity.WARNING if found.remarks else Severity.INFORMATION
+        self._document.notices.say(" ".join([text, *found.remarks]), severity)
+
+    def _ask(self, said: str, choices: list[str], then: Callable[[str], None]) -> None:
+        """Ask which of several positions is meant, or for the unit."""
+        dialog = theme.named(QInputDialog(self._window), "points_dialog", "How to read the points")
+        dialog.setWindowTitle("Open points")
+        dialog.setLabelText(said)
+        if len(choices) > 1:
+            dialog.setComboBoxItems(choices)
+        else:
+            dialog.setTextValue(choices[0])
+        label = dialog.findChild(QLabel)
+        assert label is not None
+        label.setWordWrap(True)
+        dialog.resize(_WIDE, dialog.sizeHint().height())
+        ask(dialog, lambda: then(dialog.textValue()))
+
+    def _restore(self, known: dict[str, Any]) -> None:
+        """Read the points of a session."""
+        document, mesh, path = self._document, self._document.mesh, Path(known["path"])
+        assert mesh is not None  # restored after it
+        table = _Table(path, known.get("unit", ""), known.get("position", ""))
+        looks = {name: known[name] for name in ("column", "size", "max_distance") if name in known}
+
+        def read() -> PointSet:
+            points = read_points(table.path, table.unit, table.position)
+            return PointSet(points, table.position, _hash(path), **looks)
+
+        def take(points: PointSet) -> None:
+            if document.mesh is not None and document.mesh.vertices is mesh.vertices:
+                document.points.put(points)
+                if points.hash != known.get("hash", points.hash):
+                    text = f"{path} has changed since these points were open last."
+                    document.notices.say(text, Severity.WARNING)
+
+        self._background_io.run(f"Reading {path.name}", read, take)
+
+    # -- drawing ------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """Draw them anew on a mesh that is drawn anew."""
+        self._asked = None
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Draw the points of the document, or none."""
+        mesh, points, before = self._document.mesh, self._document.points.shown, self._asked
+        if mesh is None or points is None:
+            self._asked = None
+            self._scene.set_points(None)
+        elif before is None or before[1] is not points:
+            self._asked = mesh, points, self._document.points.projected
+            self._thread.ask(self._asked)
+
+    def _take(self, asked: _Asked, drawn: _Drawn | Exception) -> None:
+        if asked is not self._asked:
+            return
+        if isinstance(drawn, InputError):
+            self._document.notices.say(str(drawn), Severity.WARNING)
+            self._scene.set_points(None)
+            self._document.points.accept(None)
+        elif isinstance(drawn, Exception):
+            raise drawn
+        elif self._scene.mesh is not None and self._document.is_shown(self._scene.mesh):
+            self._scene.set_points(drawn[1])
+            self._document.points.accept(drawn[0])
+
+
+def _read(table: _Table, mesh: Mesh) -> _Read:
+    if table.dropped and not has_positions(table.path):
+        return None
+    try:
+        points = read_points(table.path, table.unit, table.position)
+        if table.dropped and len(points) in (mesh.n_vertices, mesh.n_file_vertices):
+            return None
+        return PointSet(points, table.position, _hash(table.path)), project_points(mesh, points)
+    except (SeveralPositionsError, FarPointsError) as fault:
+        return fault
+
+
+def _hash(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _found(asked: _Asked, _cancel: CancelCallback) -> _Drawn:
+    mesh, points, known = asked
+    if known is None or known.mesh.vertices is not mesh.vertices or known.mesh.unit != mesh.unit:
+        known = project_points(mesh, points.table, points.max_distance)
+    colors, legend = point_colors(known, points.column)
+    return known, PointCloud(known, colors, legend, points.size)

@@ -1,0 +1,166 @@
+"""Points over the surface, coloured by a column of their table, with a legend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPlane, vtkPolyData
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.colors import NAN_COLOR, color_table, rgb
+from meshmash_viewer.features.points import ProjectedPoints
+from meshmash_viewer.model.pins import PIN_COLORS
+from meshmash_viewer.units import distinct_digits, format_number
+
+#: Largest number of categories with a colour of their own, and of shades in the legend of numbers.
+_CATEGORIES, _SHADES = 9, 6
+_COLORS = "plasma"
+#: In units of depth, how far points are drawn in front: those just below the surface are seen.
+_FRONT = -4e4
+#: Smallest distance in points within which the pointer is at one.
+_NEAR = 5.0
+
+
+@dataclass(frozen=True)
+class PointLegend:
+    """Colours "#rrggbb" of points with what they mean, from above; shades if `graded`."""
+
+    title: str
+    rows: tuple[tuple[str, str], ...]
+    graded: bool = False
+
+
+def point_colors(
+    found: ProjectedPoints, column: str
+) -> tuple[npt.NDArray[np.uint8], PointLegend | None]:
+    """Colours of the points that have a vertex, shape (m, 3), and their legend."""
+    m = found.n_near
+    values = found.points.columns.get(column)
+    if values is None:
+        return np.tile(_bytes(PIN_COLORS[0]), (m, 1)), None
+    values = values[found.near]
+    named = values.dtype.kind in "OSUb" or len(np.unique(values)) <= _CATEGORIES
+    if not named and values.dtype.kind in "iuf":
+        return _graded(values.astype(np.float64), column)
+    return _categories(values, column)
+
+
+def _graded(values: npt.NDArray[np.float64], title: str) -> tuple[Any, PointLegend]:
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    table, width = color_table(_COLORS)[:, :3], high - low or 1.0
+    places = np.nan_to_num(255.0 * (values - low) / width).astype(np.int64)
+    colors = np.where(np.isfinite(values)[:, None], table[places], _bytes(NAN_COLOR))
+    digits = distinct_digits(low, high, 3)
+    shades = np.linspace(1.0, 0.0, _SHADES)
+    rows = [
+        ("#" + bytes(table[round(255 * at)]).hex(), format_number(low + at * width, digits))
+        for at in shades
+    ]
+    more = [(NAN_COLOR, "no value")] if len(known) < len(values) else []
+    return colors.astype(np.uint8), PointLegend(title, (*rows, *more), graded=True)
+
+
+def _categories(values: npt.NDArray[Any], title: str) -> tuple[Any, PointLegend]:
+    """The most frequent values have colours, the others and missing ones are grey."""
+    texts = np.array(["" if each is None else str(each) for each in values.tolist()])
+    names, places, counts = np.unique(texts, return_inverse=True, return_counts=True)
+    by_count = np.argsort(-counts, kind="stable").tolist()
+    order = [at for at in by_count if names[at]][:_CATEGORIES]
+    table = np.tile(_bytes(NAN_COLOR), (len(names), 1))
+    for color, at in zip(PIN_COLORS, order, strict=False):
+        table[at] = _bytes(color)
+    rows = [(color, str(names[at])) for color, at in zip(PIN_COLORS, order, strict=False)]
+    more = [(NAN_COLOR, "others")] if len(order) < len(names) else []
+    return table[places], PointLegend(title, (*rows, *more))
+
+
+def _bytes(color: str) -> npt.NDArray[np.uint8]:
+    return np.array([round(255 * share) for share in rgb(color)], dtype=np.uint8)
+
+
+class PointCloud:
+    """Draws points that have a vertex, at their places, which follow that of the vertex."""
+
+    def __init__(
+        self,
+        found: ProjectedPoints,
+        colors: npt.NDArray[np.uint8],
+        legend: PointLegend | None,
+        size: float,
+    ) -> None:
+        #: Rows of the table, and vertices, of the drawn points.
+        self.rows = np.flatnonzero(found.near)
+        self.vertices = found.vertices[self.rows]
+        self.legend, self.size = legend, size
+        self._away = (found.positions[self.rows] - found.mesh.vertices[self.vertices]).astype("f4")
+        self._visible = np.arange(len(self.rows))
+        self._places = np.zeros((0, 3), dtype=np.float32)
+        self._pixels: tuple[Any, npt.NDArray[Any]] = (None, self._places)
+        self._data = vtkPolyData()
+        self._data.SetPoints(vtkPoints())
+        self._data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colors), deep=True))
+        self.actor = self._new_actor()
+        self.hide(None)
+
+    def _new_actor(self) -> vtkActor:
+        mapper = vtkPolyDataMapper()
+        mapper.SetInputData(self._data)
+        mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        mapper.SetRelativeCoincidentTopologyPointOffsetParameter(_FRONT)
+        actor = vtkActor()
+        actor.SetMapper(mapper)
+        actor.PickableOff()
+        actor.GetProperty().SetRenderPointsAsSpheres(True)
+        return actor
+
+    def copy(self) -> PointCloud:
+        """The same points for another window, which share the data."""
+        other = object.__new__(PointCloud)
+        other.__dict__.update(self.__dict__)
+        other.actor = self._new_actor()
+        return other
+
+    def move(self, drawn: npt.NDArray[np.float32]) -> None:
+        """Follow the displayed vertices, shape (n, 3)."""
+        self._places = np.ascontiguousarray(drawn[self.vertices] + self._away)
+        self._data.GetPoints().SetData(numpy_to_vtk(self._places, deep=True))
+        self._data.Modified()
+        self._pixels = None, self._places
+
+    def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+        """Leave out the points of hidden vertices."""
+        shown = np.ones(len(self.rows), dtype=bool) if hidden is None else ~hidden[self.vertices]
+        self._visible = np.flatnonzero(shown)
+        cells = vtkCellArray()
+        cells.SetData(1, numpy_to_vtk(self._visible.astype(np.int32), deep=True))
+        self._data.SetVerts(cells)
+        self._data.Modified()
+
+    def cut(self, plane: vtkPlane | None) -> None:
+        """Leave out what is on the negative side of a plane; None to draw all."""
+        mapper = self.actor.GetMapper()
+        mapper.RemoveAllClippingPlanes()
+        if plane is not None:
+            mapper.AddClippingPlane(plane)
+
+    def set_scale(self, scale: float) -> None:
+        """Set the number of pixels per point."""
+        self.actor.GetProperty().SetPointSize(self.size * scale)
+
+    def near(
+        self, pixel: tuple[float, float], view: View, size: tuple[int, int, float], centre: Any
+    ) -> npt.NDArray[np.int64]:
+        """The drawn points at a position in pixels of a picture, the nearest first."""
+        if self._pixels[0] != (view, size):
+            self._pixels = (view, size), view.to_pixels(self._places + centre, *size[:2])
+        away = np.hypot(*(self._pixels[1][:, :2] - pixel).T)[self._visible]
+        found = np.flatnonzero(away <= max(self.size / 2.0, _NEAR) * size[2])
+        return np.asarray(self._visible[found[away[found].argsort()]])

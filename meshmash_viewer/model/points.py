@@ -1,0 +1,100 @@
+"""Points next to the open mesh, such as synapses, and how they are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from psygnal import Signal
+
+from meshmash_viewer.features.points import Points, ProjectedPoints
+from meshmash_viewer.model.history import History
+from meshmash_viewer.model.open_mesh import OpenMesh
+
+#: Diameter in points.
+DEFAULT_SIZE, LARGEST_SIZE = 7, 40
+
+
+@dataclass(frozen=True, eq=False)
+class PointSet:
+    """A table of points with the choices of a user."""
+
+    table: Points
+    #: Which position of the table, "" for the only one.
+    position: str = ""
+    #: Hash of the content of its file.
+    hash: str = ""
+    #: In the unit of the mesh; None for the default of `project_points`.
+    max_distance: float | None = None
+    #: Column that colours them; "" for one colour.
+    column: str = ""
+    size: int = DEFAULT_SIZE
+
+    def plain(self) -> dict[str, Any]:
+        """What a session holds of it; empty if it is from no file."""
+        if not self.table.path:
+            return {}
+        known: dict[str, Any] = {"path": self.table.path, "hash": self.hash}
+        known |= {"unit": self.table.unit, "position": self.position}
+        known |= {"column": self.column, "size": self.size}
+        return known if self.max_distance is None else known | {"max_distance": self.max_distance}
+
+
+class DocumentPoints:
+    """The points of the open mesh; what a user changes of them is recorded."""
+
+    #: Others are shown, they are drawn otherwise, or their vertices have been found.
+    changed = Signal()
+    #: Those of a session (`PointSet.plain`) are to be read.
+    requested = Signal(object)
+
+    def __init__(self, opened: OpenMesh, history: History) -> None:
+        self._opened, self._history = opened, history
+        self.shown: PointSet | None = None
+        #: Where they are on the mesh, once that is computed.
+        self.projected: ProjectedPoints | None = None
+        #: What a session holds of points that are still to be read.
+        self._awaited: dict[str, Any] = {}
+        history.keep("points", lambda: self.shown, self.put)
+
+    def put(self, points: PointSet | None, found: ProjectedPoints | None = None) -> None:
+        """Replace the points without a record; `found` is where they are on the mesh, if known."""
+        before, self.shown, self._awaited = self.shown, points, {}
+        projections = [each and (each.table, each.max_distance) for each in (before, points)]
+        if found is not None or points is None or projections[0] != projections[1]:
+            self.projected = found
+        self.changed.emit()
+
+    def set(
+        self, points: PointSet | None, label: str = "points", found: ProjectedPoints | None = None
+    ) -> None:
+        """Replace the points as one change, whose label completes "Undo …"."""
+        self._history.record(label, "points")
+        self.put(points, found)
+
+    def change(self, label: str, **attributes: Any) -> None:
+        """Change how they are drawn, or projected, as one change."""
+        if self.shown is not None:
+            after = replace(self.shown, **attributes)
+            if after.plain() != self.shown.plain() or not after.table.path:
+                self.set(after, label)
+
+    def accept(self, found: ProjectedPoints | None) -> None:
+        """Take where the shown points are on the mesh."""
+        if found is not self.projected:
+            self.projected = found
+            self.changed.emit()
+
+    def drop(self) -> None:
+        """Forget the points of another mesh; the caller emits `changed`."""
+        self._awaited, self.shown, self.projected = {}, None, None
+
+    def plain(self) -> dict[str, Any]:
+        """What a session holds of the points."""
+        return self._awaited if self.shown is None else self.shown.plain()
+
+    def restore(self, known: dict[str, Any]) -> None:
+        """Request the points of a session; until they are read, `plain` returns that."""
+        if known.get("path"):
+            self._awaited = known
+            self.requested.emit(known)
