@@ -275,12 +275,10 @@ class MeshView(QWidget):
     def set_camera(self, state: dict[str, Any], *, fitted: bool = False) -> None:
         """Restore what `camera` returned; ValueError if it is not a camera.
 
-        With `fitted` only its direction is restored, and the whole mesh shown.
+        With `fitted` it counts as showing the whole mesh, whatever size the render gets.
         """
         self.renderer.view = View.from_json(state)
-        self.turned_by_hand = True
-        if fitted:
-            self._fit()
+        self.turned_by_hand = not fitted
         self.plotter.render()
         self.camera_changed.emit()
 
