@@ -9,8 +9,8 @@ import pytest
 import shapes
 
 from meshmash_viewer.cli import main as cli
-from meshmash_viewer.cli.arguments import command_parser
 from meshmash_viewer.cli.numbers import signed
+from meshmash_viewer.cli.parser import command_parser
 
 RADIUS = 500.0  # nm
 

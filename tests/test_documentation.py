@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 import meshmash_viewer as mv
-from meshmash_viewer.cli import arguments
+from meshmash_viewer.cli import parser
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.samples import labels_path, sample_path
 
@@ -125,11 +125,11 @@ def test_commands_of_pages_run(
         at = words.index("*.ply")
         words[at : at + 1] = ["neuron.ply", "huge.ply"]
     monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: tmp_path / "cache")
-    if words[0] in arguments.COMMANDS:
+    if words[0] in parser.COMMANDS:
         shorter = ["--size", "320x240", "--seconds", "0.5"] if words[0] == "movie" else []
         assert main([*words, *shorter]) == 0
         if "-o" in words:
             assert Path(words[words.index("-o") + 1]).exists()
     elif words != ["--info"]:
-        opened = arguments.window_parser().parse_args(words)
+        opened = parser.window_parser().parse_args(words)
         assert all(Path(mesh).exists() for mesh in opened.mesh)

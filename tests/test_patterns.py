@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.cli import main as cli
-from meshmash_viewer.cli.arguments import window_parser
 from meshmash_viewer.cli.batch import expanded
+from meshmash_viewer.cli.parser import window_parser
 from meshmash_viewer.errors import InputError
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

@@ -18,7 +18,7 @@ import shapes
 from tiers import slow_but
 
 from meshmash_viewer.cli import main as cli
-from meshmash_viewer.cli.arguments import COMMANDS
+from meshmash_viewer.cli.parser import COMMANDS
 from meshmash_viewer.cli.streams import SPELLED, answer, prepare_streams, say
 from meshmash_viewer.progress import Progress, ProgressBar
 
@@ -267,7 +267,7 @@ def test_invalid_names_are_no_closed_pipe(
 ) -> None:
     """Windows answers EINVAL to ``a|b.ply`` as well; only without a name is it of a pipe."""
 
-    def refuse(path: Path, *_: object) -> None:
+    def refuse(path: Path, *_: object, **__: object) -> None:
         raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path))
 
     monkeypatch.setattr("meshmash_viewer.cli.batch.read_mesh", refuse)

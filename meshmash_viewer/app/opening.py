@@ -198,7 +198,7 @@ class Opening(QObject):
     def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
         camera = self.scene.camera() if self.scene is not None else None
         if camera and self.scene is not None and not self.scene.turned_by_hand:
-            camera["fitted"] = True  # to the size of the render, whatever that is then
+            camera["fitted"] = True  # to the size of the render
         return camera or {}, self.pair
 
     def add_map(self) -> None:

@@ -1,4 +1,4 @@
-"""Arguments of the command ``meshmash-viewer``, and the objects that they describe."""
+"""Groups of arguments of the commands, and the objects that they describe."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import argparse
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from statistics import mode
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 from meshmash_viewer.cli import numbers
 from meshmash_viewer.cli.numbers import said, whole
-from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import is_link
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
@@ -25,303 +24,17 @@ if TYPE_CHECKING:
 
 #: Exit status for faults that the user can correct.
 FAULT = 2
-#: Commands without a window: their arguments and result.
-_COMMANDS = {
-    "info": ("MESH...", "health, area, length of the spectrum"),
-    "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
-    "condense": ("MESH... -o OUT [--graphs DIR/]", "domains of similar HKS, and their graph"),
-    "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
-    "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
-    "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
-    "points": ("MESH --points FILE -o OUT", "vertex and features of synapses, counts"),
-    "carry": ("A B... --labels L -o OUT", "labels and maps of A at the vertices of others"),
-    "train": ("MESH --labels L ... -o OUT.skops", "a model of classes from labels"),
-    "predict": ("MESH... --model M -o OUT", "classes by a model"),
-    "render": ("MESH -o OUT.png", "a picture"),
-    "gallery": ("MESH -o OUT.png", "many fields side by side"),
-    "movie": ("MESH -o OUT.mp4", "a sweep through fields, or a turn"),
-}
-COMMANDS = tuple(_COMMANDS)
 _DEFAULT_COUNT = 200
 #: What ``features --kind`` takes besides families: the maps alone.
 MAPS = "maps"
 #: What ``render --field`` takes besides families: the mesh alone.
 NO_FIELD = "none"
-_FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
+FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
 #: Formats of labels alone.
-_LABEL_FORMATS = ("label.gii", "annot")
+LABEL_FORMATS = ("label.gii", "annot")
 
 
-class _Parser(argparse.ArgumentParser):
-    """Argument parser that reports an error in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(FAULT, f"{self.prog}: {message} (see {self.prog} --help)\n")
-
-
-def window_parser() -> argparse.ArgumentParser:
-    """Return the parser for the window: ``meshmash-viewer [MESH ...]``."""
-    from meshmash_viewer import __version__
-
-    calls = {f"{PROGRAM} {name} {takes}": about for name, (takes, about) in _COMMANDS.items()}
-    parser = _Parser(
-        prog=PROGRAM,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Open the window, on meshes or a session if given.",
-        epilog="commands without a window (each has its own --help):\n"
-        + "\n".join(f"  {call:<47}{about}" for call, about in calls.items()),
-    )
-    parser.add_argument("mesh", nargs="*", type=_mesh, help="mesh file, session, or link")
-    _add_unit(parser)
-    _add_maps(parser)
-    parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
-    parser.add_argument(
-        "--info",
-        action="store_true",
-        help="say what a report of a fault needs: versions, memory, graphics, stored eigenpairs",
-    )
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
-    return parser
-
-
-def command_parser() -> argparse.ArgumentParser:
-    """Return the parser for the commands without a window."""
-    from meshmash_viewer.fields import EXPORTS, FEATURES
-    from meshmash_viewer.fields.sweep import SWEPT
-    from meshmash_viewer.io.writers import MESH_WRITERS, SPECTRUM_WRITERS
-
-    parser = _Parser(prog=PROGRAM)
-    commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
-
-    def command(name: str, about: str, n_meshes: int | None = 1) -> argparse.ArgumentParser:
-        made = commands.add_parser(name, help=about)
-        made.add_argument(
-            "mesh",
-            nargs=1 if n_meshes == 1 else "+",
-            type=_mesh,
-            help='mesh file, a pattern such as "*.ply", or a link to a layer of segments',
-        )
-        # counted when patterns are expanded
-        made.set_defaults(n_meshes=n_meshes)
-        _add_preparation(made)
-        if name not in ("regions", "predict", "condense"):
-            _add_target(made, automatic=name == "features")
-        if name not in ("info", "regions", "condense"):
-            _add_solver(made, operator=name != "predict")
-        return made
-
-    command("info", "say what a mesh is like", None)
-
-    features = command("features", "compute features of meshes", None)
-    features.add_argument(
-        "--kind",
-        choices=(*EXPORTS, MAPS),
-        default="hks",
-        help=f"default: hks; {MAPS}: the values per vertex alone, of the mesh and of --map",
-    )
-    _add_columns(features, f"number of columns, {_usual_counts(EXPORTS)}")
-    _add_families(features, EXPORTS)
-    features.add_argument(
-        "--tail",
-        choices=("weyl",),
-        help="of --kind hks: add what Weyl's law expects of the eigenpairs that are not computed",
-    )
-    features.add_argument(
-        "--component-column",
-        action="store_true",
-        help="a last column with the connected component of each vertex, from 0",
-    )
-    features.add_argument(
-        "--pieces",
-        type=whole(1),
-        metavar="N",
-        help="compute in about N overlapping pieces, for a mesh too large to be solved whole",
-    )
-    _add_whole(features)
-    _add_maps(features)
-    features.add_argument(
-        "--maps",
-        action="store_true",
-        help="the values per vertex that a mesh file has, as more columns",
-    )
-    features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
-    _add_outputs(features)
-    _add_cluster(features)
-
-    _add_condensing(command("condense", "divide meshes into domains of similar HKS", None))
-
-    compare = command("compare", "compare two meshes", 2)
-    kinds = tuple(family.export for family in FEATURES.values())
-    compare.add_argument(
-        "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
-    )
-    _add_columns(compare, "number of columns")
-    compare.add_argument(
-        "--refine",
-        action="store_true",
-        help="match vertices by a functional map from these features, refined by ZoomOut",
-    )
-    _add_output(
-        compare, "OUT", "file for the matches, one row for each vertex of the first mesh", False
-    )
-
-    _add_whole(compare)
-
-    rebuilt = command(
-        "reconstruct", "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
-    )
-    for written in (features, compare, rebuilt):
-        _add_structure(written)
-    _add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
-
-    measured = command("regions", "measure the connected parts of labels")
-    measured.add_argument(
-        "--labels",
-        required=True,
-        metavar="FILE[:MAP]",
-        help="labels of vertices, with names or numbers; after a colon which map of several",
-    )
-    _add_maps(measured)
-    measured.add_argument(
-        "--lambda2",
-        action="store_true",
-        help="the first eigenvalue above zero of each region with a free border",
-    )
-    _add_points(measured, required=False)
-    _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
-
-    placed = command("points", "project points such as synapses onto the mesh")
-    _add_points(placed)
-    placed.add_argument(
-        "--kind",
-        action="append",
-        choices=tuple(kind for kind, family in EXPORTS.items() if family().makes_features()),
-        default=[],
-        help="features at each point; may be given many times",
-    )
-    _add_columns(placed, f"number of columns, {_usual_counts(EXPORTS)}")
-    _add_families(placed, EXPORTS)
-    placed.add_argument(
-        "--labels", metavar="FILE[:MAP]", help="the label at each point, and counts of each label"
-    )
-    _add_maps(placed)
-    placed.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
-    about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
-    placed.add_argument("--id-map", type=Path, metavar="OUT.npz", help=about)
-    _add_output(placed, "OUT", "table to write: .csv .parquet")
-    _add_cluster(placed)
-
-    carried = command("carry", "carry labels and maps of the first mesh to the others", None)
-    carried.add_argument(
-        "--labels",
-        metavar="FILE[:MAP]",
-        help="labels of the first mesh; after a colon which map of several",
-    )
-    _add_maps(carried)
-    _add_outputs(carried, (*_FORMATS, *_LABEL_FORMATS))
-    _add_whole(carried)
-    _add_structure(carried)
-
-    _add_training(command("train", "learn classes of vertices from labels", None))
-    predicted = command("predict", "predict classes of vertices by a model", None)
-    predicted.add_argument(
-        "--model", required=True, type=Path, metavar="FILE", help="a .skops file that train wrote"
-    )
-    predicted.add_argument(
-        "--domains",
-        metavar="FILE",
-        help="condensed features of the mesh, or the folder of them: one class for each domain",
-    )
-    _add_outputs(predicted, (*_FORMATS, *_LABEL_FORMATS))
-    _add_cluster(predicted)
-    _add_whole(predicted)
-    _add_structure(predicted)
-
-    render = command("render", "draw a picture of a mesh")
-    render.add_argument(
-        "--field",
-        "--kind",
-        dest="kind",
-        choices=(*SWEPT, NO_FIELD),
-        help="default: hks, or the first map if one is given",
-    )
-    _add_maps(render)
-    render.add_argument(
-        "--index", type=whole(), metavar="I", help="which eigenfunction, band or column, from 0"
-    )
-    _add_columns(render, f"number of columns, {_usual_counts(SWEPT, least=2)}")
-    _add_families(render, SWEPT)
-    _add_output(render, "OUT.png", "a .pdf or .svg is a figure")
-    _add_looks(render, (1600, 1200), transparent=True)
-    about = "of a figure for a paper, in place of --size: white unless --transparent"
-    render.add_argument("--width-mm", type=numbers.number(), metavar="MM", help=f"width {about}")
-    render.add_argument(
-        "--dpi", type=whole(1), default=300, metavar="N", help="pixels per inch of a figure"
-    )
-    render.add_argument(
-        "--font-size",
-        type=numbers.number(),
-        default=7.0,
-        metavar="PT",
-        help="of a figure, in points",
-    )
-
-    gallery = command("gallery", "draw many fields of a mesh side by side")
-    movie = command("movie", "draw a sweep through fields, or a turn")
-    for drawn in (gallery, movie):
-        kind = next(iter(SWEPT))
-        drawn.add_argument("--kind", choices=tuple(SWEPT), default=kind, help=f"default: {kind}")
-        about = _usual_counts(SWEPT, least=2)
-        _add_columns(drawn, f"number of columns of the kinds that have any number, {about}")
-        _add_families(drawn, SWEPT)
-        _add_maps(drawn)
-    gallery.add_argument(
-        "--columns",
-        metavar="START:STOP:STEP",
-        help="which, from 0 and without STOP, as in Python; default two dozen, evenly spread",
-    )
-    _add_output(gallery, "OUT.png")
-    _add_looks(gallery, (2400, 1800), transparent=True)
-    moves = movie.add_mutually_exclusive_group(required=True)
-    moves.add_argument(
-        "--sweep",
-        metavar="START:STOP:STEP",
-        help="through these columns, from 0 and without STOP, as in Python; : is all of them",
-    )
-    moves.add_argument(
-        "--turntable", action="store_true", help="once around the mesh, which shows one column"
-    )
-    movie.add_argument("--column", type=whole(), metavar="I", help="which, on the turntable")
-    movie.add_argument(
-        "--rate",
-        type=numbers.number(),
-        metavar="FPS",
-        help="frames a second; default as the window plays these fields, 25 on the turntable",
-    )
-    movie.add_argument(
-        "--seconds",
-        type=numbers.number("s"),
-        metavar="S",
-        help="how long; default every column once, 6 on the turntable",
-    )
-    _add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
-    _add_looks(movie, (1280, 720))
-    for each in commands.choices.values():
-        each.add_argument("--json", action="store_true", help="one line of JSON for each mesh")
-    return parser
-
-
-def parsed_command(arguments: list[str]) -> argparse.Namespace:
-    """Parse the arguments of a command; meshes of train may also follow the labels of others."""
-    parser = command_parser()
-    options, others = parser.parse_known_args(arguments)
-    if others and (options.command != "train" or any(each.startswith("-") for each in others)):
-        parser.error(f"unrecognized arguments: {' '.join(others)}")
-    options.mesh += map(_mesh, others)
-    return options
-
-
-def _add_condensing(parser: argparse.ArgumentParser) -> None:
+def add_condensing(parser: argparse.ArgumentParser) -> None:
     """Add the options of condense; defaults are those of `condensed_hks_pipeline`."""
     parser.add_argument(
         "-o",
@@ -334,14 +47,14 @@ def _add_condensing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--graphs", metavar="OUT", help="likewise for the graph of domains of each mesh"
     )
-    _add_cluster(parser)
+    add_cluster(parser)
     for flag, power, about in (
         ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
         ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
         ("--max-eigenvalue", -2, "all eigenvalues up to X (per unit²), default 1e-5 nm⁻²"),
     ):
         parser.add_argument(flag, type=numbers.quantity(power), metavar="X", help=about)
-    _add_columns(parser, "number of times, default 32")
+    add_columns(parser, "number of times, default 32")
     parser.add_argument(
         "--reduction",
         dest="simplify_target_reduction",
@@ -373,7 +86,7 @@ def _add_condensing(parser: argparse.ArgumentParser) -> None:
     _add_jobs(parser)
 
 
-def _add_training(parser: argparse.ArgumentParser) -> None:
+def add_training(parser: argparse.ArgumentParser) -> None:
     """Add the options of train."""
     parser.add_argument(
         "--labels",
@@ -396,7 +109,7 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
             metavar="T",
             help=f"{end} diffusion time (unit²); default: from the spectrum of the first mesh",
         )
-    _add_columns(parser, "number of times, default 32")
+    add_columns(parser, "number of times, default 32")
     parser.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
     about = "; ".join(f"{kind}: {said}" for kind, said in CLASSIFIERS.items())
     parser.add_argument(
@@ -412,10 +125,10 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
         metavar="L",
         help="length over which probabilities are smoothed (unit), default 0",
     )
-    _add_output(parser, "OUT.skops", "the model to write")
+    add_output(parser, "OUT.skops", "the model to write")
 
 
-def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
+def add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
     """Add the options of the families of a table, each once, with the kinds that have it."""
     kinds: dict[str, list[str]] = {}
     known: dict[str, Parameter] = {}
@@ -440,7 +153,7 @@ def usual_count(family: type[Family], least: int = 1) -> int:
     return count if count >= least else 32
 
 
-def _usual_counts(table: Mapping[str, type[Family]], least: int = 1) -> str:
+def usual_counts(table: Mapping[str, type[Family]], least: int = 1) -> str:
     """Describe the numbers of columns: that of most kinds, and of which it is another."""
     counts = {kind: usual_count(each, least) for kind, each in table.items() if each.counted}
     usual = mode(counts.values())
@@ -453,9 +166,10 @@ def options_of(family: type[Family]) -> dict[str, Parameter]:
     return {name: each for name, each in family.declared().items() if each.option}
 
 
-def _add_looks(
+def add_looks(
     parser: argparse.ArgumentParser, size: tuple[int, int], *, transparent: bool = False
 ) -> None:
+    """Add the appearance of pictures."""
     parser.add_argument(
         "--size",
         type=_size,
@@ -476,17 +190,19 @@ def _add_looks(
         parser.add_argument("--transparent", action="store_true", help="leave the background out")
 
 
-def _add_columns(parser: argparse.ArgumentParser, about: str, default: int | None = None) -> None:
+def add_columns(parser: argparse.ArgumentParser, about: str, default: int | None = None) -> None:
+    """Add the number of columns."""
     parser.add_argument("--n-components", type=whole(1), default=default, metavar="N", help=about)
 
 
-def _add_output(
+def add_output(
     parser: argparse.ArgumentParser, metavar: str, about: str | None = None, required: bool = True
 ) -> None:
+    """Add the file that is written."""
     parser.add_argument("-o", "--output", required=required, type=Path, metavar=metavar, help=about)
 
 
-def _add_outputs(parser: argparse.ArgumentParser, formats: tuple[str, ...] = _FORMATS) -> None:
+def add_outputs(parser: argparse.ArgumentParser, formats: tuple[str, ...] = FORMATS) -> None:
     """Add the options for a file each mesh."""
     endings = " ".join(f".{name}" for name in formats)
     parser.add_argument(
@@ -502,7 +218,7 @@ def _add_outputs(parser: argparse.ArgumentParser, formats: tuple[str, ...] = _FO
     )
 
 
-def _add_cluster(parser: argparse.ArgumentParser) -> None:
+def add_cluster(parser: argparse.ArgumentParser) -> None:
     """Add the options for many meshes, which `for_each` takes with the outputs."""
     parser.add_argument(
         "--scheduler",
@@ -526,12 +242,13 @@ def _scheduler(text: str) -> str:
     return text
 
 
-def _mesh(text: str) -> Path | str:
+def mesh_argument(text: str) -> Path | str:
     """A file, or a link, whose two slashes a path would not keep."""
     return text if is_link(text) else Path(text)
 
 
-def _add_unit(parser: argparse.ArgumentParser) -> None:
+def add_unit(parser: argparse.ArgumentParser) -> None:
+    """Add the unit of length."""
     parser.add_argument(
         "--unit", type=said(_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
     )
@@ -550,7 +267,8 @@ def _add_unit(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_maps(parser: argparse.ArgumentParser) -> None:
+def add_maps(parser: argparse.ArgumentParser) -> None:
+    """Add maps, values per vertex from files."""
     parser.add_argument(
         "--map",
         action="append",
@@ -561,9 +279,9 @@ def _add_maps(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_preparation(parser: argparse.ArgumentParser) -> None:
+def add_preparation(parser: argparse.ArgumentParser) -> None:
     """Add the options for reading and repairing meshes."""
-    _add_unit(parser)
+    add_unit(parser)
     parser.add_argument(
         "--repair",
         action="append",
@@ -588,7 +306,7 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_points(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+def add_points(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add the options of a table of points."""
     parser.add_argument(
         "--points",
@@ -626,7 +344,8 @@ def _add_points(parser: argparse.ArgumentParser, *, required: bool = True) -> No
     )
 
 
-def _add_structure(parser: argparse.ArgumentParser) -> None:
+def add_structure(parser: argparse.ArgumentParser) -> None:
+    """Add the brain structure that a GIFTI file names."""
     parser.add_argument(
         "--structure",
         type=said(named_structure),
@@ -636,7 +355,8 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_whole(parser: argparse.ArgumentParser) -> None:
+def add_whole(parser: argparse.ArgumentParser) -> None:
+    """Add whether results are written at all vertices of the file."""
     parser.add_argument(
         "--whole-mesh",
         action="store_true",
@@ -644,7 +364,7 @@ def _add_whole(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> None:
+def add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> None:
     """Add the options of `target`; None for as many pairs as the shortest time needs."""
     from meshmash_viewer.spectral.weyl import Target
 
@@ -678,7 +398,8 @@ def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> 
         target.add_argument(flag, dest="target", type=kind, metavar=metavar, help=text)
 
 
-def _add_solver(parser: argparse.ArgumentParser, *, operator: bool = True) -> None:
+def add_solver(parser: argparse.ArgumentParser, *, operator: bool = True) -> None:
+    """Add the options of the operator and the solver."""
     if operator:
         parser.add_argument(
             "--no-robust",

@@ -1,0 +1,323 @@
+"""Parsers of the command ``meshmash-viewer``, for the window and for its commands."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NoReturn
+
+from meshmash_viewer.cli import numbers
+from meshmash_viewer.cli.arguments import (
+    FAULT,
+    FORMATS,
+    LABEL_FORMATS,
+    MAPS,
+    NO_FIELD,
+    add_cluster,
+    add_columns,
+    add_condensing,
+    add_families,
+    add_looks,
+    add_maps,
+    add_output,
+    add_outputs,
+    add_points,
+    add_preparation,
+    add_solver,
+    add_structure,
+    add_target,
+    add_training,
+    add_unit,
+    add_whole,
+    mesh_argument,
+    usual_counts,
+)
+from meshmash_viewer.cli.numbers import whole
+from meshmash_viewer.cli.streams import PROGRAM
+
+#: Commands without a window: their arguments and result.
+_COMMANDS = {
+    "info": ("MESH...", "health, area, length of the spectrum"),
+    "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
+    "condense": ("MESH... -o OUT [--graphs DIR/]", "domains of similar HKS, and their graph"),
+    "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
+    "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
+    "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
+    "points": ("MESH --points FILE -o OUT", "vertex and features of synapses, counts"),
+    "carry": ("A B... --labels L -o OUT", "labels and maps of A at the vertices of others"),
+    "train": ("MESH --labels L ... -o OUT.skops", "a model of classes from labels"),
+    "predict": ("MESH... --model M -o OUT", "classes by a model"),
+    "render": ("MESH -o OUT.png", "a picture"),
+    "gallery": ("MESH -o OUT.png", "many fields side by side"),
+    "movie": ("MESH -o OUT.mp4", "a sweep through fields, or a turn"),
+}
+COMMANDS = tuple(_COMMANDS)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Argument parser that reports an error in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(FAULT, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def window_parser() -> argparse.ArgumentParser:
+    """Return the parser for the window: ``meshmash-viewer [MESH ...]``."""
+    from meshmash_viewer import __version__
+
+    calls = {f"{PROGRAM} {name} {takes}": about for name, (takes, about) in _COMMANDS.items()}
+    parser = _Parser(
+        prog=PROGRAM,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Open the window, on meshes or a session if given.",
+        epilog="commands without a window (each has its own --help):\n"
+        + "\n".join(f"  {call:<47}{about}" for call, about in calls.items()),
+    )
+    parser.add_argument("mesh", nargs="*", type=mesh_argument, help="mesh file, session, or link")
+    add_unit(parser)
+    add_maps(parser)
+    parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
+    parser.add_argument(
+        "--info",
+        action="store_true",
+        help="say what a report of a fault needs: versions, memory, graphics, stored eigenpairs",
+    )
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    return parser
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """Return the parser for the commands without a window."""
+    from meshmash_viewer.fields import EXPORTS, FEATURES
+    from meshmash_viewer.fields.sweep import SWEPT
+    from meshmash_viewer.io.writers import MESH_WRITERS, SPECTRUM_WRITERS
+
+    parser = _Parser(prog=PROGRAM)
+    commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
+
+    def command(name: str, about: str, n_meshes: int | None = 1) -> argparse.ArgumentParser:
+        made = commands.add_parser(name, help=about)
+        made.add_argument(
+            "mesh",
+            nargs=1 if n_meshes == 1 else "+",
+            type=mesh_argument,
+            help='mesh file, a pattern such as "*.ply", or a link to a layer of segments',
+        )
+        # counted when patterns are expanded
+        made.set_defaults(n_meshes=n_meshes)
+        add_preparation(made)
+        if name not in ("regions", "predict", "condense"):
+            add_target(made, automatic=name == "features")
+        if name not in ("info", "regions", "condense"):
+            add_solver(made, operator=name != "predict")
+        return made
+
+    command("info", "say what a mesh is like", None)
+
+    features = command("features", "compute features of meshes", None)
+    features.add_argument(
+        "--kind",
+        choices=(*EXPORTS, MAPS),
+        default="hks",
+        help=f"default: hks; {MAPS}: the values per vertex alone, of the mesh and of --map",
+    )
+    add_columns(features, f"number of columns, {usual_counts(EXPORTS)}")
+    add_families(features, EXPORTS)
+    features.add_argument(
+        "--tail",
+        choices=("weyl",),
+        help="of --kind hks: add what Weyl's law expects of the eigenpairs that are not computed",
+    )
+    features.add_argument(
+        "--component-column",
+        action="store_true",
+        help="a last column with the connected component of each vertex, from 0",
+    )
+    features.add_argument(
+        "--pieces",
+        type=whole(1),
+        metavar="N",
+        help="compute in about N overlapping pieces, for a mesh too large to be solved whole",
+    )
+    add_whole(features)
+    add_maps(features)
+    features.add_argument(
+        "--maps",
+        action="store_true",
+        help="the values per vertex that a mesh file has, as more columns",
+    )
+    features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
+    add_outputs(features)
+    add_cluster(features)
+
+    add_condensing(command("condense", "divide meshes into domains of similar HKS", None))
+
+    compare = command("compare", "compare two meshes", 2)
+    kinds = tuple(family.export for family in FEATURES.values())
+    compare.add_argument(
+        "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
+    )
+    add_columns(compare, "number of columns")
+    compare.add_argument(
+        "--refine",
+        action="store_true",
+        help="match vertices by a functional map from these features, refined by ZoomOut",
+    )
+    add_output(
+        compare, "OUT", "file for the matches, one row for each vertex of the first mesh", False
+    )
+
+    add_whole(compare)
+
+    rebuilt = command(
+        "reconstruct", "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
+    )
+    for written in (features, compare, rebuilt):
+        add_structure(written)
+    add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
+
+    measured = command("regions", "measure the connected parts of labels")
+    measured.add_argument(
+        "--labels",
+        required=True,
+        metavar="FILE[:MAP]",
+        help="labels of vertices, with names or numbers; after a colon which map of several",
+    )
+    add_maps(measured)
+    measured.add_argument(
+        "--lambda2",
+        action="store_true",
+        help="the first eigenvalue above zero of each region with a free border",
+    )
+    add_points(measured, required=False)
+    add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
+
+    placed = command("points", "project points such as synapses onto the mesh")
+    add_points(placed)
+    placed.add_argument(
+        "--kind",
+        action="append",
+        choices=tuple(kind for kind, family in EXPORTS.items() if family().makes_features()),
+        default=[],
+        help="features at each point; may be given many times",
+    )
+    add_columns(placed, f"number of columns, {usual_counts(EXPORTS)}")
+    add_families(placed, EXPORTS)
+    placed.add_argument(
+        "--labels", metavar="FILE[:MAP]", help="the label at each point, and counts of each label"
+    )
+    add_maps(placed)
+    placed.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
+    about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
+    placed.add_argument("--id-map", type=Path, metavar="OUT.npz", help=about)
+    add_output(placed, "OUT", "table to write: .csv .parquet")
+    add_cluster(placed)
+
+    carried = command("carry", "carry labels and maps of the first mesh to the others", None)
+    carried.add_argument(
+        "--labels",
+        metavar="FILE[:MAP]",
+        help="labels of the first mesh; after a colon which map of several",
+    )
+    add_maps(carried)
+    add_outputs(carried, (*FORMATS, *LABEL_FORMATS))
+    add_whole(carried)
+    add_structure(carried)
+
+    add_training(command("train", "learn classes of vertices from labels", None))
+    predicted = command("predict", "predict classes of vertices by a model", None)
+    predicted.add_argument(
+        "--model", required=True, type=Path, metavar="FILE", help="a .skops file that train wrote"
+    )
+    predicted.add_argument(
+        "--domains",
+        metavar="FILE",
+        help="condensed features of the mesh, or the folder of them: one class for each domain",
+    )
+    add_outputs(predicted, (*FORMATS, *LABEL_FORMATS))
+    add_cluster(predicted)
+    add_whole(predicted)
+    add_structure(predicted)
+
+    render = command("render", "draw a picture of a mesh")
+    render.add_argument(
+        "--field",
+        "--kind",
+        dest="kind",
+        choices=(*SWEPT, NO_FIELD),
+        help="default: hks, or the first map if one is given",
+    )
+    add_maps(render)
+    render.add_argument(
+        "--index", type=whole(), metavar="I", help="which eigenfunction, band or column, from 0"
+    )
+    add_columns(render, f"number of columns, {usual_counts(SWEPT, least=2)}")
+    add_families(render, SWEPT)
+    add_output(render, "OUT.png", "a .pdf or .svg is a figure")
+    add_looks(render, (1600, 1200), transparent=True)
+    about = "of a figure for a paper, in place of --size: white unless --transparent"
+    render.add_argument("--width-mm", type=numbers.number(), metavar="MM", help=f"width {about}")
+    render.add_argument(
+        "--dpi", type=whole(1), default=300, metavar="N", help="pixels per inch of a figure"
+    )
+    render.add_argument(
+        "--font-size",
+        type=numbers.number(),
+        default=7.0,
+        metavar="PT",
+        help="of a figure, in points",
+    )
+
+    gallery = command("gallery", "draw many fields of a mesh side by side")
+    movie = command("movie", "draw a sweep through fields, or a turn")
+    for drawn in (gallery, movie):
+        kind = next(iter(SWEPT))
+        drawn.add_argument("--kind", choices=tuple(SWEPT), default=kind, help=f"default: {kind}")
+        about = usual_counts(SWEPT, least=2)
+        add_columns(drawn, f"number of columns of the kinds that have any number, {about}")
+        add_families(drawn, SWEPT)
+        add_maps(drawn)
+    gallery.add_argument(
+        "--columns",
+        metavar="START:STOP:STEP",
+        help="which, from 0 and without STOP, as in Python; default two dozen, evenly spread",
+    )
+    add_output(gallery, "OUT.png")
+    add_looks(gallery, (2400, 1800), transparent=True)
+    moves = movie.add_mutually_exclusive_group(required=True)
+    moves.add_argument(
+        "--sweep",
+        metavar="START:STOP:STEP",
+        help="through these columns, from 0 and without STOP, as in Python; : is all of them",
+    )
+    moves.add_argument(
+        "--turntable", action="store_true", help="once around the mesh, which shows one column"
+    )
+    movie.add_argument("--column", type=whole(), metavar="I", help="which, on the turntable")
+    movie.add_argument(
+        "--rate",
+        type=numbers.number(),
+        metavar="FPS",
+        help="frames a second; default as the window plays these fields, 25 on the turntable",
+    )
+    movie.add_argument(
+        "--seconds",
+        type=numbers.number("s"),
+        metavar="S",
+        help="how long; default every column once, 6 on the turntable",
+    )
+    add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
+    add_looks(movie, (1280, 720))
+    for each in commands.choices.values():
+        each.add_argument("--json", action="store_true", help="one line of JSON for each mesh")
+    return parser
+
+
+def parsed_command(arguments: list[str]) -> argparse.Namespace:
+    """Parse the arguments of a command; meshes of train may also follow the labels of others."""
+    parser = command_parser()
+    options, others = parser.parse_known_args(arguments)
+    if others and (options.command != "train" or any(each.startswith("-") for each in others)):
+        parser.error(f"unrecognized arguments: {' '.join(others)}")
+    options.mesh += map(mesh_argument, others)
+    return options
