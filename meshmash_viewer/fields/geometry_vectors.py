@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar, Self
 
 import numpy as np
@@ -112,26 +113,16 @@ class GeometryVectors(BankColumns):
 
     def centers(self, spectrum: Eigenpairs) -> FloatArray:
         """Return the eigenvalue in the middle of each band, shape (count,)."""
-        return bspline_bank(*self.range(spectrum), self.count).parameters
+        return _bands(*self.range(spectrum), self.count)[0]
 
     def support(self, spectrum: Eigenpairs, band: int | None = None) -> tuple[float, float]:
         """Return the range of eigenvalues in which the band, or another one, is not zero."""
-        # Uniform cubic B-splines: each spans at most four intervals between knots.
         band = self.column if band is None else band
-        low, high = self.range(spectrum)
-        degree = min(3, self.count - 1)
-        spans = self.count - degree
-        first, last = max(band - degree, 0) / spans, min(band + 1, spans) / spans
-        return low + (high - low) * first, low + (high - low) * last
+        return _support(*self.range(spectrum), self.count, band)
 
     def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response:
-        bank = bspline_bank(*self.range(spectrum), self.count)
-        assert isinstance(bank.response, SplineResponse)
-        places = [np.linspace(*self.support(spectrum, at), _SAMPLES) for at in range(self.count)]
-        curves = tuple(
-            (each, spline(each)) for each, spline in zip(places, bank.response.bases, strict=True)
-        )
-        handle = float(bank.parameters[self.column])
+        centers, curves = _bands(*self.range(spectrum), self.count)
+        handle = float(centers[self.column])
         ends = self.range(spectrum)
         return Response(curves[self.column], handle, f"band {self.column}", curves, ends)
 
@@ -158,3 +149,27 @@ class GeometryVectors(BankColumns):
 
     def bank_script(self) -> str:
         return f"mv.bspline_bank({self.low!r}, {self.high!r}, {self.count})"
+
+
+def _support(low: float, high: float, count: int, band: int) -> tuple[float, float]:
+    """Return the range of eigenvalues in which a band is not zero."""
+    # Uniform cubic B-splines: each spans at most four intervals between knots.
+    degree = min(3, count - 1)
+    spans = count - degree
+    first, last = max(band - degree, 0) / spans, min(band + 1, spans) / spans
+    return low + (high - low) * first, low + (high - low) * last
+
+
+@lru_cache(maxsize=4)
+def _bands(
+    low: float, high: float, count: int
+) -> tuple[FloatArray, tuple[tuple[FloatArray, FloatArray], ...]]:
+    """Return the centres of bands, shape (count,), and the curve of each on its support.
+
+    They are kept, as every tick from one band to another needs them: 2 to 3 ms for 32 bands.
+    """
+    bank = bspline_bank(low, high, count)
+    assert isinstance(bank.response, SplineResponse)
+    places = [np.linspace(*_support(low, high, count, at), _SAMPLES) for at in range(count)]
+    splines = zip(places, bank.response.bases, strict=True)
+    return bank.parameters, tuple((each, spline(each)) for each, spline in splines)

@@ -63,6 +63,8 @@ class NumberField(QAbstractSpinBox):
         self._step, self._live, self._nearest = step, live, nearest
         self._whole, self._share = whole, share
         self._tipped = bool(tip)
+        #: What `show_value` was given last.
+        self._shown: tuple[object, ...] = ()
         self._prefix = self._suffix = self._unit = ""
         #: Unit of the number that is written, and the power of ten by which it is multiplied.
         self._written, self._exponent = "", 0
@@ -111,6 +113,11 @@ class NumberField(QAbstractSpinBox):
         before it, as "≈ " before an estimate. With `like`, the number is written, and read, in a
         unit of this size, as numbers on the render are.
         """
+        shown = value, unit, prefix, with_unit, like, digits
+        same = shown == self._shown and value == self._value and not self._refused_at
+        if same and not self.lineEdit().isModified():
+            return
+        self._shown = shown
         self._unit, self._prefix = unit, prefix
         if not self.is_typed:
             self._exponent, self._written = (0, unit) if like is None else engineering(like, unit)

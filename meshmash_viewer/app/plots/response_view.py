@@ -48,6 +48,8 @@ class ResponseView:
         self._response_text = ""
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
+        for item in (self.rug, *self.series):  # the same for all columns
+            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)
         self.response = pg.PlotCurveItem(fillLevel=0.0)
         self.missing = pg.LinearRegionItem(movable=False)
         self.low, self.high, self.handle = (
@@ -153,12 +155,12 @@ class ResponseView:
             self._response_text = "no response"
             return
         self._response_text = response.legend
+        gap = np.array([np.nan])
         for offset, item in enumerate(self.series):
             mine = response.others[offset :: len(self.series)]
-            gap = np.array([np.nan])
-            x = [part for places, _ in mine for part in (self._x(places), gap)]
+            x = [part for places, _ in mine for part in (places, gap)]
             y = [part for _, heights in mine for part in (heights, gap)]
-            item.setData(np.concatenate([gap, *x]), np.concatenate([gap, *y]))
+            _set_curve(item, self._x(np.concatenate([gap, *x])), np.concatenate([gap, *y]))
         self.response.setData(self._x(response.curve[0]), response.curve[1])
         low, high = response.ends or (None, None)
         known = float(spectrum.eigenvalues[-1])
@@ -235,3 +237,13 @@ class ResponseView:
         """Range of the filters of the family."""
         response = self.family.response(spectrum, spectrum.eigenvalues[-1:])
         return (0.0, 0.0) if response is None or response.ends is None else response.ends
+
+
+def _set_curve(item: pg.PlotCurveItem, x: FloatArray, y: FloatArray) -> None:
+    """Draw other data, if they differ: a repaint takes milliseconds."""
+    before = item.getData()
+    if any(
+        old is None or not np.array_equal(old, new, equal_nan=True)
+        for old, new in zip(before, (x, y), strict=True)
+    ):
+        item.setData(x, y)

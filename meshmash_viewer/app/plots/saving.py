@@ -20,7 +20,7 @@ from PySide6.QtGui import (
     QPdfWriter,
 )
 from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QMenu
+from PySide6.QtWidgets import QGraphicsItem, QMenu
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.dialogs.files import FormatDialog
@@ -189,11 +189,18 @@ class PlotSaver(QObject):
             self._draw_names(painter, row, line * at, line / 1.4)
         source = QRectF(plot.mapToScene(plot.rect()).boundingRect())
         target = QRectF(0.0, head, plot.width(), plot.height())
+        none = QGraphicsItem.CacheMode.NoCache
+        cached = [item for item in plot.scene().items() if item.cacheMode() != none]
+        modes = [item.cacheMode() for item in cached]
+        for item in cached:  # else as pixels of the screen
+            item.setCacheMode(none)
         exporter.setExportMode(True, {"antialias": True, "painter": painter})
         try:
             plot.scene().render(painter, target, source)
         finally:
             exporter.setExportMode(False)
+            for item, mode in zip(cached, modes, strict=True):
+                item.setCacheMode(mode)
 
     def _dress_all(self) -> None:
         self._plot.dress()
