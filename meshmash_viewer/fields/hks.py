@@ -137,11 +137,12 @@ class HeatKernelSignature(BankFamily):
         time, (low, high) = self.time_in(spectrum), self.range(spectrum)
         title, facts = self._written(spectrum, unit), (format_quantity(time**0.5, unit),)
         unresolved, mesh = self.unresolved(spectrum), spectrum.mesh
-        if unresolved is None or mesh is None:
+        alone = time < resolved_from(spectrum)  # it may be outside the range
+        if mesh is None or (unresolved is None and not alone):
             return Reading(title, facts)
-        start, end = unresolved
+        start, end = unresolved or (0.0, 0.0)
         wanted, what, upto = low, "The hatched part", "up to "
-        if time < resolved_from(spectrum):
+        if alone:
             wanted, what, upto = time, "This time", ""
         missing = float(spectrum.missing_shares(heat_kernel_bank([wanted]), mesh.area)[0])
         if missing <= TOLERANCE:

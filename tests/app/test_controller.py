@@ -36,7 +36,7 @@ def document() -> Document:
 
 @pytest.fixture
 def view() -> MagicMock:
-    return MagicMock(spec=MeshView, mesh=None)
+    return MagicMock(spec=MeshView, mesh=None, turned_by_hand=False)
 
 
 @pytest.fixture

@@ -209,6 +209,21 @@ def test_time_slider_is_in_log_scale_with_its_length(panel: FieldPanel, document
     assert slider.hatched is None, "the automatic range begins where the pairs suffice"
 
 
+def test_a_time_is_typed_also_outside_the_range(panel: FieldPanel, document) -> None:
+    choose(panel, 1)
+    field, missing = part(panel, "hks_time_field"), part(panel, "hks_missing_label")
+    low, high = document.display[HeatKernelSignature].range(document.spectrum)
+    for time in (2.0 * low, 0.1 * low):
+        give(field, f"{time:.6g}")
+        assert document.display[HeatKernelSignature].time == pytest.approx(time, rel=1e-5)
+        assert missing.isHidden() == (time > low)
+    assert "This time misses" in missing.text()
+    assert document.display[HeatKernelSignature].range(document.spectrum) == (low, high)
+    give(field, "1e-30")
+    assert document.display[HeatKernelSignature].time == pytest.approx(0.1 * low, rel=1e-5)
+    assert "on this mesh" in part(panel, "hks_time_field_fault").text()
+
+
 def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, document) -> None:
     choose(panel, 1)
     give(part(panel, "hks_t_min_field"), "1e5")

@@ -79,6 +79,8 @@ def test_debris_within_the_mesh_is_marked_through_it(
     window.wait(60.0)
     assert pink_pixels(window) == 0
     row = window.mesh_panel.findChild(QWidget, "show_n_components")
+    catch_up()
+    assert row.isEnabled()
     QTest.mouseClick(row, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: pink_pixels(window) > 8, timeout=60_000)
 

@@ -303,7 +303,12 @@ class FamilyForm(FamilyTab):
             return slider, index, self.facts
         play = PlayButton(self._document, f"{self.family.name}_play_button")
         slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
-        return slider, row((self.facts,), play)
+        declared = replace(self.family.declared()[self.position], text=one)
+        self.number = ParameterRow(name, declared, partial(self._set_parameter, self.position))
+        fault = note(f"{name}_field_fault", "error")
+        assert isinstance(self.number.control, NumberField)
+        self.number.control.refused.connect(lambda sentence: show_note(fault, sentence))
+        return slider, self.number, fault, row((self.facts,), play)
 
     def _set_parameter(self, name: str, value: Any) -> None:
         self._change(**{name: value})
@@ -348,20 +353,31 @@ class FamilyForm(FamilyTab):
         self.times.setEnabled(between is not None)
         self.times.set_steps(count - 1)  # one is a column of the feature
         self.times.set_hatched((0.0, min(reading.hatched, 1.0)) if reading.hatched else None)
+        self.number.setEnabled(between is not None)
         if spectrum is None or between is None:
             self.times.set_marks(())
+            self.number.show_value(None, self._document.unit)
         else:
             unit = power_unit(self._document.unit, chosen.declared()[self.position].power)
-            self.times.show_number(10.0 ** chosen.place(spectrum), between, unit)
+            number = 10.0 ** chosen.place(spectrum)
+            self.times.show_number(number, between, unit)
+            assert isinstance(self.number.control, NumberField)
+            self.number.control.bounds = self._bounds(self.position)
+            self.number.show_value(number, self._document.unit)
 
     def _show_range(self) -> None:
         assert self.family.ordered is not None
         chosen: Any = self._document.display[self.family]
-        power = self.family.declared()[self.family.ordered[0]].power
-        low, high = self._document.solve.translation().bounds
-        bounds = (resolved_time(high), resolved_time(low)) if power > 0 else (0.0, high)
-        unit = power_unit(self._document.unit, power)
+        end = self.family.ordered[0]
+        unit = power_unit(self._document.unit, self.family.declared()[end].power)
+        bounds = self._bounds(end)
         self.range_box.show_range(self._range(), unit, bounds, automatic=chosen.automatic)
+
+    def _bounds(self, name: str) -> tuple[float, float]:
+        """Least and largest value of a time or an eigenvalue on this mesh."""
+        low, high = self._document.solve.translation().bounds
+        is_time = self.family.declared()[name].power > 0
+        return (resolved_time(high), resolved_time(low)) if is_time else (0.0, high)
 
 
 class PinChooser(FamilyTab):
