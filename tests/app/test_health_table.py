@@ -77,12 +77,12 @@ def test_debris_within_the_mesh_is_marked_through_it(
     window.document.take_mesh(Mesh(np.concatenate([ball.vertices, inside]), faces))
     qtbot.waitUntil(lambda: window.document.mesh is not None, timeout=60_000)
     window.wait(60.0)
-    assert pink_pixels(window) == 0
-    row = window.mesh_panel.findChild(QWidget, "show_n_components")
     catch_up()
+    before = pink_pixels(window)  # edges of the axes, once they are drawn
+    row = window.mesh_panel.findChild(QWidget, "show_n_components")
     assert row.isEnabled()
     QTest.mouseClick(row, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: pink_pixels(window) > 8, timeout=60_000)
+    qtbot.waitUntil(lambda: pink_pixels(window) > before + 8, timeout=60_000)
 
 
 def test_a_row_shows_what_it_counts_and_what_its_repair_would_change(
