@@ -275,7 +275,7 @@ class MeshView(QWidget):
     def set_camera(self, state: dict[str, Any], *, fitted: bool = False) -> None:
         """Restore what `camera` returned; ValueError if it is not a camera.
 
-        With `fitted` it counts as showing the whole mesh, whatever size the render gets.
+        With `fitted` it shows the whole mesh, also when the render is resized.
         """
         self.renderer.view = View.from_json(state)
         self.turned_by_hand = not fitted
