@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,8 @@ from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.vertex_map import VertexMap
 
-#: Milliseconds from a change until it is written.
-_DELAY = 700
+#: Milliseconds from a change until it is written, with those after it.
+_DELAY = 300
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
 
@@ -31,9 +31,8 @@ _KEPT = 200
 class _Kept:
     """The maps of a document that are in no other file, as they were written last."""
 
-    maps: tuple[VertexMap, ...] = ()
-    #: Name of the file in which they are; "" without any.
-    file: str = ""
+    #: By the name of the file in which each of them is.
+    maps: dict[str, VertexMap] = field(default_factory=dict)
 
 
 class LastSession(QObject):
@@ -64,24 +63,18 @@ class LastSession(QObject):
         self._pool = QThreadPool(self, maxThreadCount=1)
         self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
         self._timer = QTimer(self, singleShot=True, interval=_DELAY)
-        self._timer.timeout.connect(self.save)
+        self._timer.timeout.connect(self._save_if_idle)
         listen(document.mesh_changed, self.changed)
         changes = (
             document.history.changed, document.display.events, document.solve.changed,
             document.classes.changed,
         )  # fmt: skip
         listen(changes, self.changed)
-        self._rest = QTimer(self, singleShot=True, interval=_DELAY)
-        self._rest.timeout.connect(self.save)
 
     def changed(self) -> None:
         """Write the session soon."""
         if self._document.path is not None and not self._timer.isActive():
             self._timer.start()
-
-    def camera_moved(self) -> None:
-        """Write the session when the camera has come to rest."""
-        self._rest.start()
 
     def watch(self, document: Document | None) -> None:
         """Save unit, repairs and kept maps of a second document, too, until it is closed (None)."""
@@ -105,14 +98,8 @@ class LastSession(QObject):
 
     def set_aside(self, mesh_path: Path, fault: str) -> None:
         """Keep a session that cannot be used under another name, and say so."""
-        file = self.path(mesh_path)
-        kept = file.with_suffix(".unreadable")
-        try:
-            file.replace(kept)
-        except OSError as error:
-            fault += f" It cannot be renamed ({error.strerror})."
         text = f"{mesh_path.name} opens without what was made on it before. {fault}"
-        text += f" That session is kept as {kept}."
+        text += _set_aside(self.path(mesh_path))
         # past the opening, too
         self._document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
 
@@ -124,7 +111,6 @@ class LastSession(QObject):
     def save(self) -> None:
         """Write the session now; a failure is shown in the message bar."""
         self._timer.stop()
-        self._rest.stop()
         self._save_second()
         document = self._document
         if document.path is None or document.mesh is None:
@@ -134,7 +120,7 @@ class LastSession(QObject):
         if not camera:  # the render is still being loaded, and what was saved not yet restored
             return
         maps = self._new_maps(document, self._kept)
-        session = replace(session_of(document, camera, pair), kept_maps=self._kept.file)
+        session = replace(session_of(document, camera, pair), kept_maps=list(self._kept.maps))
         self._pool.start(lambda: self._write(path, session, maps))
 
     def close(self) -> None:
@@ -145,33 +131,46 @@ class LastSession(QObject):
     def forget(self, mesh_path: Path) -> None:
         """Delete the session of a mesh file."""
         self._timer.stop()
-        self._rest.stop()
         self._pool.waitForDone()
         _delete(self.path(mesh_path))
 
-    def restore_maps(self, session: Path, name: str) -> int:
-        """Add the kept maps in a file next to a session to the mesh, and return their number."""
-        return self._restore_maps(self._document, self._kept, session, name)
+    def restore_maps(self, session: Path, names: Sequence[str]) -> int:
+        """Add the kept maps in files next to a session to the mesh, and return their number."""
+        return self._restore_maps(self._document, self._kept, session, names)
 
     # -- details ------------------------------------------------------------------------------
 
-    def _restore_maps(self, document: Document, kept: _Kept, session: Path, name: str) -> int:
+    def _save_if_idle(self) -> None:
+        """Write the session, or later if the thread is still writing the one before."""
+        if self._pool.activeThreadCount():
+            self._timer.start()
+        else:
+            self.save()
+
+    def _restore_maps(
+        self, document: Document, kept: _Kept, session: Path, names: Sequence[str]
+    ) -> int:
         mesh = document.mesh
-        if mesh is None or document.path is None or not name:
+        if mesh is None or document.path is None or not names:
             return 0
         self._pool.waitForDone()
-        try:
-            stored = read_kept_maps(session.with_name(Path(name).name))
-        except InputError as fault:
-            text = f"The maps kept of {document.path.name} cannot be read: {fault}"
-            document.notices.say(text, Severity.WARNING)
-            return 0
-        if stored.mesh != mesh.content_hash:
-            return 0
-        document.maps.restore(mesh, stored.maps, stored.edited)
-        if session.parent == self._folder:
-            kept.maps, kept.file = stored.maps, Path(name).name
-        return len(stored.maps)
+        found: list[KeptMaps] = []
+        for file in (session.with_name(Path(name).name) for name in names):
+            try:
+                stored = read_kept_maps(file)
+            except InputError as fault:
+                text = f"The maps kept of {document.path.name} cannot be read: {fault}"
+                if session.parent == self._folder:
+                    text += _set_aside(file)
+                document.notices.say(text, Severity.WARNING)
+                continue
+            if stored.mesh == mesh.content_hash:
+                found.append(stored)
+                if session.parent == self._folder and len(stored.maps) == 1:
+                    kept.maps[file.name] = stored.maps[0]
+        maps = [each for stored in found for each in stored.maps]
+        document.maps.restore(mesh, maps, [name for stored in found for name in stored.edited])
+        return len(maps)
 
     def _save_second(self) -> None:
         """Write the session of the second mesh; once it is open, restore the maps kept of it."""
@@ -182,49 +181,42 @@ class LastSession(QObject):
         if path != document.path:
             known = self.stored(document.path)
             self._known_of_second = document.path, known
-            name = "" if known is None else known.kept_maps
-            self._restore_maps(document, kept, self.path(document.path), name)
+            names = [] if known is None else known.kept_maps
+            self._restore_maps(document, kept, self.path(document.path), names)
         now, maps = session_of(document, {}, None), self._new_maps(document, kept)
         if known is not None:
             now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
-        now = replace(now, kept_maps=kept.file)
+        now = replace(now, kept_maps=list(kept.maps))
         if now != known:
             self._known_of_second = document.path, now
             file = self.path(document.path)
             self._pool.start(lambda: self._write(file, now, maps))
 
-    def _new_maps(self, document: Document, kept: _Kept) -> KeptMaps | None:
-        """Return the maps that are in no file; None if they have been written."""
+    def _new_maps(self, document: Document, kept: _Kept) -> dict[str, KeptMaps]:
+        """Return the maps that have not been written, by the names of their new files."""
         assert document.path is not None  # without one nothing is saved
-        key = _key(self.path(document.path))
-        if not kept.file.startswith(key):  # of another file
-            kept.maps, kept.file = (), ""
-        unsaved = document.maps.unsaved
-        maps = unsaved.maps
-        if len(maps) == len(kept.maps) and all(
-            (one.values is other.values, one.labels) == (True, other.labels)
-            for one, other in zip(maps, kept.maps, strict=True)
-        ):
-            return None
+        key, unsaved = _key(self.path(document.path)), document.maps.unsaved
+        maps: dict[str, VertexMap] = {}
+        new: dict[str, KeptMaps] = {}
+        for each in unsaved.maps:
+            written = (at for at, one in kept.maps.items() if at.startswith(key))
+            file = next((at for at in written if _is_same(kept.maps[at], each)), "")
+            if not file:  # another name, as the session before needs the files that it names
+                file = f"{key}.{time.time_ns():x}-{len(maps)}{KEPT_MAPS_ENDING}"
+                edited = [name for name in unsaved.edited if name == each.name]
+                new[file] = KeptMaps((each,), unsaved.mesh, edited)
+            maps[file] = each
         kept.maps = maps
-        kept.file = f"{key}.{time.time_ns():x}{KEPT_MAPS_ENDING}" if maps else ""
-        return unsaved
+        return new
 
-    def _write(
-        self,
-        path: Path,
-        session: Session,
-        maps: KeptMaps | None,
-    ) -> None:
+    def _write(self, path: Path, session: Session, maps: dict[str, KeptMaps]) -> None:
         """Write a session and new maps, in the thread."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            if maps is not None and maps.maps:
-                # a new file, so that those of the session before stay until this one is written
-                write_kept_maps(self._folder / session.kept_maps, maps)
+            for name, each in maps.items():
+                write_kept_maps(self._folder / name, each)
             write_session(path, session)
-            if maps is not None:
-                _delete_maps(path, session.kept_maps)
+            _delete_maps(path, session.kept_maps)
             self._delete_oldest()
         except (InputError, OSError) as fault:
             self._failed.emit(str(fault))
@@ -242,10 +234,26 @@ class LastSession(QObject):
             _delete(old)
 
 
-def _delete_maps(session: Path, but: str = "") -> None:
-    """Delete the files of maps of a session, but for one."""
+def _set_aside(file: Path) -> str:
+    """Rename a file that cannot be read, and return a sentence that says so."""
+    kept = file.with_suffix(".unreadable")
+    try:
+        file.replace(kept)
+    except OSError as error:
+        return f" {file} cannot be renamed ({error.strerror})."
+    return f" That file is kept as {kept}."
+
+
+def _is_same(one: VertexMap, other: VertexMap) -> bool:
+    """Whether two maps have the same array of values, and the rest is equal."""
+    about = (one.name, one.unit, one.labels) == (other.name, other.unit, other.labels)
+    return about and one.values is other.values
+
+
+def _delete_maps(session: Path, but: Sequence[str] = ()) -> None:
+    """Delete the files of maps of a session, but for some."""
     for file in session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}"):
-        if file.name != but:
+        if file.name not in but:
             file.unlink(missing_ok=True)
 
 

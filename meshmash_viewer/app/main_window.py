@@ -236,7 +236,7 @@ class MainWindow(ScriptedWindow):
         self.pair_panel.keep_requested.connect(self.commands.keep_match)
         self.pair_panel.maps_requested.connect(self.opening.add_map_to_second)
         self.pair_panel.export_requested.connect(self.commands.export_second)
-        self.scene.camera_changed.connect(self.opening.last_session.camera_moved)
+        self.scene.camera_changed.connect(self.opening.last_session.changed)
         self.scene.vertex_clicked.connect(self.document.pins.toggle)
         self.scene.click_revoked.connect(self.document.history.undo)
         self.scene.vertex_hovered.connect(self.hover_label.show_vertex)

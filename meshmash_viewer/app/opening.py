@@ -329,8 +329,8 @@ class Opening(QObject):
         except InputError as fault:
             self._document.notices.say(str(fault), Severity.ERROR)
             return
-        name = restoration.kept_maps
-        restoration.restored.connect(lambda: self.last_session.restore_maps(path, name))
+        names = restoration.kept_maps
+        restoration.restored.connect(lambda: self.last_session.restore_maps(path, names))
         self._begin(restoration)
 
     def _begin(self, restoration: Restoration) -> None:
@@ -367,7 +367,7 @@ class Opening(QObject):
             name = f"{path.name.removesuffix(SESSION_ENDING)}{KEPT_MAPS_ENDING}"
             with writing_errors(path.with_name(name)):
                 write_kept_maps(path.with_name(name), kept)
-            session = replace(session, kept_maps=name)
+            session = replace(session, kept_maps=[name])
         write_session(path, session)
 
     def save_session(self) -> None:

@@ -232,8 +232,8 @@ class Restoration:
         return None
 
     @property
-    def kept_maps(self) -> str:
-        """Name of the file next to the session with maps that are in no other; "" for none."""
+    def kept_maps(self) -> list[str]:
+        """Names of the files next to the session with maps that are in no other."""
         return self._session.kept_maps
 
     @property

@@ -78,6 +78,15 @@ class _Mask(Text):
         return text
 
 
+class _Beside(Listing):
+    """Names of files; older sessions have one name, "" for none."""
+
+    def __call__(self, value: object) -> Any:
+        if isinstance(value, str):
+            value = [value] if value else []
+        return super().__call__(value)
+
+
 class _Target(Kind):
     """A kind and a value that suits it."""
 
@@ -164,8 +173,8 @@ class Session(Parameters):
     part: str = parameter("", _Mask(_LARGEST))
     #: The points, as `PointSet.plain` writes them, whose path is relative as `mesh_path` is.
     points: dict[str, Any] = parameter(dict, _POINTS)
-    #: Name of a file next to this one with maps that are in no other; "" for none.
-    kept_maps: str = parameter("", Text(200))
+    #: Names of files next to this one with maps that are in no other.
+    kept_maps: list[str] = parameter(list, _Beside(Text(200), 1000))
     #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
     file_indices: bool = True
     #: Position, focal point and so on in the mesh's coordinates; empty for the default view.

@@ -185,8 +185,29 @@ def test_what_is_damaged_is_said_and_kept(
     notice = window.stage.message_bar.notice
     assert notice is not None
     assert notice.text.startswith("balls.npz opens without what was made on it before.")
-    (kept,) = (folder / "sessions").glob("*.unreadable")
+    (kept,) = (folder / "sessions").glob("*.meshmash.unreadable")
     assert kept.read_bytes() == half
+
+
+def test_a_kept_map_is_written_once(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    window = opened(open_window(), two_balls(folder / "balls.npz"), qtbot)
+    document = window.document
+    assert document.mesh is not None
+    height = document.mesh.vertices[:, 2]
+
+    def written() -> set[tuple[str, int]]:
+        window.opening.last_session.close()
+        found = (folder / "sessions").glob("*.maps.npz")
+        return {(each.name, each.stat().st_mtime_ns) for each in found}
+
+    document.maps.add(document.mesh, [VertexMap("height", height), VertexMap("depth", -height)])
+    first = written()
+    document.maps.add(document.mesh, [VertexMap("double", 2.0 * height)])
+    assert (len(first), len(written()), len(written() & first)) == (2, 3, 2)
+    document.maps.remove("depth")
+    assert (len(written()), len(written() & first)) == (2, 1)
 
 
 def test_a_camera_at_rest_is_saved(

@@ -49,6 +49,14 @@ def test_moves_together_with_its_mesh(tmp_path: Path) -> None:
     assert read_session(there / "b.json").mesh_path == str(tmp_path / "elsewhere.obj")
 
 
+def test_the_one_name_of_older_sessions_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.meshmash.json"
+    for name, names in (("a.maps.npz", ["a.maps.npz"]), ("", [])):
+        write_session(path, SESSION)
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"kept_maps": name}))
+        assert read_session(path).kept_maps == names
+
+
 @pytest.mark.parametrize(
     ("content", "clause"),
     [
