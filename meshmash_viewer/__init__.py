@@ -10,9 +10,9 @@ so that importing the package costs nothing and loads neither Qt nor VTK. A mesh
 >>> hks = mv.compute_hks(mesh, max_eigenvalue=eigenvalues[-1], n_components=32)
 >>> mv.view(mesh)
 
-Examples of functions also assume ``import numpy as np``, ``import trimesh``, and 16 eigenpairs of a
-sphere: ``ball = trimesh.creation.icosphere(3)``, ``L, M = mv.cotangent_laplacian(ball)`` and
-``pairs = mv.solve(L, M, 16)``.
+Examples of functions also assume ``import numpy as np``, ``import trimesh``, a `folder` for files,
+and 16 eigenpairs of a sphere: ``ball = trimesh.creation.icosphere(3)``,
+``L, M = mv.cotangent_laplacian(ball)`` and ``pairs = mv.solve(L, M, 16)``.
 """
 
 from __future__ import annotations

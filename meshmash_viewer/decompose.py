@@ -66,6 +66,9 @@ def decompose_laplacian(
 ) -> tuple[npt.NDArray[np.float64], Array]:
     """Solve ``L φ = λ M φ`` for the lowest eigenpairs, or for those nearest `sigma`.
 
+    `InputError` is raised if `n_components` < 1, `prefactor` is unknown, or the matrices are
+    invalid.
+
     Parameters
     ----------
     L : sparse matrix or array, shape (n, n)
@@ -98,11 +101,6 @@ def decompose_laplacian(
     eigenvectors : ndarray, shape (n, k)
         M-orthonormal columns, their entry of largest magnitude positive; NaN where a vertex has
         no mass. A view of rows: ``eigenvectors.T`` is C-contiguous.
-
-    Raises
-    ------
-    InputError
-        If `n_components` < 1, `prefactor` is unknown, or the matrices are invalid.
 
     Examples
     --------
@@ -215,6 +213,8 @@ def decompose_laplacian_by_bands(
 ) -> tuple[npt.NDArray[np.float64], Array]:
     """Solve ``L φ = λ M φ`` for every eigenpair up to a threshold.
 
+    `InputError` is raised if `max_eigenvalue` is negative or NaN, or `band_size` < 1.
+
     Parameters
     ----------
     L, M : sparse matrix or array, shape (n, n)
@@ -236,11 +236,6 @@ def decompose_laplacian_by_bands(
     -------
     eigenvalues : ndarray of float64, shape (k,)
     eigenvectors : ndarray, shape (n, k)
-
-    Raises
-    ------
-    InputError
-        If `max_eigenvalue` is negative or NaN, or `band_size` < 1.
 
     References
     ----------

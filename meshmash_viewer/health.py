@@ -126,6 +126,8 @@ def listed_repairs(names: Sequence[str]) -> str:
 def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     """Repair a mesh.
 
+    `InputError` is raised if there is no such repair, or it would leave no face.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -137,11 +139,6 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     -------
     Mesh
         The repaired mesh; remaining vertices keep their order.
-
-    Raises
-    ------
-    InputError
-        If there is no such repair, or it would leave no face.
 
     Examples
     --------

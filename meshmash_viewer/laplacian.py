@@ -39,6 +39,9 @@ def cotangent_laplacian(
 ) -> tuple[SparseMatrix, SparseMatrix]:
     """Build the Laplacian and the mass matrix of a mesh.
 
+    `InputError` is raised if the mesh is not valid, if a face has no area and `robust` is False, or
+    if `mollify_factor` is negative or too small for the degenerate faces.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -58,12 +61,6 @@ def cotangent_laplacian(
         Delaunay have negative weights, which do not change this.)
     M : scipy.sparse.dia_array of float64, shape (n, n)
         Diagonal, in squared unit of the mesh. Unreferenced vertices have empty rows in both.
-
-    Raises
-    ------
-    InputError
-        If the mesh is not valid, if a face has no area and `robust` is False, or if
-        `mollify_factor` is negative or too small for the degenerate faces.
 
     Notes
     -----

@@ -53,6 +53,10 @@ class Mesh:
     It unpacks and indexes like the pair ``(vertices, faces)``. Two meshes are equal if vertices,
     faces and unit are: name, maps and what a file's numbers were multiplied by do not matter.
 
+    `InputError` is raised if an array has the wrong shape, a coordinate is not finite, an index is
+    out of range, there is no face, the faces have no area at all, the unit is unknown, the voxel
+    has not three positive sizes, or a map is of another number of vertices.
+
     Parameters
     ----------
     vertices : ndarray of float64, shape (n, 3)
@@ -75,13 +79,6 @@ class Mesh:
     structure : str
         The part of a brain it is, such as "CortexLeft"; "" for none, or not stated. See
         `meshmash_viewer.structures`.
-
-    Raises
-    ------
-    InputError
-        If an array has the wrong shape, a coordinate is not finite, an index is out of range,
-        there is no face, the faces have no area at all, the unit is unknown, the voxel has not
-        three positive sizes, or a map is of another number of vertices.
 
     Examples
     --------
@@ -311,10 +308,8 @@ class Mesh:
     def with_maps(self, *maps: VertexMap) -> Mesh:
         """The same mesh with more maps; one whose name is taken gets a number after it.
 
-        Raises
-        ------
-        InputError
-            If one has neither a value for each vertex nor for each that was read.
+        `InputError` is raised if one has neither a value for each vertex nor for each that was
+        read.
         """
         taken = [each.name for each in self.maps]
         more = named_apart([self._fitted(each) for each in maps], taken)
@@ -323,10 +318,7 @@ class Mesh:
     def map_named(self, name: str) -> VertexMap:
         """The map of a name.
 
-        Raises
-        ------
-        InputError
-            If there is none.
+        `InputError` is raised if there is none.
         """
         named = {each.name: each for each in self.maps}
         if name not in named:
@@ -382,10 +374,7 @@ class Mesh:
     def vertex_of(self, file_index: int) -> int:
         """The vertex that one of the file is here, itself or the one that it was merged into.
 
-        Raises
-        ------
-        InputError
-            If the file has no such vertex, or a repair has left it out.
+        `InputError` is raised if the file has no such vertex, or a repair has left it out.
 
         Examples
         --------
@@ -425,15 +414,12 @@ class Mesh:
 
         The others are in no face then: results are NaN there, and the boundary of the mask is free.
 
+        `InputError` is raised if it is not one bool a vertex, or has no whole face.
+
         Parameters
         ----------
         mask : array_like of bool, shape (n,)
             The vertices to keep.
-
-        Raises
-        ------
-        InputError
-            If it is not one bool a vertex, or has no whole face.
 
         Examples
         --------

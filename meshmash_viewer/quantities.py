@@ -168,6 +168,9 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
 def parse_unit(text: str) -> tuple[Voxel, str]:
     """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
 
+    `InputError` is raised if the text is not a unit, or the voxel size is ambiguous, or not one
+    positive number or three.
+
     Parameters
     ----------
     text : str
@@ -180,12 +183,6 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
         Factors that convert coordinates to `unit`; `NO_VOXEL` without a voxel size.
     unit : str
         One of `LENGTH_UNITS`.
-
-    Raises
-    ------
-    InputError
-        If the text is not a unit, or the voxel size is ambiguous, or not one positive number or
-        three.
 
     Examples
     --------

@@ -53,6 +53,9 @@ class Label:
 class VertexMap:
     """A value at every vertex; none of it is changed after construction.
 
+    `InputError` is raised if the values are text, complex, infinite, none at all, or not one a
+    vertex; or if there are more than `MOST_LABELS` labels.
+
     Parameters
     ----------
     name : str
@@ -68,12 +71,6 @@ class VertexMap:
         Unit of the values; "" for none, or not stated.
     path : str
         File of the map; "" if it is part of the mesh file, or from a script.
-
-    Raises
-    ------
-    InputError
-        If the values are text, complex, infinite, none at all, or not one a vertex; or if there are
-        more than `MOST_LABELS` labels.
 
     Examples
     --------
@@ -153,6 +150,8 @@ class VertexMap:
     def mask(self, named: str = "") -> npt.NDArray[np.bool_]:
         """Return which vertices have one of some labels, or without labels a value but zero.
 
+        `InputError` is raised if there is no such label, or one has to be named.
+
         Parameters
         ----------
         named : str
@@ -162,11 +161,6 @@ class VertexMap:
         Returns
         -------
         ndarray of bool, shape (n,)
-
-        Raises
-        ------
-        InputError
-            If there is no such label, or one has to be named.
 
         Examples
         --------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import re
 import shlex
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ COMMANDS = sorted({
 @pytest.mark.filterwarnings("default::meshmash_viewer.TruncationWarning")
 def test_python_of_a_page_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # some write files
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     exec(compile(block, "page", "exec"), {"__name__": "page"})
 
 
@@ -61,11 +63,13 @@ def test_the_reference_names_all_that_is_public() -> None:
 
 
 @pytest.fixture(scope="module")
-def assumed() -> dict[str, Any]:
+def assumed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Names that the examples assume, as the reference says."""
     page = (DOCS / "reference.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
-    exec(re.findall(r"```python\n(.*?)```", page, re.S)[0], names)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("examples")))
+        exec(re.findall(r"```python\n(.*?)```", page, re.S)[0], names)
     return names
 
 

@@ -93,6 +93,9 @@ def spectral_geometry_filter(
 ) -> Any:
     """Compute ``F[v, f] = Σ_k filter(λ)[f, k] φ_k(v)²`` over all eigenpairs up to a threshold.
 
+    `InputError` is raised if the threshold is negative, or the filter returns a wrong shape or
+    values that are not finite.
+
     Parameters
     ----------
     mesh : MeshLike or pair of sparse matrices
@@ -123,12 +126,6 @@ def spectral_geometry_filter(
     ndarray, shape (n, n_filters)
         NaN at unreferenced vertices. With ``filter=None``: a tuple of eigenvalues, shape (k,),
         and eigenvectors, shape (n, k).
-
-    Raises
-    ------
-    InputError
-        If the threshold is negative, or the filter returns a wrong shape or values that are not
-        finite.
 
     Warns
     -----
@@ -189,6 +186,8 @@ def compute_hks(
 
     See `spectral_geometry_filter` for other parameters, and `heat_kernel_bank`.
 
+    `InputError` is raised if an argument is invalid.
+
     Parameters
     ----------
     max_eigenvalue : float
@@ -211,11 +210,6 @@ def compute_hks(
     -------
     ndarray, shape (n, n_components)
         Columns from short to long times; one over squared unit.
-
-    Raises
-    ------
-    InputError
-        If an argument is invalid.
 
     Warns
     -----
@@ -277,6 +271,9 @@ def compute_geometry_vectors(
 
     See `spectral_geometry_filter` for other parameters, and `bspline_bank`.
 
+    `InputError` is raised if `max_eigenvalue` is not positive and finite, or an argument is
+    invalid.
+
     Parameters
     ----------
     max_eigenvalue : float
@@ -294,11 +291,6 @@ def compute_geometry_vectors(
     -------
     ndarray, shape (n, n_components)
         Columns from low to high eigenvalues; their sum is that of all φ². One over squared unit.
-
-    Raises
-    ------
-    InputError
-        If `max_eigenvalue` is not positive and finite, or an argument is invalid.
 
     Examples
     --------

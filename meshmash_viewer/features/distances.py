@@ -40,6 +40,9 @@ def diffusion_distance(
 ) -> FloatArray:
     """Compute the diffusion distance: how different heat from two vertices is after a time [1]_.
 
+    `InputError` is raised if the vertex does not exist, the time is not positive, or shapes do not
+    agree.
+
     Parameters
     ----------
     eigenvalues, eigenvectors : array_like, shapes (k,) and (n, k)
@@ -53,11 +56,6 @@ def diffusion_distance(
     -------
     ndarray of float64, shape (n,)
         ``(Σ exp(-2 λ t) (φ(v) - φ(w))²)^½``, per unit. NaN where the eigenvectors are.
-
-    Raises
-    ------
-    InputError
-        If the vertex does not exist, the time is not positive, or shapes do not agree.
 
     References
     ----------
@@ -242,10 +240,7 @@ class GeodesicSolver:
 
         NaN in other components and at unreferenced vertices; everywhere from such a vertex.
 
-        Raises
-        ------
-        InputError
-            If the vertex does not exist.
+        `InputError` is raised if the vertex does not exist.
         """
         mesh, labels = self.mesh, self.mesh.component_labels
         _check_vertex(vertex, mesh.n_vertices)
@@ -302,6 +297,9 @@ def distance_features(
 ) -> Features:
     """Compute distances from some vertices, a column for each.
 
+    `InputError` is raised if a vertex does not exist, belongs to no face or is given twice, or if
+    the measure needs eigenpairs or a time that are not given.
+
     Parameters
     ----------
     vertices : int or array_like of int, shape (f,)
@@ -318,12 +316,6 @@ def distance_features(
         Values of shape (n, f), NaN in other components. Columns are named by the indices of the
         vertices in the file, see `Mesh.file_index`; ``missing_shares`` in its `meta` is the share
         of a typical distance due to pairs that were not computed, estimated by Weyl's law.
-
-    Raises
-    ------
-    InputError
-        If a vertex does not exist, belongs to no face or is given twice, or if the measure needs
-        eigenpairs or a time that are not given.
 
     Examples
     --------

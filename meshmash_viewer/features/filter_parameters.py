@@ -59,6 +59,9 @@ def hks_times(
 ) -> FloatArray:
     """Return diffusion times, evenly spaced in log t, from short to long.
 
+    `InputError` is raised if a bound is not positive, the bounds are out of order, or `n_scales` <
+    1.
+
     Parameters
     ----------
     eigenvalues : array_like, shape (k,)
@@ -73,11 +76,6 @@ def hks_times(
     Returns
     -------
     ndarray of float64, shape (n_scales,)
-
-    Raises
-    ------
-    InputError
-        If a bound is not positive, the bounds are out of order, or `n_scales` < 1.
 
     Examples
     --------

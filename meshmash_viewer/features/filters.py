@@ -113,15 +113,12 @@ class FilterBank:
 def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
     """Make the filters of the heat kernel signature, ``exp(-λ t)`` [1]_.
 
+    `InputError` is raised if a time is negative or not finite, or none is given.
+
     Parameters
     ----------
     times : array_like, shape (f,)
         Diffusion times in squared unit of the mesh; heat spreads over a length of about ``√t``.
-
-    Raises
-    ------
-    InputError
-        If a time is negative or not finite, or none is given.
 
     References
     ----------
@@ -149,6 +146,10 @@ def wave_kernel_bank(
 ) -> FilterBank:
     """Make the filters of the wave kernel signature: Gaussian bands in log λ of unit sum [1]_.
 
+    `InputError` is raised if the spectrum has no two different eigenvalues above zero, an energy is
+    repeated or its exponential not finite, or the deviation is not positive, too large for the
+    range, or missing with a single energy.
+
     Parameters
     ----------
     eigenvalues : array_like, shape (k,)
@@ -162,13 +163,6 @@ def wave_kernel_bank(
         `n_energies` evenly spaced ones.
     sigma : float, optional
         Standard deviation of the bands in log λ, in place of `width`.
-
-    Raises
-    ------
-    InputError
-        If the spectrum has no two different eigenvalues above zero, an energy is repeated or its
-        exponential not finite, or the deviation is not positive, too large for the range, or
-        missing with a single energy.
 
     References
     ----------
@@ -199,17 +193,14 @@ def wave_kernel_bank(
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
     """Make cubic B-splines over λ that sum to one on the range: geometry vectors [1]_.
 
+    `InputError` is raised if the range is empty or `n_components` < 1.
+
     Parameters
     ----------
     e_min, e_max : float
         Range of eigenvalues, per squared unit; all bands are 0 outside of it.
     n_components : int
         Number of bands.
-
-    Raises
-    ------
-    InputError
-        If the range is empty or `n_components` < 1.
 
     References
     ----------
@@ -327,6 +318,8 @@ def get_hks_filter(
 def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> list[BSpline[Any]]:
     """Make cubic B-splines on uniform knots that sum to one on [e_min, e_max] and are 0 outside.
 
+    `InputError` is raised if the range is empty or `n_components` < 1.
+
     Parameters
     ----------
     e_min, e_max : float
@@ -339,11 +332,6 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
     -------
     list of scipy.interpolate.BSpline
         Ascending; can be evaluated at any eigenvalue.
-
-    Raises
-    ------
-    InputError
-        If the range is empty or `n_components` < 1.
 
     Examples
     --------

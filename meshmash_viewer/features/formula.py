@@ -264,17 +264,15 @@ class FormulaResponse:
 def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
     """Make a filter bank from a formula.
 
+    `InputError` is raised if the formula is invalid, a parameter is missing, or two of them are
+    lists.
+
     Parameters
     ----------
     formula : str
         See `Formula`.
     **values
         A number for each of its parameters; one of them may be a list of f numbers, for f columns.
-
-    Raises
-    ------
-    InputError
-        If the formula is invalid, a parameter is missing, or two of them are lists.
 
     Examples
     --------

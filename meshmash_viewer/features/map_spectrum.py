@@ -93,6 +93,8 @@ class MapSpectrum:
 def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectrum:
     """Project a map on eigenfunctions, and measure its energy.
 
+    `InputError` is raised if the shape differs, or no value is finite.
+
     Parameters
     ----------
     decomposition : Decomposition
@@ -100,11 +102,6 @@ def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectru
     values : VertexMap or array_like, shape (n,)
         One number for each vertex. NaN and infinite values have no weight: the mean of the others
         stands there, weighted by area, as in `filter_map` and `spectral_coefficients`.
-
-    Raises
-    ------
-    InputError
-        If the shape differs, or no value is finite.
 
     Warns
     -----

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) -> FloatArray:
     """Project functions on the eigenvectors, ``Φᵀ M f``.
 
+    `InputError` is raised if the shapes do not agree, M is not diagonal, or a function has no
+    finite value.
+
     Parameters
     ----------
     eigenvectors : array_like, shape (n, k)
@@ -36,11 +39,6 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     -------
     ndarray of float64, shape (k,) or (k, d)
         Their unit is that of the function times the unit of the mesh.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not agree, M is not diagonal, or a function has no finite value.
 
     Warns
     -----
@@ -70,6 +68,8 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
 def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     """Sum eigenvectors with coefficients, lowest first: ``Σ_k c_k φ_k``.
 
+    `InputError` is raised if there are more coefficients than eigenvectors, or one is not finite.
+
     Parameters
     ----------
     eigenvectors : array_like, shape (n, k)
@@ -81,11 +81,6 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     -------
     ndarray of float64, shape (n,) or (n, d)
         NaN at vertices without mass, where the eigenvectors are.
-
-    Raises
-    ------
-    InputError
-        If there are more coefficients than eigenvectors, or one is not finite.
 
     Examples
     --------
@@ -121,6 +116,9 @@ def filter_map(
     filter keeps the waves of the function below its cut-off (Vallet and Lévy 2008, see
     `low_pass_vertices`).
 
+    `InputError` is raised if the filter returns a wrong shape or values that are not finite, the
+    map has another number of vertices or no finite value, or the arguments are in another order.
+
     Parameters
     ----------
     decomposition : Decomposition
@@ -138,12 +136,6 @@ def filter_map(
     ndarray of float64
         In the unit of `values`; NaN at unreferenced vertices. The shape is (n,) for one function
         and one filter, (n, d) for d functions, (n, f) for f filters, and (n, d, f) for both.
-
-    Raises
-    ------
-    InputError
-        If the filter returns a wrong shape or values that are not finite, the map has another
-        number of vertices or no finite value, or the arguments are in another order.
 
     Warns
     -----

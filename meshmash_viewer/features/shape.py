@@ -113,6 +113,9 @@ class Reconstruction:
 def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> FloatArray:
     """Reconstruct the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
 
+    `InputError` is raised if `n` < 1 or more than there are, or the decomposition is of another
+    mesh.
+
     Parameters
     ----------
     mesh, decomposition : MeshLike, Decomposition
@@ -125,11 +128,6 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> Floa
     ndarray of float64, shape (n_vertices, 3)
         In the unit of the mesh. Each connected component keeps its centre of mass even if `n` is
         below the number of components; unreferenced vertices are unchanged.
-
-    Raises
-    ------
-    InputError
-        If `n` < 1 or more than there are, or the decomposition is of another mesh.
 
     References
     ----------
@@ -170,6 +168,8 @@ def spectral_distance(
 ) -> float:
     """Compute the distance of two shapes by their lowest eigenvalues, "Shape-DNA" [1]_.
 
+    `InputError` is raised if a mesh has fewer vertices, or without `normalize` the units differ.
+
     Parameters
     ----------
     mesh_a, mesh_b : MeshLike
@@ -186,11 +186,6 @@ def spectral_distance(
     -------
     float
         Euclidean distance of the two lists of eigenvalues.
-
-    Raises
-    ------
-    InputError
-        If a mesh has fewer vertices, or without `normalize` the units differ.
 
     References
     ----------
@@ -234,6 +229,8 @@ def match_features(
 ) -> Matches:
     """For each vertex of `a`, find the vertex of `b` with the nearest features.
 
+    `InputError` is raised if the numbers of columns differ, or one side has no row without NaN.
+
     Parameters
     ----------
     a, b : Features or array_like, shapes (n, f) and (m, f)
@@ -250,11 +247,6 @@ def match_features(
     -------
     Matches
         Found with a k-d tree: memory is linear in n + m.
-
-    Raises
-    ------
-    InputError
-        If the numbers of columns differ, or one side has no row without NaN.
 
     Examples
     --------
@@ -332,6 +324,8 @@ def feature_distance(
 ) -> FloatArray:
     """Compute the distance of every vertex from one of them in feature space.
 
+    `InputError` is raised if there is no such vertex, or it has no features.
+
     Parameters
     ----------
     features : Features or array_like, shape (n, f)
@@ -345,11 +339,6 @@ def feature_distance(
     -------
     ndarray of float64, shape (n,)
         0 at `vertex`; NaN at unreferenced vertices.
-
-    Raises
-    ------
-    InputError
-        If there is no such vertex, or it has no features.
 
     Examples
     --------

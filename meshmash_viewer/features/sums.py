@@ -132,10 +132,7 @@ class Features:
     def to_frame(self) -> Any:
         """Make a pandas ``DataFrame`` of the values, with unit and kind in its `attrs`.
 
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
+        `InputError` is raised if pandas is not installed.
         """
         try:
             import pandas
@@ -156,16 +153,13 @@ class Features:
     def truncation_at_vertices(self) -> tuple[FloatArray, FloatArray]:
         """Compute estimate and bound of the truncation error of every value.
 
+        `InputError` is raised if the truncation error is not known (`truncation` is None).
+
         Returns
         -------
         estimate, bound : ndarray of float64, shape (n, f)
             In `unit`, not relative; NaN at unreferenced vertices. The bound is that of the sum
             without the estimate, even if that was added to the features (``tail="weyl"``).
-
-        Raises
-        ------
-        InputError
-            If the truncation error is not known (`truncation` is None).
         """
         if self.truncation is None:
             raise InputError(
@@ -256,6 +250,8 @@ def compute_features(
 ) -> Features:
     """Apply a filter bank to eigenpairs, and estimate the truncation error.
 
+    `InputError` is raised if `tail` is unknown, or of other features than a heat kernel signature.
+
     Parameters
     ----------
     decomposition : Decomposition
@@ -282,11 +278,6 @@ def compute_features(
     -------
     Features
         Values of shape (n, f), with their truncation error.
-
-    Raises
-    ------
-    InputError
-        If `tail` is unknown, or of other features than a heat kernel signature.
 
     Warns
     -----

@@ -81,6 +81,9 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     has at its vertices besides coordinates. Of condensed features, see `read_condensed_features`,
     the columns at the vertices of each domain, and the domains as labels.
 
+    `InputError` is raised if there is no such file, it has no value for each vertex of the mesh, or
+    a value is none; one sentence that names the file, the fault and the way out.
+
     Parameters
     ----------
     path : str or Path
@@ -92,12 +95,6 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     tuple of VertexMap
         One or more, with `VertexMap.path`, each of another name; see `Mesh.with_maps`.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, it has no value for each vertex of the mesh, or a value is none;
-        one sentence that names the file, the fault and the way out.
-
     Warns
     -----
     MeshWarning
@@ -105,13 +102,9 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "height.npy"
-    ...     np.save(file, ball.vertices[:, 2])
-    ...     mesh = mv.Mesh(ball.vertices, ball.faces).with_maps(*mv.read_maps(file, ball))
-    >>> mesh.maps[0].name
+    >>> np.save(folder / "height.npy", ball.vertices[:, 2])
+    >>> maps = mv.read_maps(folder / "height.npy", ball)
+    >>> mv.Mesh(ball.vertices, ball.faces).with_maps(*maps).maps[0].name
     'height.npy'
     """
     maps, remarks = maps_and_remarks(path, mesh)
@@ -122,6 +115,8 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
 
 def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     """Read a mask of vertices from a file of maps.
+
+    `InputError` is raised as by `read_maps` and `VertexMap.mask`.
 
     Parameters
     ----------
@@ -137,17 +132,10 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     -------
     ndarray of bool, shape (n,)
 
-    Raises
-    ------
-    InputError
-        As `read_maps` and `VertexMap.mask`.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     np.save(folder + "/cap.npy", ball.vertices[:, 2] > 0.5)
-    ...     int(mv.read_mask(folder + "/cap.npy", ball).sum())
+    >>> np.save(folder / "cap.npy", ball.vertices[:, 2] > 0.5)
+    >>> int(mv.read_mask(folder / "cap.npy", ball).sum())
     165
     """
     condition = None if Path(given).exists() else _CONDITION.fullmatch(str(given))
@@ -170,6 +158,9 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
 def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
     """Read a label set from a file of maps.
 
+    `InputError` is raised as by `read_maps`, and if there is no such map, or one of several has to
+    be named.
+
     Parameters
     ----------
     given : str or Path
@@ -183,18 +174,11 @@ def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
     VertexMap
         Of the vertices of the mesh; without labels, if the file has numbers alone.
 
-    Raises
-    ------
-    InputError
-        As `read_maps`, and if there is no such map, or one of several has to be named.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     with open(folder + "/parts.csv", "w") as file:
-    ...         _ = file.write("label,name\\n" + 300 * "1,spine\\n" + 342 * "2,shaft\\n")
-    ...     parts = mv.read_labels(folder + "/parts.csv", ball)
+    >>> rows = "label,name\\n" + 300 * "1,spine\\n" + 342 * "2,shaft\\n"
+    >>> _ = (folder / "parts.csv").write_text(rows)
+    >>> parts = mv.read_labels(folder / "parts.csv", ball)
     >>> [label.name for label in parts.labels], int(parts.mask("spine").sum())
     (['spine', 'shaft'], 300)
     """

@@ -62,14 +62,12 @@ def write_classes(path: str | Path, model: ClassModel) -> None:
 
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
     >>> parts = (mv.Label(1, "cap", "#4477aa"), mv.Label(2, "side", "#ee6677"))
     >>> pill = mv.Mesh(ball.vertices * [1, 1, 3], ball.faces, unit="mm")
     >>> labels = mv.VertexMap("part", np.where(pill.vertices[:, 2] > 2, 1, 2), labels=parts)
     >>> model = mv.train_classes(pill, labels)
-    >>> with TemporaryDirectory() as folder:
-    ...     mv.write_classes(folder + "/parts.skops", model)
-    ...     mv.read_classes(folder + "/parts.skops").names
+    >>> mv.write_classes(folder / "parts.skops", model)
+    >>> mv.read_classes(folder / "parts.skops").names
     ('cap', 'side')
     """
     check_model_path(path)
@@ -125,14 +123,11 @@ def read_classes(path: str | Path) -> ClassModel:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     written = Path(folder, "other.skops").write_text("no model")
-    ...     try:
-    ...         mv.read_classes(Path(folder, "other.skops"))
-    ...     except mv.InputError as error:
-    ...         print(str(error).partition("other.skops ")[2])
+    >>> _ = (folder / "other.skops").write_text("no model")
+    >>> try:
+    ...     mv.read_classes(folder / "other.skops")
+    ... except mv.InputError as error:
+    ...     print(str(error).partition("other.skops ")[2])
     is no model of classes: choose one that `train` has written.
     """
     path = Path(path)

@@ -20,6 +20,8 @@ def to_napari(
 ) -> tuple[tuple[npt.NDArray[Any], ...], dict[str, Any], str]:
     """A mesh as the layer tuple that napari takes.
 
+    `InputError` is raised if there is not one value for each vertex.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -34,11 +36,6 @@ def to_napari(
         Data ``(vertices, faces)`` or ``(vertices, faces, values)``, options and "surface".
         Coordinates are in reverse order, (z, y, x), as the axes of images in napari are. A mesh
         with a unit has it as ``units`` of its three axes, which napari knows since 0.5.
-
-    Raises
-    ------
-    InputError
-        If there is not one value for each vertex.
 
     Examples
     --------

@@ -101,6 +101,9 @@ def read_mesh(
     coordinates are merged, and texture seams do not cut the surface. Other values per vertex in
     PLY, VTP, VTK, GLB, glTF, NPZ and GIFTI files become `Mesh.maps`.
 
+    `InputError` is raised if there is no such file or it holds no usable mesh; one sentence that
+    names the file, the fault and the remedy.
+
     Parameters
     ----------
     path : str or Path
@@ -127,12 +130,6 @@ def read_mesh(
         With `Mesh.unit` and `Mesh.voxel` set; `Mesh.name` is the file's name without its ending, or
         the id of the segment.
         `Mesh.structure` is stated in the file, or by FreeSurfer's file names, such as ``lh.pial``.
-
-    Raises
-    ------
-    InputError
-        If there is no such file or it holds no usable mesh; one sentence that names the file,
-        the fault and the remedy.
 
     Warns
     -----

@@ -45,6 +45,9 @@ def write_features(
 ) -> None:
     """Write feature columns in the format given by the file's ending.
 
+    `InputError` is raised if the ending is unknown, the number of rows differs from the vertices of
+    the mesh, or the file cannot be written.
+
     Parameters
     ----------
     path : str or Path
@@ -58,22 +61,11 @@ def write_features(
     meta : dict, optional
         JSON-able options that the features were computed with, or a result of `provenance`.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown, the number of rows differs from the vertices of the mesh, or the
-        file cannot be written.
-
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
     >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]))
-    >>> mesh = mv.Mesh(ball.vertices, ball.faces)
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "ball.npz"
-    ...     mv.write_features(file, hks, mesh)
-    ...     np.load(file)["features"].shape
+    >>> mv.write_features(folder / "hks.npz", hks, mv.Mesh(ball.vertices, ball.faces))
+    >>> np.load(folder / "hks.npz")["features"].shape
     (642, 2)
     """
     if len(features.values) != mesh.n_vertices:
@@ -99,6 +91,8 @@ def write_eigenpairs(
 ) -> None:
     """Write eigenvalues and eigenvectors with their proof, as NPZ or VTP.
 
+    `InputError` is raised if the ending is unknown or the system refuses.
+
     Parameters
     ----------
     path : str or Path
@@ -108,20 +102,10 @@ def write_eigenpairs(
     meta : dict, optional
         JSON-able options that led to it, or what `provenance` made of them.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown or the system refuses.
-
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> mesh = mv.Mesh(ball.vertices, ball.faces)
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "ball.npz"
-    ...     mv.write_eigenpairs(file, pairs, mesh)
-    ...     np.load(file)["eigenvectors"].shape
+    >>> mv.write_eigenpairs(folder / "pairs.npz", pairs, mv.Mesh(ball.vertices, ball.faces))
+    >>> np.load(folder / "pairs.npz")["eigenvectors"].shape
     (642, 16)
     """
     extra = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
@@ -154,6 +138,8 @@ def write_map_spectrum(
     Columns are ``pair`` (from 0), ``eigenvalue``, ``coefficient``, and ``share``, the share of the
     energy in the pairs up to this one.
 
+    `InputError` is raised if the ending is unknown or the file cannot be written.
+
     Parameters
     ----------
     path : str or Path
@@ -166,21 +152,11 @@ def write_map_spectrum(
     meta : dict, optional
         JSON-able options that it was computed with, or a result of `provenance`.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown or the file cannot be written.
-
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
     >>> height = mv.map_spectrum(pairs, ball.vertices[:, 2])
-    >>> mesh = mv.Mesh(ball.vertices, ball.faces)
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "height.csv"
-    ...     mv.write_map_spectrum(file, height, mesh)
-    ...     len(file.read_text().splitlines())
+    >>> mv.write_map_spectrum(folder / "z.csv", height, mv.Mesh(ball.vertices, ball.faces))
+    >>> len((folder / "z.csv").read_text().splitlines())
     17
     """
     counts = np.arange(len(spectrum))
@@ -285,15 +261,9 @@ def unused_path(path: str | Path) -> Path:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "hks.npz"
-    ...     free = [mv.unused_path(path).name]
-    ...     np.savez(path, hks=np.zeros(3))
-    ...     free.append(mv.unused_path(path).name)
-    >>> free
-    ['hks.npz', 'hks_2.npz']
+    >>> np.savez(folder / "times.npz", times=np.zeros(3))
+    >>> mv.unused_path(folder / "free.npz").name, mv.unused_path(folder / "times.npz").name
+    ('free.npz', 'times_2.npz')
     """
     path = Path(path)
     ending = "".join(path.suffixes[-2:]) if path.suffix == ".gii" else path.suffix

@@ -39,13 +39,9 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
     >>> cap = mv.regions(ball, ball.vertices[:, 2] > 0.5, neck=False)
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "cap.csv"
-    ...     mv.write_regions(file, cap)
-    ...     file.read_text().splitlines()[0]
+    >>> mv.write_regions(folder / "cap.csv", cap)
+    >>> (folder / "cap.csv").read_text().splitlines()[0]
     '"label","part","vertices","area","volume","loops","extent","x","y","z","unit"'
     """
     columns = {**table.columns, "unit": np.full(len(table), table.mesh.unit)}
@@ -87,12 +83,10 @@ def write_labels(
 
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
     >>> names = (mv.Label(1, "north", "#4477aa"), mv.Label(2, "south", "#ee6677"))
     >>> halves = mv.VertexMap("half", np.where(ball.vertices[:, 2] > 0, 1, 2), names)
-    >>> with TemporaryDirectory() as folder:
-    ...     mv.write_labels(folder + "/half.annot", halves, ball)
-    ...     [label.name for label in mv.read_labels(folder + "/half.annot", ball).labels]
+    >>> mv.write_labels(folder / "half.annot", halves, ball)
+    >>> [label.name for label in mv.read_labels(folder / "half.annot", ball).labels]
     ['north', 'south']
     """
     surface = as_mesh(mesh)

@@ -138,6 +138,8 @@ class Eigenpairs:
         another factorization, up to the bound of the certificate or, if these pairs are not all
         those below it, up to the highest gap between them.
 
+        `InputError` is raised if the size of the matrices differs.
+
         Parameters
         ----------
         stiffness : sparse matrix or array, shape (n, n)
@@ -149,11 +151,6 @@ class Eigenpairs:
         -------
         Certificate
             The numbers measured here; `complete` is the verdict.
-
-        Raises
-        ------
-        InputError
-            If the size of the matrices differs.
         """
         assert isinstance(self.rows, np.ndarray)
         return verify_pairs(self.eigenvalues, self.rows, self.certificate, stiffness, mass)

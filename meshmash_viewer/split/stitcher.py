@@ -141,6 +141,10 @@ class MeshStitcher(Sequence[Piece]):
     ) -> MeshStitcher:
         """Cut the mesh into overlapping pieces; they are then in `pieces`.
 
+        `InputError` is raised if the threshold is too small for a vertex and its neighbours, no
+        component is large enough, more than one width of the overlap is given, or one is negative
+        or not finite.
+
         Parameters
         ----------
         max_vertex_threshold : int, optional
@@ -168,12 +172,6 @@ class MeshStitcher(Sequence[Piece]):
         -------
         MeshStitcher
             This object, the sequence of the pieces.
-
-        Raises
-        ------
-        InputError
-            If the threshold is too small for a vertex and its neighbours, no component is large
-            enough, more than one width of the overlap is given, or one is negative or not finite.
         """
         mesh = self.mesh
         threshold = mesh.n_vertices if max_vertex_threshold is None else int(max_vertex_threshold)
@@ -342,10 +340,7 @@ class MeshStitcher(Sequence[Piece]):
 
         `features` has a value or a row for each vertex of the mesh, shape (n,) or (n, f).
 
-        Raises
-        ------
-        InputError
-            If the number of rows differs from that of the vertices.
+        `InputError` is raised if the number of rows differs from that of the vertices.
         """
         rows = np.asarray(features)
         if rows.ndim == 0 or len(rows) != self.mesh.n_vertices:
@@ -369,6 +364,8 @@ class MeshStitcher(Sequence[Piece]):
     ) -> npt.NDArray[Any]:
         """Call a function only on the pieces to which some vertices are assigned; see `apply`.
 
+        `InputError` is raised if a vertex does not exist, or all are in no piece.
+
         Parameters
         ----------
         indices : array_like of int, or of bool, shape (n,)
@@ -377,11 +374,6 @@ class MeshStitcher(Sequence[Piece]):
             Whether to return rows for these vertices only, not for all vertices of the mesh.
         fill_value : float
             Value of vertices whose piece was not computed.
-
-        Raises
-        ------
-        InputError
-            If a vertex does not exist, or all are in no piece.
         """
         vertices = np.atleast_1d(np.asarray(indices))
         n = self.mesh.n_vertices
@@ -454,10 +446,8 @@ class MeshStitcher(Sequence[Piece]):
 
         Vertices without a value get `fill_value`.
 
-        Raises
-        ------
-        InputError
-            If their number differs from that of the pieces, or shapes do not agree.
+        `InputError` is raised if their number differs from that of the pieces, or shapes do not
+        agree.
         """
         return stitched(features_by_submesh, self.pieces, self.submesh_mapping, fill_value)
 

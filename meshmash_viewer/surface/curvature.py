@@ -24,6 +24,8 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     n and the mixed area A of Meyer et al. [1]_: positive where the surface bulges towards the side
     from which its faces are counter-clockwise, 1/r on a sphere of radius r.
 
+    `InputError` is raised if the mesh is not valid.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -40,11 +42,6 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     -----
     MeshWarning
         If neighbouring faces do not agree on which side is outside, see `direction_fault`.
-
-    Raises
-    ------
-    InputError
-        If the mesh is not valid.
 
     References
     ----------
