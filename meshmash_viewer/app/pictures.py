@@ -175,9 +175,13 @@ class Pictures:
         from meshmash_viewer.app.view.scene import displayed_surface, write_scene
 
         assert self.scene is not None
+        try:
+            surface = displayed_surface(self.scene.renderer)
+        except InputError as fault:
+            self._document.notices.say(f"The scene was not saved: {fault}", Severity.ERROR)
+            return
         self._settings.folder = path.parent
         self._document.notices.say(f"Writing {path.name} …")
-        surface = displayed_surface(self.scene.renderer)
 
         def write() -> None:
             try:  # in a process, as pyvista takes seconds, with the interpreter lock

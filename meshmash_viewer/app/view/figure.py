@@ -172,7 +172,9 @@ def panel_of(frame: Frame) -> Panel:
     picture = straight(frame.pixels)
     opaque = picture[..., 3] > 0
     if not opaque.any():
-        raise InputError("No part of the mesh is in the view: reset the camera.")
+        raise InputError(
+            "No part of the mesh is visible: reset the camera, or show what is hidden."
+        )
     picture = np.pad(picture, ((_AROUND, _AROUND), (_AROUND, _AROUND), (0, 0)))
     across, along = (np.flatnonzero(opaque.any(axis=axis)) for axis in (0, 1))
     # of the padded picture, with the margin

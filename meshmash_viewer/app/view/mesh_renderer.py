@@ -154,9 +154,8 @@ class MeshRenderer:
         if self.points is not None:
             self.points.hide(hidden)
         geometry = geometry_of(self.mesh)
-        self.sample = geometry.sample
-        if hidden is not None:
-            visible = np.flatnonzero(self.mesh.referenced & ~hidden)
+        self.sample = geometry.sample  # stays where nothing is visible
+        if hidden is not None and len(visible := np.flatnonzero(self.mesh.referenced & ~hidden)):
             chosen = visible[:: max(1, len(visible) // _SAMPLED)]
             self.sample = geometry.points[chosen] + self.centre
 
