@@ -69,11 +69,17 @@ def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1)
     )
 
 
-def decomposition_bytes(n_vertices: int, n_pairs: float, n_components: int = 1) -> int:
-    """Predict the bytes of memory that a decomposition takes beyond the mesh."""
+def decomposition_bytes(n_vertices: int, n_pairs: float) -> int:
+    """Predict the bytes of memory that a decomposition takes beyond the mesh.
+
+    For as many pairs, fewer vertices never give more. A run may take more once debris is removed,
+    as fewer pairs are known constants, or fewer vertices are computed by dense `eigh`: therefore it
+    is predicted for one component, and at least as that of the largest mesh computed so.
+    """
     n_pairs = max(1, min(round(n_pairs), n_vertices))
+    dense = max(_DENSE_VERTICES, min(3 * n_pairs - 3, _DENSE_VERTICES_MOST_PAIRS + 1))
     # a closed surface has 3 edges a vertex, so 7 entries a row
-    return estimate_memory(n_vertices, 7 * n_vertices, n_pairs, n_null=n_components)
+    return max(estimate_memory(n, 7 * n, n_pairs) for n in (n_vertices, min(n_vertices, dense)))
 
 
 def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = None) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -117,7 +118,6 @@ def test_the_largest_component_is_kept_and_computed_by_one_click(
     catch_up()
     assert button.isVisible()
     assert button.toolTip().startswith("Drops 1 component with 42 vertices")
-    assert "for 8 nonzero pairs." in part(window, "cost_label").text()
     QTest.mouseClick(button, LEFT)
     qtbot.waitUntil(lambda: window.document.solve.is_computed, timeout=PATIENCE)
     rest(qtbot, window)
@@ -137,14 +137,16 @@ def test_what_is_shown_and_written_counts_as_the_file(
     for vertex in (7, 60):
         document.pins.toggle(vertex)
     document.display.kind = "distance"
-    cost = part(window, "cost_label")
-    before = cost.text()
+
+    def megabytes() -> float:
+        found = re.search(r"([\d.]+)\sMB of memory", part(window, "cost_label").text())
+        assert found
+        return float(found[1])
+
+    before = megabytes()
     click_repair(qtbot, window, LARGEST)
     assert part(window, "mesh_vertices_label").text() == "162 of 206 in the file"
-    # more has to be computed for as many pairs, and that is said
-    assert ("for 98 nonzero pairs." in before, "for 99 nonzero pairs." in cost.text()) == (
-        True,
-    ) * 2
+    assert megabytes() < before, "fewer vertices"
     assert said(window).startswith("1 pin went with a vertex that the repair left out or merged.")
     assert part(window, "distance_label").text() == "Distance from vertex\N{NO-BREAK SPACE}60"
     assert part(window, "distance_vertex_combo").currentText() == "2 · Vertex 60"

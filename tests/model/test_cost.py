@@ -66,9 +66,16 @@ def test_a_run_predicts_itself_unless_it_was_too_short_to_tell() -> None:
 
 
 def test_memory_is_that_of_the_solver() -> None:
-    assert decomposition_bytes(10_000, 99.7, 3) == estimate_memory(10_000, 70_000, 100, n_null=3)
+    assert decomposition_bytes(10_000, 99.7) == estimate_memory(10_000, 70_000, 100)
     assert decomposition_bytes(900, 1e9) == estimate_memory(900, 6300, 900)
-    assert decomposition_bytes(900, 0.1) == estimate_memory(900, 6300, 1)
+    assert decomposition_bytes(900, 0.1) == estimate_memory(700, 4900, 1), "which is dense"
+
+
+@pytest.mark.parametrize("n_pairs", [1, 20, 47, 60, 300, 700, 2000])
+def test_predicted_memory_falls_with_the_vertices(n_pairs: int) -> None:
+    sizes = [2, 63, 700, 701, 750, 902, 1500, 2099, 2500, 2501, 2502, 4000, 10_000, 400_000]
+    predicted = [decomposition_bytes(n, n_pairs) for n in sizes]
+    assert predicted == sorted(predicted)
 
 
 @pytest.mark.parametrize(

@@ -13,18 +13,12 @@ from meshmash_viewer.units import counted
 
 
 def written_cost(document: Document, target: Target) -> str:
-    """Estimate what a decomposition takes: "about 1.2 GB of memory and 12 s for 99 nonzero pairs".
-
-    The pairs are said because zero ones cost next to nothing: of as many pairs, a mesh with fewer
-    components has more to compute, and takes more.
-    """
+    """Estimate what a decomposition takes: "about 1.2 GB of memory and 12 s"."""
     assert document.solved is not None
-    health, (pairs, _) = document.solved.health, document.solve.translation().count(target)
-    n_bytes = cost.decomposition_bytes(health.n_vertices, pairs, health.n_components)
+    pairs, _ = document.solve.translation().count(target)
+    n_bytes = cost.decomposition_bytes(document.solved.health.n_vertices, pairs)
     time = cost.written_duration(document.solve.expected_seconds(target))
-    what = f"about {cost.written_bytes(n_bytes)} of memory and {time}"
-    nonzero = int(pairs) - health.n_components
-    return f"{what} for {counted(nonzero, 'nonzero pair')}" if nonzero > 0 else what
+    return f"about {cost.written_bytes(n_bytes)} of memory and {time}"
 
 
 class ComputeButton(QPushButton):
