@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from statistics import mode
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.cli import numbers
 from meshmash_viewer.cli.numbers import said, whole
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.fields.family import Family
     from meshmash_viewer.fields.parameter import Parameter
     from meshmash_viewer.laplacian import OperatorOptions
+    from meshmash_viewer.spectral.weyl import Target
 
 #: Exit status for faults that the user can correct.
 FAULT = 2
@@ -34,98 +35,78 @@ FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
 LABEL_FORMATS = ("label.gii", "annot")
 
 
+def add_value(
+    parser: argparse._ActionsContainer,
+    flag: str,
+    kind: Callable[[str], Any],
+    metavar: str | tuple[str, ...],
+    about: str,
+    **more: Any,
+) -> None:
+    """Add an option that has a value: what parses it, its placeholder, and what it is."""
+    parser.add_argument(flag, type=kind, metavar=metavar, help=about, **more)
+
+
+def add_switch(parser: argparse._ActionsContainer, flag: str, about: str) -> None:
+    """Add an option without a value."""
+    parser.add_argument(flag, action="store_true", help=about)
+
+
 def add_condensing(parser: argparse.ArgumentParser) -> None:
     """Add the options of condense; defaults are those of `condensed_hks_pipeline`."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="OUT",
-        help='an .npz file, a folder, or a template such as "features/{name}.npz"; header.txt next'
-        " to it names the columns",
-    )
-    parser.add_argument(
-        "--graphs", metavar="OUT", help="likewise for the graph of domains of each mesh"
-    )
+    about = 'an .npz file, a folder, or a template such as "features/{name}.npz"; header.txt next'
+    about += " to it names the columns"
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
+    add_value(parser, "--graphs", str, "OUT", "likewise for the graph of domains of each mesh")
     add_cluster(parser)
     for flag, power, about in (
         ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
         ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
         ("--max-eigenvalue", -2, "all eigenvalues up to X (per unit²), default 1e-5 nm⁻²"),
     ):
-        parser.add_argument(flag, type=numbers.quantity(power), metavar="X", help=about)
+        add_value(parser, flag, numbers.quantity(power), "X", about)
     add_columns(parser, "number of times, default 32")
-    parser.add_argument(
-        "--reduction",
-        dest="simplify_target_reduction",
-        type=numbers.number(share=True),
-        metavar="SHARE",
-        help="of the faces to remove before, default 0.7",
-    )
-    parser.add_argument(
-        "--distance-threshold",
-        type=numbers.number(),
-        metavar="D",
-        help="Ward distance of log-HKS from which domains are separate, default 3",
-    )
-    parser.add_argument(
-        "--min-vertices",
-        dest="min_vertex_threshold",
-        type=whole(),
-        metavar="N",
-        help="smaller components are in no domain, default 200",
-    )
-    parser.add_argument(
-        "--nucleus",
-        dest="nuc_point",
-        type=numbers.number(),
-        nargs=3,
-        metavar=("X", "Y", "Z"),
-        help="position of the nucleus in the unit of the mesh; its distance is one more column",
-    )
+    share, dest = numbers.number(share=True), "simplify_target_reduction"
+    about = "of the faces to remove before, default 0.7"
+    add_value(parser, "--reduction", share, "SHARE", about, dest=dest)
+    about = "Ward distance of log-HKS from which domains are separate, default 3"
+    add_value(parser, "--distance-threshold", numbers.number(), "D", about)
+    about, dest = "smaller components are in no domain, default 200", "min_vertex_threshold"
+    add_value(parser, "--min-vertices", whole(), "N", about, dest=dest)
+    about = "position of the nucleus in the unit of the mesh; its distance is one more column"
+    xyz = {"nargs": 3, "dest": "nuc_point"}
+    add_value(parser, "--nucleus", numbers.number(), ("X", "Y", "Z"), about, **xyz)
     _add_jobs(parser)
 
 
 def add_training(parser: argparse.ArgumentParser) -> None:
     """Add the options of train."""
-    parser.add_argument(
-        "--labels",
-        action="append",
-        required=True,
-        metavar="FILE[:MAP]",
-        help="labels of a mesh, with names or numbers; once for each mesh, in the same order",
-    )
-    about = "; ".join(f"{kind}: {said}" for kind, said in KINDS.items())
+    about = "labels of a mesh, with names or numbers; once for each mesh, in the same order"
+    add_labels(parser, about, required=True, action="append")
     parser.add_argument(
         "--kind",
         action="append",
         choices=tuple(KINDS),
-        help=f"columns to learn from, default hks; may be given many times. {about}",
+        help=f"columns to learn from, default hks; may be given many times. {_listed(KINDS)}",
     )
     for flag, end in (("--t-min", "shortest"), ("--t-max", "longest")):
-        parser.add_argument(
-            flag,
-            type=numbers.quantity(2),
-            metavar="T",
-            help=f"{end} diffusion time (unit²); default: from the spectrum of the first mesh",
-        )
+        about = f"{end} diffusion time (unit²); default: from the spectrum of the first mesh"
+        add_value(parser, flag, numbers.quantity(2), "T", about)
     add_columns(parser, "number of times, default 32")
-    parser.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
-    about = "; ".join(f"{kind}: {said}" for kind, said in CLASSIFIERS.items())
+    add_drop_first(parser)
     parser.add_argument(
         "--classifier",
         choices=tuple(CLASSIFIERS),
         default="forest",
-        help=f"default forest; {about}",
+        help=f"default forest; {_listed(CLASSIFIERS)}",
     )
-    parser.add_argument(
-        "--smoothing",
-        type=numbers.quantity(1),
-        default=0.0,
-        metavar="L",
-        help="length over which probabilities are smoothed (unit), default 0",
-    )
+    about = "length over which probabilities are smoothed (unit), default 0"
+    add_value(parser, "--smoothing", numbers.quantity(1), "L", about, default=0.0)
     add_output(parser, "OUT.skops", "the model to write")
+
+
+def _listed(texts: Mapping[str, str]) -> str:
+    return "; ".join(f"{name}: {text}" for name, text in texts.items())
 
 
 def add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
@@ -170,14 +151,9 @@ def add_looks(
     parser: argparse.ArgumentParser, size: tuple[int, int], *, transparent: bool = False
 ) -> None:
     """Add the appearance of pictures."""
-    parser.add_argument(
-        "--size",
-        type=_size,
-        default=size,
-        metavar="WIDTHxHEIGHT",
-        help=f"in pixels, default {size[0]}x{size[1]}",
-    )
-    parser.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
+    about = f"in pixels, default {size[0]}x{size[1]}"
+    add_value(parser, "--size", _size, "WIDTHxHEIGHT", about, default=size)
+    add_value(parser, "--colormap", str, "NAME", "one of matplotlib's")
     parser.add_argument("--limits", type=numbers.number(), nargs=2, metavar=("LOW", "HIGH"))
     parser.add_argument(
         "--color-scale",
@@ -185,14 +161,24 @@ def add_looks(
         default="automatic",
         help="automatic is log where values are positive and span more than two decades",
     )
-    parser.add_argument("--dark", action="store_true", help="light text on a dark ground")
+    add_switch(parser, "--dark", "light text on a dark ground")
     if transparent:
-        parser.add_argument("--transparent", action="store_true", help="leave the background out")
+        add_switch(parser, "--transparent", "leave the background out")
 
 
-def add_columns(parser: argparse.ArgumentParser, about: str, default: int | None = None) -> None:
+def add_columns(parser: argparse.ArgumentParser, about: str) -> None:
     """Add the number of columns."""
-    parser.add_argument("--n-components", type=whole(1), default=default, metavar="N", help=about)
+    add_value(parser, "--n-components", whole(1), "N", about)
+
+
+def add_drop_first(parser: argparse.ArgumentParser) -> None:
+    """Add whether the first eigenpair is left out."""
+    add_switch(parser, "--drop-first", "leave out the first eigenpair")
+
+
+def add_labels(parser: argparse.ArgumentParser, about: str, **more: Any) -> None:
+    """Add a label set, from a file."""
+    add_value(parser, "--labels", str, "FILE[:MAP]", about, **more)
 
 
 def add_output(
@@ -205,14 +191,9 @@ def add_output(
 def add_outputs(parser: argparse.ArgumentParser, formats: tuple[str, ...] = FORMATS) -> None:
     """Add the options for a file each mesh."""
     endings = " ".join(f".{name}" for name in formats)
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="OUT",
-        help=f"file whose ending is the format ({endings}), a folder, or a template such as"
-        ' "{name}_{kind}.csv"',
-    )
+    about = f"file whose ending is the format ({endings}), a folder, or a template such as"
+    about += ' "{name}_{kind}.csv"'
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
     parser.add_argument(
         "--format", choices=formats, default="npz", help="of the files in a folder, default npz"
     )
@@ -220,19 +201,11 @@ def add_outputs(parser: argparse.ArgumentParser, formats: tuple[str, ...] = FORM
 
 def add_cluster(parser: argparse.ArgumentParser) -> None:
     """Add the options for many meshes, which `for_each` takes with the outputs."""
-    parser.add_argument(
-        "--scheduler",
-        type=_scheduler,
-        metavar="ADDRESS",
-        help="compute on the workers of this Dask scheduler, one task a mesh (the pieces of a"
-        " single one), or by N processes with local:N; writes a manifest next to the results",
-    )
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="leave out meshes whose results exist, by the manifest of an earlier run: the same"
-        " content and options",
-    )
+    about = "compute on the workers of this Dask scheduler, one task a mesh (the pieces of a"
+    about += " single one), or by N processes with local:N; writes a manifest next to the results"
+    add_value(parser, "--scheduler", _scheduler, "ADDRESS", about)
+    about = "leave out meshes whose results exist, by the manifest of an earlier run: the same"
+    add_switch(parser, "--resume", f"{about} content and options")
 
 
 def _scheduler(text: str) -> str:
@@ -249,47 +222,24 @@ def mesh_argument(text: str) -> Path | str:
 
 def add_unit(parser: argparse.ArgumentParser) -> None:
     """Add the unit of length."""
-    parser.add_argument(
-        "--unit", type=said(_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
-    )
-    parser.add_argument(
-        "--segment",
-        action="append",
-        default=[],
-        metavar="ID",
-        help="of a link: the segment to read; may be given many times",
-    )
-    parser.add_argument(
-        "--lod",
-        type=int,
-        metavar="N",
-        help="of a link: the level of detail, 0 for the finest (default, unless it is too large)",
-    )
+    add_value(parser, "--unit", said(_unit), "U", f"of coordinates: {UNIT_FORMS}")
+    about = "of a link: the segment to read; may be given many times"
+    add_value(parser, "--segment", str, "ID", about, action="append", default=[])
+    about = "of a link: the level of detail, 0 for the finest (default, unless it is too large)"
+    add_value(parser, "--lod", int, "N", about)
 
 
 def add_maps(parser: argparse.ArgumentParser) -> None:
     """Add maps, values per vertex from files."""
-    parser.add_argument(
-        "--map",
-        action="append",
-        default=[],
-        type=Path,
-        metavar="FILE",
-        help="values per vertex of the mesh, from a file; may be given many times",
-    )
+    about = "values per vertex of the mesh, from a file; may be given many times"
+    add_value(parser, "--map", Path, "FILE", about, action="append", default=[])
 
 
 def add_preparation(parser: argparse.ArgumentParser) -> None:
     """Add the options for reading and repairing meshes."""
     add_unit(parser)
-    parser.add_argument(
-        "--repair",
-        action="append",
-        default=[],
-        type=said(_repair),
-        metavar="NAME",
-        help="repair the mesh first, in the order given; `info` counts what each would correct",
-    )
+    about = "repair the mesh first, in the order given; `info` counts what each would correct"
+    add_value(parser, "--repair", said(_repair), "NAME", about, action="append", default=[])
     parser.add_argument(
         "--largest-component",
         dest="repair",
@@ -297,71 +247,37 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         const="keep_largest_component",
         help="leave out all but the largest connected component",
     )
-    parser.add_argument(
-        "--mask",
-        metavar="FILE[:LABEL]",
-        help="solve on these vertices only, NaN elsewhere: those of a label, of all others after -"
-        " (lh.aparc.annot:-unknown), with a value but zero, or that meet a condition"
-        " ('lh.thickness>0.5', in quotes)",
-    )
+    about = "solve on these vertices only, NaN elsewhere: those of a label, of all others after -"
+    about += " (lh.aparc.annot:-unknown), with a value but zero, or that meet a condition"
+    add_value(parser, "--mask", str, "FILE[:LABEL]", f"{about} ('lh.thickness>0.5', in quotes)")
 
 
 def add_points(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add the options of a table of points."""
-    parser.add_argument(
-        "--points",
-        required=required,
-        type=Path,
-        metavar="FILE",
-        help="table of points, such as synapses: CSV, Parquet or Feather",
-    )
-    parser.add_argument(
-        "--position",
-        default="",
-        metavar="NAME",
-        help="which position, where a row has several: pre_pt, ctr_pt_position",
-    )
+    about = "table of points, such as synapses: CSV, Parquet or Feather"
+    add_value(parser, "--points", Path, "FILE", about, required=required)
+    about = "which position, where a row has several: pre_pt, ctr_pt_position"
+    add_value(parser, "--position", str, "NAME", about, default="")
     unit = parser.add_mutually_exclusive_group()
-    unit.add_argument(
-        "--points-unit",
-        type=said(_unit),
-        default="",
-        metavar="U",
-        help=f"of the points: {UNIT_FORMS}; default: that of the mesh",
-    )
-    unit.add_argument(
-        "--voxel",
-        type=numbers.number(),
-        nargs=3,
-        metavar=("X", "Y", "Z"),
-        help="size of the voxels that the points count, in the unit of the mesh",
-    )
-    parser.add_argument(
-        "--max-distance",
-        type=numbers.quantity(1),
-        metavar="L",
-        help="from a vertex (unit); default a hundredth of the diagonal of the mesh",
-    )
+    about = f"of the points: {UNIT_FORMS}; default: that of the mesh"
+    add_value(unit, "--points-unit", said(_unit), "U", about, default="")
+    about = "size of the voxels that the points count, in the unit of the mesh"
+    add_value(unit, "--voxel", numbers.number(), ("X", "Y", "Z"), about, nargs=3)
+    about = "from a vertex (unit); default a hundredth of the diagonal of the mesh"
+    add_value(parser, "--max-distance", numbers.quantity(1), "L", about)
 
 
 def add_structure(parser: argparse.ArgumentParser) -> None:
     """Add the brain structure that a GIFTI file names."""
-    parser.add_argument(
-        "--structure",
-        type=said(named_structure),
-        metavar="NAME",
-        help="of a brain: left, right, or a name such as CortexLeft, which GIFTI files then state;"
-        " default: what the mesh file states, or its name: lh.pial",
-    )
+    about = "of a brain: left, right, or a name such as CortexLeft, which GIFTI files then state;"
+    about += " default: what the mesh file states, or its name: lh.pial"
+    add_value(parser, "--structure", said(named_structure), "NAME", about)
 
 
 def add_whole(parser: argparse.ArgumentParser) -> None:
     """Add whether results are written at all vertices of the file."""
-    parser.add_argument(
-        "--whole-mesh",
-        action="store_true",
-        help="after repairs: write results at all vertices of the file, NaN where one is left out",
-    )
+    about = "after repairs: write results at all vertices of the file, NaN where one is left out"
+    add_switch(parser, "--whole-mesh", about)
 
 
 def add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> None:
@@ -379,44 +295,25 @@ def add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> N
     parser.set_defaults(target=Target("count", _DEFAULT_COUNT))
     about = f"number of eigenpairs, default {_DEFAULT_COUNT}"
     about += "; auto: as many as --t-min needs" if automatic else ""
-    target = parser.add_mutually_exclusive_group()
-    for flag, kind, metavar, text in (
-        ("--count", count, "K", about),
-        (
-            "--max-eigenvalue",
-            numbers.target("max_eigenvalue", -2),
-            "X",
-            "all eigenvalues up to X (per unit²)",
-        ),
-        (
-            "--wavelength",
-            numbers.target("wavelength", 1),
-            "W",
-            "all waves of length W (unit) and longer",
-        ),
-    ):
-        target.add_argument(flag, dest="target", type=kind, metavar=metavar, help=text)
+    group = parser.add_mutually_exclusive_group()
+    add_value(group, "--count", count, "K", about, dest="target")
+    about, kind = "all eigenvalues up to X (per unit²)", numbers.target("max_eigenvalue", -2)
+    add_value(group, "--max-eigenvalue", kind, "X", about, dest="target")
+    about, kind = "all waves of length W (unit) and longer", numbers.target("wavelength", 1)
+    add_value(group, "--wavelength", kind, "W", about, dest="target")
 
 
 def add_solver(parser: argparse.ArgumentParser, *, operator: bool = True) -> None:
     """Add the options of the operator and the solver."""
     if operator:
-        parser.add_argument(
-            "--no-robust",
-            action="store_true",
-            help="plain cotangent Laplacian, for clean manifolds",
-        )
+        add_switch(parser, "--no-robust", "plain cotangent Laplacian, for clean manifolds")
         parser.add_argument("--mollify-factor", type=said(_not_negative), default=1e-5, metavar="F")
-    parser.add_argument(
-        "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
-    )
+    add_switch(parser, "--no-cache", "neither use nor keep stored eigenpairs")
     _add_jobs(parser)
 
 
 def _add_jobs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--jobs", type=whole(1), metavar="J", help="processes; default: as many as fit"
-    )
+    add_value(parser, "--jobs", whole(1), "J", "processes; default: as many as fit")
 
 
 def _unit(text: str) -> str:
@@ -455,6 +352,16 @@ def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
     from meshmash_viewer.laplacian import OperatorOptions
 
     return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
+
+
+def made_with(options: argparse.Namespace, kind: str, target: Target, proof: str) -> dict[str, Any]:
+    """Return `export_options` of a result of some kind."""
+    from meshmash_viewer.io.provenance import export_options
+
+    return export_options(
+        kind, chosen_operator(options), target, proof, options.repair,
+        whole_mesh=getattr(options, "whole_mesh", False), mask=options.mask,
+    )  # fmt: skip
 
 
 def refuse_others(

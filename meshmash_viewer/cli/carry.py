@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.cli.arguments import chosen_operator
+from meshmash_viewer.cli.arguments import made_with
 from meshmash_viewer.cli.batch import Report, for_each, prepared, read, solved, with_maps
 from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.outputs import check_map_outputs, folder_of, output_paths, write_maps
@@ -22,7 +22,6 @@ from meshmash_viewer.features.comparison import (
     matched_top,
 )
 from meshmash_viewer.io.maps import read_labels
-from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted, format_share
@@ -54,10 +53,7 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
             found, pairs, vertices=corresponding_vertices(mesh, first), refine=True
         )
         proof = f"{found.proof(mesh.unit)}; {pairs.proof(first.unit)}"
-        made = export_options(
-            "carried maps", chosen_operator(own), own.target, proof, own.repair,
-            whole_mesh=own.whole_mesh, mask=own.mask,
-        )  # fmt: skip
+        made = made_with(own, "carried maps", own.target, proof)
         made["carried_from"] = {"mesh": first.name, "hash": first.content_hash}
         whole = raw if own.whole_mesh else None
         write_maps(outputs[at], matched.carried(maps), mesh, whole, made)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.cli.arguments import chosen_operator
+from meshmash_viewer.cli.arguments import made_with
 from meshmash_viewer.cli.batch import (
     Report,
     finite,
@@ -39,7 +39,7 @@ from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.health import median_edge_length, mesh_health
 from meshmash_viewer.io.maps import read_labels
-from meshmash_viewer.io.provenance import export_options, provenance
+from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.spectrum import stored_answer
 from meshmash_viewer.io.write import check_output, write_features, write_mesh
 from meshmash_viewer.io.write_labels import write_regions
@@ -186,10 +186,7 @@ def compare(options: Namespace) -> int:
     }
     if options.output is not None:
         proof = f"{first.proof(meshes[0].unit)}; {second.proof(meshes[1].unit)}"
-        whole, operator = options.whole_mesh, chosen_operator(options)
-        made = export_options(
-            "match", operator, target, proof, options.repair, whole_mesh=whole, mask=options.mask
-        )
+        whole, made = options.whole_mesh, made_with(options, "match", target, proof)
         made["matched_in"] = family.export
         if found.functional is not None:
             made["refined"] = {"landmarks": 0}
@@ -260,10 +257,7 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
         "rms_distance": typical,
         "largest_distance": most,
     }
-    operator, proof = chosen_operator(options), report["proof"]
-    made = export_options(
-        "reconstruction", operator, options.target, proof, options.repair, mask=options.mask
-    )
+    made = made_with(options, "reconstruction", options.target, report["proof"])
     made["rms_distance"] = typical
     write_mesh(path, replace(mesh, vertices=vertices), provenance(mesh, made))
     report["seconds"] = round(time.perf_counter() - began, 3)

@@ -7,7 +7,13 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from meshmash_viewer.cli.arguments import MAPS, chosen_family, chosen_operator, refuse_others
+from meshmash_viewer.cli.arguments import (
+    MAPS,
+    chosen_family,
+    chosen_operator,
+    made_with,
+    refuse_others,
+)
 from meshmash_viewer.cli.batch import (
     Report,
     for_each,
@@ -28,7 +34,6 @@ from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import median_edge_length
-from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import maps_alone, write_results
@@ -112,10 +117,7 @@ def _write_maps(raw: Mesh, path: Path, options: Namespace) -> Report:
     found = maps_alone(mesh)
     if options.component_column:
         found = found.with_components(mesh)
-    operator, repairs, whole = chosen_operator(options), options.repair, options.whole_mesh
-    made = export_options(
-        MAPS, operator, options.target, "", repairs, whole_mesh=whole, mask=options.mask
-    )
+    whole, made = options.whole_mesh, made_with(options, MAPS, options.target, "")
     write_results(path, found, mesh, raw if whole else None, None, made)
     report = {
         "mesh": mesh.name,
@@ -152,15 +154,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
     if family.makes_features():
         results = computed_features(mesh, family, pairs, target, options, report)
     assert results is not None
-    made = export_options(
-        family.export,
-        chosen_operator(options),
-        target,
-        report.get("proof", ""),
-        options.repair,
-        whole_mesh=options.whole_mesh,
-        mask=options.mask,
-    )
+    made = made_with(options, family.export, target, report.get("proof", ""))
     write_results(path, results, mesh, raw if options.whole_mesh else None, pairs, made)
     report["seconds"] = round(time.perf_counter() - began, 3)
     if pairs is None:

@@ -16,7 +16,9 @@ from meshmash_viewer.cli.arguments import (
     add_cluster,
     add_columns,
     add_condensing,
+    add_drop_first,
     add_families,
+    add_labels,
     add_looks,
     add_maps,
     add_output,
@@ -25,9 +27,11 @@ from meshmash_viewer.cli.arguments import (
     add_preparation,
     add_solver,
     add_structure,
+    add_switch,
     add_target,
     add_training,
     add_unit,
+    add_value,
     add_whole,
     mesh_argument,
     usual_counts,
@@ -76,12 +80,9 @@ def window_parser() -> argparse.ArgumentParser:
     parser.add_argument("mesh", nargs="*", type=mesh_argument, help="mesh file, session, or link")
     add_unit(parser)
     add_maps(parser)
-    parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
-    parser.add_argument(
-        "--info",
-        action="store_true",
-        help="say what a report of a fault needs: versions, memory, graphics, stored eigenpairs",
-    )
+    add_switch(parser, "--fresh", "ignore stored settings")
+    about = "say what a report of a fault needs: versions, memory, graphics, stored eigenpairs"
+    add_switch(parser, "--info", about)
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     return parser
 
@@ -128,25 +129,15 @@ def command_parser() -> argparse.ArgumentParser:
         choices=("weyl",),
         help="of --kind hks: add what Weyl's law expects of the eigenpairs that are not computed",
     )
-    features.add_argument(
-        "--component-column",
-        action="store_true",
-        help="a last column with the connected component of each vertex, from 0",
-    )
-    features.add_argument(
-        "--pieces",
-        type=whole(1),
-        metavar="N",
-        help="compute in about N overlapping pieces, for a mesh too large to be solved whole",
-    )
+    about = "a last column with the connected component of each vertex, from 0"
+    add_switch(features, "--component-column", about)
+    about = "compute in about N overlapping pieces, for a mesh too large to be solved whole"
+    add_value(features, "--pieces", whole(1), "N", about)
     add_whole(features)
     add_maps(features)
-    features.add_argument(
-        "--maps",
-        action="store_true",
-        help="the values per vertex that a mesh file has, as more columns",
-    )
-    features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
+    about = "the values per vertex that a mesh file has, as more columns"
+    add_switch(features, "--maps", about)
+    add_drop_first(features)
     add_outputs(features)
     add_cluster(features)
 
@@ -158,15 +149,10 @@ def command_parser() -> argparse.ArgumentParser:
         "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
     )
     add_columns(compare, "number of columns")
-    compare.add_argument(
-        "--refine",
-        action="store_true",
-        help="match vertices by a functional map from these features, refined by ZoomOut",
-    )
-    add_output(
-        compare, "OUT", "file for the matches, one row for each vertex of the first mesh", False
-    )
-
+    about = "match vertices by a functional map from these features, refined by ZoomOut"
+    add_switch(compare, "--refine", about)
+    about = "file for the matches, one row for each vertex of the first mesh"
+    add_output(compare, "OUT", about, False)
     add_whole(compare)
 
     rebuilt = command(
@@ -177,18 +163,11 @@ def command_parser() -> argparse.ArgumentParser:
     add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
 
     measured = command("regions", "measure the connected parts of labels")
-    measured.add_argument(
-        "--labels",
-        required=True,
-        metavar="FILE[:MAP]",
-        help="labels of vertices, with names or numbers; after a colon which map of several",
-    )
+    about = "labels of vertices, with names or numbers; after a colon which map of several"
+    add_labels(measured, about, required=True)
     add_maps(measured)
-    measured.add_argument(
-        "--lambda2",
-        action="store_true",
-        help="the first eigenvalue above zero of each region with a free border",
-    )
+    about = "the first eigenvalue above zero of each region with a free border"
+    add_switch(measured, "--lambda2", about)
     add_points(measured, required=False)
     add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
 
@@ -203,22 +182,16 @@ def command_parser() -> argparse.ArgumentParser:
     )
     add_columns(placed, f"number of columns, {usual_counts(EXPORTS)}")
     add_families(placed, EXPORTS)
-    placed.add_argument(
-        "--labels", metavar="FILE[:MAP]", help="the label at each point, and counts of each label"
-    )
+    add_labels(placed, "the label at each point, and counts of each label")
     add_maps(placed)
-    placed.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
+    add_drop_first(placed)
     about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
-    placed.add_argument("--id-map", type=Path, metavar="OUT.npz", help=about)
+    add_value(placed, "--id-map", Path, "OUT.npz", about)
     add_output(placed, "OUT", "table to write: .csv .parquet")
     add_cluster(placed)
 
     carried = command("carry", "carry labels and maps of the first mesh to the others", None)
-    carried.add_argument(
-        "--labels",
-        metavar="FILE[:MAP]",
-        help="labels of the first mesh; after a colon which map of several",
-    )
+    add_labels(carried, "labels of the first mesh; after a colon which map of several")
     add_maps(carried)
     add_outputs(carried, (*FORMATS, *LABEL_FORMATS))
     add_whole(carried)
@@ -226,14 +199,10 @@ def command_parser() -> argparse.ArgumentParser:
 
     add_training(command("train", "learn classes of vertices from labels", None))
     predicted = command("predict", "predict classes of vertices by a model", None)
-    predicted.add_argument(
-        "--model", required=True, type=Path, metavar="FILE", help="a .skops file that train wrote"
-    )
-    predicted.add_argument(
-        "--domains",
-        metavar="FILE",
-        help="condensed features of the mesh, or the folder of them: one class for each domain",
-    )
+    about = "a .skops file that train wrote"
+    add_value(predicted, "--model", Path, "FILE", about, required=True)
+    about = "condensed features of the mesh, or the folder of them: one class for each domain"
+    add_value(predicted, "--domains", str, "FILE", about)
     add_outputs(predicted, (*FORMATS, *LABEL_FORMATS))
     add_cluster(predicted)
     add_whole(predicted)
@@ -248,25 +217,16 @@ def command_parser() -> argparse.ArgumentParser:
         help="default: hks, or the first map if one is given",
     )
     add_maps(render)
-    render.add_argument(
-        "--index", type=whole(), metavar="I", help="which eigenfunction, band or column, from 0"
-    )
+    add_value(render, "--index", whole(), "I", "which eigenfunction, band or column, from 0")
     add_columns(render, f"number of columns, {usual_counts(SWEPT, least=2)}")
     add_families(render, SWEPT)
     add_output(render, "OUT.png", "a .pdf or .svg is a figure")
     add_looks(render, (1600, 1200), transparent=True)
     about = "of a figure for a paper, in place of --size: white unless --transparent"
-    render.add_argument("--width-mm", type=numbers.number(), metavar="MM", help=f"width {about}")
-    render.add_argument(
-        "--dpi", type=whole(1), default=300, metavar="N", help="pixels per inch of a figure"
-    )
-    render.add_argument(
-        "--font-size",
-        type=numbers.number(),
-        default=7.0,
-        metavar="PT",
-        help="of a figure, in points",
-    )
+    add_value(render, "--width-mm", numbers.number(), "MM", f"width {about}")
+    add_value(render, "--dpi", whole(1), "N", "pixels per inch of a figure", default=300)
+    about = "of a figure, in points"
+    add_value(render, "--font-size", numbers.number(), "PT", about, default=7.0)
 
     gallery = command("gallery", "draw many fields of a mesh side by side")
     movie = command("movie", "draw a sweep through fields, or a turn")
@@ -277,39 +237,23 @@ def command_parser() -> argparse.ArgumentParser:
         add_columns(drawn, f"number of columns of the kinds that have any number, {about}")
         add_families(drawn, SWEPT)
         add_maps(drawn)
-    gallery.add_argument(
-        "--columns",
-        metavar="START:STOP:STEP",
-        help="which, from 0 and without STOP, as in Python; default two dozen, evenly spread",
-    )
+    about = "which, from 0 and without STOP, as in Python; default two dozen, evenly spread"
+    add_value(gallery, "--columns", str, "START:STOP:STEP", about)
     add_output(gallery, "OUT.png")
     add_looks(gallery, (2400, 1800), transparent=True)
     moves = movie.add_mutually_exclusive_group(required=True)
-    moves.add_argument(
-        "--sweep",
-        metavar="START:STOP:STEP",
-        help="through these columns, from 0 and without STOP, as in Python; : is all of them",
-    )
-    moves.add_argument(
-        "--turntable", action="store_true", help="once around the mesh, which shows one column"
-    )
-    movie.add_argument("--column", type=whole(), metavar="I", help="which, on the turntable")
-    movie.add_argument(
-        "--rate",
-        type=numbers.number(),
-        metavar="FPS",
-        help="frames a second; default as the window plays these fields, 25 on the turntable",
-    )
-    movie.add_argument(
-        "--seconds",
-        type=numbers.number("s"),
-        metavar="S",
-        help="how long; default every column once, 6 on the turntable",
-    )
+    about = "through these columns, from 0 and without STOP, as in Python; : is all of them"
+    add_value(moves, "--sweep", str, "START:STOP:STEP", about)
+    add_switch(moves, "--turntable", "once around the mesh, which shows one column")
+    add_value(movie, "--column", whole(), "I", "which, on the turntable")
+    about = "frames a second; default as the window plays these fields, 25 on the turntable"
+    add_value(movie, "--rate", numbers.number(), "FPS", about)
+    about = "how long; default every column once, 6 on the turntable"
+    add_value(movie, "--seconds", numbers.number("s"), "S", about)
     add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
     add_looks(movie, (1280, 720))
     for each in commands.choices.values():
-        each.add_argument("--json", action="store_true", help="one line of JSON for each mesh")
+        add_switch(each, "--json", "one line of JSON for each mesh")
     return parser
 
 
