@@ -15,6 +15,7 @@ Python of version 3.11 or newer and calls this file with it.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -47,6 +48,9 @@ SYSTEM_LIBRARIES = {
 }
 #: Programs of the virtual screen; PyInstaller needs objdump.
 SYSTEM_PROGRAMS = {"Xvfb": "xvfb", "xauth": "xauth", "objdump": "binutils"}
+
+#: Number of failed tests up to which they are repeated: more are no accident of a busy machine.
+MOST_REPEATED = 20
 
 #: Benchmarks that open windows.
 WITH_WINDOWS = ("walk", "progress")
@@ -218,10 +222,28 @@ def run(arguments: list[str]) -> int:
     return 0
 
 
+def run_in_parallel(tests: list[str], passed_alone: list[str]) -> int:
+    """Run pytest, and tests that fail, if they are few, once more in one process.
+
+    If these pass then, they are added to `passed_alone`, and the exit status is 0.
+    """
+    status = with_windows(PYTHON, "-m", "pytest", "--cache-clear", *tests)
+    kept = HERE / ".pytest_cache" / "v" / "cache" / "lastfailed"
+    failed = sorted(json.loads(kept.read_text())) if status == 1 and kept.exists() else []
+    if not 0 < len(failed) <= MOST_REPEATED:
+        return status
+    say(f"pytest once more for what failed in parallel: {len(failed)}")
+    status = with_windows(PYTHON, "-m", "pytest", "--last-failed", "-n", "0")
+    if status == 0:
+        passed_alone += failed
+    return status
+
+
 def test(arguments: list[str]) -> int:
     """Run ruff, mypy and the quick tests, all of them even if one fails.
 
-    With --all, run the slow tests, build the pages and build and try the bundle as well.
+    With --all, run the slow tests, build the pages and build and try the bundle as well, and repeat
+    tests that failed in parallel.
     """
     make_environment()
     install_system_libraries()
@@ -231,11 +253,16 @@ def test(arguments: list[str]) -> int:
     tests = given or ["-n", "logical", "--maxprocesses", "4", "--dist", "worksteal"]
     if not given and not everything:
         tests += ["-m", "not slow"]
+    passed_alone: list[str] = []
     mypy = begin(PYTHON, "-m", "mypy")  # while the tests wait for windows
     steps = {
         "ruff check": lambda: call(PYTHON, "-m", "ruff", "check", "."),
         "ruff format": lambda: call(PYTHON, "-m", "ruff", "format", "--check", "--quiet", "."),
-        f"pytest {' '.join(tests)}": lambda: with_windows(PYTHON, "-m", "pytest", *tests),
+        f"pytest {' '.join(tests)}": lambda: (
+            run_in_parallel(tests, passed_alone)
+            if everything and not given
+            else with_windows(PYTHON, "-m", "pytest", *tests)
+        ),
         "mypy": lambda: finish(mypy),
     }
     if everything:
@@ -251,6 +278,8 @@ def test(arguments: list[str]) -> int:
         status = step()
         word = "FAILED" if status else "passed"
         results.append(f"{word}  {name} ({time.monotonic() - began:.0f} s)")
+    if passed_alone:
+        results += [f"{len(passed_alone)} failed in parallel and passed alone:", *passed_alone]
     print("", *results, sep="\n", flush=True)
     return int(any(line.startswith("FAILED") for line in results))
 

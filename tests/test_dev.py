@@ -70,3 +70,36 @@ def test_one_failed_step_fails_the_test_and_ends_no_other(
     assert "FAILED  mypy" in printed
     assert "a fault" in printed
     assert printed.count("passed") == 3
+
+
+ONCE = """
+from pathlib import Path
+import os
+
+def test_passes():
+    pass
+
+def test_once():
+    been = Path(__file__).with_name("been")
+    if not been.exists():
+        been.touch()
+        {fault}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [("assert False", 0), ("os._exit(3)", 0), ("been.unlink(); assert False", 1)],
+    ids=["once", "crash", "always"],
+)
+def test_what_failed_in_parallel_is_repeated_alone(
+    dev: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fault: str, status: int
+) -> None:
+    (tmp_path / "test_it.py").write_text(ONCE.format(fault=fault))
+    monkeypatch.setattr(dev, "HERE", tmp_path)
+    monkeypatch.setattr(dev, "PYTHON", sys.executable)
+    monkeypatch.setattr(dev, "with_windows", dev.call)
+    passed_alone: list[str] = []
+    assert dev.run_in_parallel(["-n", "2"], passed_alone) == status
+    assert passed_alone == ([] if status else ["test_it.py::test_once"])
