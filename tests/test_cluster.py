@@ -121,19 +121,7 @@ def test_a_cluster_writes_what_one_process_writes_and_lists_what_failed(
     assert broken["fault"] in bad
 
 
-@pytest.mark.parametrize("lacking", [(), ("pyarrow",)])
-def test_a_run_goes_on_where_it_was(
-    lacking: tuple[str, ...],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
-    from importlib.util import find_spec
-
-    monkeypatch.setattr(
-        "meshmash_viewer.cli.manifest.find_spec",
-        lambda name: None if name in lacking else find_spec(name),
-    )
+def test_a_run_goes_on_where_it_was(capsys: pytest.CaptureFixture[str]) -> None:
     Path("m1_bad.ply").unlink()
 
     def computed(*more: str) -> list[str]:
@@ -142,9 +130,6 @@ def test_a_run_goes_on_where_it_was(
         return [line[4:6] for line in capsys.readouterr().out.splitlines()]
 
     assert computed() == ["m0", "m1", "m2"]
-    assert Path(
-        "out/manifest_features.csv" if lacking else "out/manifest_features.parquet"
-    ).exists()
     assert computed() == []
     assert computed("--jobs", "2") == []
     assert computed("--n-components", "5") == ["m0", "m1", "m2"]
@@ -172,6 +157,33 @@ def test_a_manifest_holds_the_rows_of_all_runs(capsys: pytest.CaptureFixture[str
     Path("out/manifest_features.parquet").write_text("none")
     assert main([*command, "-o", "out/"]) == 2
     assert "manifest_features.parquet is not a manifest" in capsys.readouterr().err
+
+
+def test_two_runs_at_once_write_one_manifest() -> None:
+    made = "import meshmash_viewer.cli.manifest as it, sys, time; whole = it.written_whole\n"
+    # long enough after reading that the other run would write
+    made += "it.written_whole = lambda path: (time.sleep(0.05), whole(path))[1]\n"
+    made += "from argparse import Namespace as N; from pathlib import Path as P\n"
+    made += "names = [f'{sys.argv[1]}{i}' for i in range(9)]\n"
+    made += "all = [P(f'out/{each}.npz') for each in names]\n"
+    made += "one = it.Manifest(all, [], N(command='features', mesh=[P(each) for each in names]))\n"
+    made += "print(flush=True); input()\n"
+    made += "for i in range(9): one.add([(i, None, {}, '')])"
+    Path("out").mkdir()
+    command = [sys.executable, "-c", made]
+    runs = [subprocess.Popen([*command, name], stdin=-1, stdout=-1, text=True) for name in "ab"]
+    for run in runs:
+        assert run.stdout is not None
+        run.stdout.readline()  # it is ready, too
+    for run in runs:
+        assert run.stdin is not None
+        run.stdin.write("\n")
+        run.stdin.flush()
+    for run in runs:
+        run.communicate()
+    assert [run.returncode for run in runs] == [0, 0]
+    found = [Path(row["mesh"]).name for row in rows("out/manifest_features.parquet")]
+    assert len(found) == len(set(found)) == 18
 
 
 @pytest.mark.slow

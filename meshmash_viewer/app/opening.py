@@ -225,13 +225,14 @@ class Opening(QObject):
             self.open_path(path)
 
     def open_link(self) -> None:
-        """Ask for a link to the mesh of a segment."""
+        """Ask for a link to the mesh of a segment, which may be the second mesh."""
         from meshmash_viewer.app.dialogs.link_dialog import LinkDialog
 
         path = self._document.path
         is_linked = path is not None and path.suffix == LINK_ENDING
-        dialog = LinkDialog(self._window, name_and_place(path)[1] if path and is_linked else "")
-        dialog.accepted.connect(lambda: self.open_path(dialog.path))
+        source = name_and_place(path)[1] if path and is_linked else ""
+        dialog = LinkDialog(self._window, source, can_compare=self.scene is not None)
+        dialog.accepted.connect(lambda: self.open_paths([dialog.path], as_second=dialog.compares))
         dialog.finished.connect(dialog.deleteLater)
         dialog.open()
 

@@ -20,6 +20,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.points import PointCloud, point_colors
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.points import FarPointsError, ProjectedPoints, project_points
+from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.io.points import (
     POINT_ENDINGS,
     SeveralPositionsError,
@@ -41,6 +42,8 @@ _WIDE = 440
 #: What to draw, and where it is on the mesh as far as that is known.
 _Asked: TypeAlias = tuple[Mesh, PointSet, ProjectedPoints | None]
 _Drawn: TypeAlias = tuple[ProjectedPoints, PointCloud]
+#: Measured regions, and the points that are to be counted in them.
+_Inside: TypeAlias = tuple[Regions, ProjectedPoints | None]
 #: What reading a table led to: points on the mesh, a question, or None if it is no such table.
 _Read: TypeAlias = tuple[PointSet, ProjectedPoints] | SeveralPositionsError | FarPointsError | None
 
@@ -72,20 +75,26 @@ class PointTool(QObject):
         self._settings, self._background_io = settings, background_io
         self._asked: _Asked | None = None
         self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
+        self._counting: _Inside | None = None
+        self._counter: LatestThread[_Inside] = LatestThread(
+            _counted, self._take_counts, parent=self
+        )
         listen(document.mesh_changed, self._begin)
         listen(document.points.changed, self.refresh)
+        listen((document.points.changed, document.labels.changed), self._count)
         document.points.requested.connect(self._restore)
         self.refresh()
 
     @property
     def idle(self) -> bool:
-        """Whether the drawn points are those of the document."""
-        return not self._thread.working
+        """Whether the drawn and counted points are those of the document."""
+        return not (self._thread.working or self._counter.working)
 
     def close(self) -> None:
-        """Wait for the thread."""
+        """Wait for the threads."""
         self._document.points.requested.disconnect(self._restore)
         self._thread.close()
+        self._counter.close()
 
     # -- reading ------------------------------------------------------------------------------
 
@@ -213,6 +222,32 @@ class PointTool(QObject):
         elif self._scene.mesh is not None and self._document.is_shown(self._scene.mesh):
             self._scene.set_points(drawn[1])
             self._document.points.accept(drawn[0])
+
+    # -- counting -----------------------------------------------------------------------------
+
+    def _count(self) -> None:
+        """Count the points in the measured regions, if they are on the same mesh."""
+        measured, found = self._document.labels.measured, self._document.points.projected
+        if measured is None:
+            self._counting = None
+            return
+        if found is not None and found.mesh.vertices is not measured.mesh.vertices:
+            found = None
+        before = self._counting
+        if before is None or before[0] is not measured or before[1] is not found:
+            self._counting = measured, found
+            self._counter.ask(self._counting)
+
+    def _take_counts(self, asked: _Inside, counted: Regions | Exception) -> None:
+        if isinstance(counted, Exception):
+            raise counted
+        if asked is self._counting:
+            self._document.labels.accept_counts(asked[0], counted)
+
+
+def _counted(asked: _Inside, _cancel: CancelCallback) -> Regions:
+    measured, found = asked
+    return measured if found is None else measured.with_points(found)
 
 
 def _read(table: _Table, mesh: Mesh) -> _Read:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import csv
+import contextlib
 import hashlib
 import json
 import os
+import sys
 from argparse import Namespace
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.mesh import Mesh
@@ -53,26 +54,25 @@ Content: TypeAlias = tuple[str, str]
 
 
 class Manifest:
-    """Rows of a manifest by output; the file is replaced whenever rows are added."""
+    """Rows of a manifest by output, of all runs; the file is replaced whenever rows are added."""
 
     def __init__(self, outputs: Sequence[Path], others: Sequence[Path], options: Namespace) -> None:
         self.folder = Path(os.path.commonpath([path.absolute().parent for path in outputs]))
-        ending = "parquet" if find_spec("pyarrow") else "csv"
-        self.path = self.folder / f"manifest_{options.command}.{ending}"
+        self.path = self.folder / f"manifest_{options.command}.parquet"
+        if find_spec("pyarrow") is None:
+            raise InputError(f"{self.path} needs {not_installed('pyarrow')}.")
         self._options = _described(options)
         self._meshes = [_whole(mesh) for mesh in options.mesh]
         self._outputs = [path.absolute() for path in outputs]
         self._others = others
-        #: State of the file as it was read or written.
-        self._seen: tuple[int, int] | None = None
-        self._rows: dict[str, dict[str, Any]] = {}
-        self._read()
+        _table_in(self.path)  # refused before anything is computed
 
     def finished(self) -> dict[int, Content]:
         """Return the contents of meshes whose results exist, made with the same options."""
         found = {}
+        rows = {row["output"]: row for row in _table_in(self.path).to_pylist()}
         for number, output in enumerate(self._outputs):
-            row = self._rows.get(self._name(output), {})
+            row = rows.get(self._name(output), {})
             if (
                 row.get("status") == DONE
                 and row["options"] == self._options
@@ -84,12 +84,16 @@ class Manifest:
 
     def add(self, results: Iterable[tuple[int, Content | None, dict[str, Any], str]]) -> None:
         """Add rows, given by number, content, report and fault of meshes, and write the file."""
-        self._read()
+        import pyarrow
+        import pyarrow.compute
+        import pyarrow.parquet
+
+        rows = []
         for number, content, report, fault in results:
             output = self._outputs[number]
             missing = (report.get("truncation") or {}).get("estimate")
             row = {name: report.get(_REPORTED.get(name, name)) for name in COLUMNS}
-            self._rows[self._name(output)] = row | {
+            rows.append(row | {
                 "mesh": self._meshes[number],
                 "output": self._name(output),
                 "status": FAILED if fault else DONE,
@@ -100,20 +104,32 @@ class Manifest:
                 "truncation": max(missing) if missing else None,
                 "bytes": None if fault else _size(output),
                 "report": None if fault else json.dumps(report),
-            }
-        with writing_errors(self.path), written_whole(self.path) as part:
-            _write(part, [self._rows[name] for name in sorted(self._rows)])
-        self._seen = _state(self.path)
+            })  # fmt: skip
+        added = pyarrow.Table.from_pylist(rows, _schema())
+        with writing_errors(self.path), _alone(self.path):
+            before = _table_in(self.path)
+            again = pyarrow.compute.is_in(before["output"], added["output"].combine_chunks())
+            table = pyarrow.concat_tables([before.filter(pyarrow.compute.invert(again)), added])
+            with written_whole(self.path) as part:
+                pyarrow.parquet.write_table(table.sort_by("output"), str(part))
 
     def _name(self, output: Path) -> str:
         return Path(os.path.relpath(output, self.folder)).as_posix()
 
-    def _read(self) -> None:
-        """Read rows that another run has written since."""
-        state = _state(self.path)
-        if state is not None and state != self._seen:
-            self._rows |= {row["output"]: row for row in _rows_in(self.path)}
-        self._seen = state
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Wait until no other process is here for the same file; the system frees a killed one."""
+    with path.with_name(f".{path.stem}.lock").open("a") as file:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def content_of(mesh: Mesh) -> Content:
@@ -159,7 +175,8 @@ def _digest(place: Path) -> str:
     """Return a hash of the content of a file, or of the sizes and times of files in a folder."""
     if place.is_file():
         return hashlib.sha256(place.read_bytes()).hexdigest()
-    listed = sorted((each.name, *(_state(each) or ())) for each in place.iterdir())
+    stats = ((each.name, each.stat()) for each in place.iterdir())
+    listed = sorted((name, stat.st_size, stat.st_mtime_ns) for name, stat in stats)
     return hashlib.sha256(repr(listed).encode()).hexdigest()
 
 
@@ -167,26 +184,11 @@ def _size(path: Path) -> int | None:
     return path.stat().st_size if path.is_file() else None
 
 
-def _state(path: Path) -> tuple[int, int] | None:
-    """Return what changes when a file is replaced, None if it does not exist."""
-    if not path.is_file():
-        return None
-    stat = path.stat()
-    return stat.st_mtime_ns, stat.st_ino
-
-
 # Files ----------------------------------------------------------------------------------------
 
 
-def _write(path: Path, rows: list[dict[str, Any]]) -> None:
-    if path.suffix == ".csv":
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            writer.writeheader()
-            writer.writerows(rows)
-        return
+def _schema() -> Any:
     import pyarrow
-    import pyarrow.parquet
 
     types = {
         str: pyarrow.string(),
@@ -194,29 +196,20 @@ def _write(path: Path, rows: list[dict[str, Any]]) -> None:
         float: pyarrow.float64(),
         bool: pyarrow.bool_(),
     }
-    schema = pyarrow.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
-    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema), str(path))
+    return pyarrow.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
 
 
-def _rows_in(path: Path) -> list[dict[str, Any]]:
+def _table_in(path: Path) -> Any:
+    """Read a manifest; without a file it is empty."""
+    import pyarrow.parquet
+
+    schema = _schema()
+    if not path.is_file():
+        return schema.empty_table()
     try:
-        if path.suffix == ".csv":
-            with path.open(encoding="utf-8", newline="") as file:
-                return [_typed(row) for row in csv.DictReader(file)]
-        import pyarrow.parquet
-
-        rows: list[dict[str, Any]] = pyarrow.parquet.read_table(str(path)).to_pylist()
-        return [{name: row[name] for name in COLUMNS} for row in rows]
-    except (OSError, ValueError, KeyError, csv.Error) as fault:
+        return pyarrow.parquet.read_table(str(path)).select(schema.names).cast(schema)
+    except (OSError, ValueError, KeyError) as fault:
         raise InputError(
             f"{path} is not a manifest that this version can read: move it away, and everything"
             " is computed."
         ) from fault
-
-
-def _typed(row: dict[str, str]) -> dict[str, Any]:
-    """Convert the texts of a row of CSV."""
-    return {
-        name: None if row[name] == "" else row[name] == "True" if kind is bool else kind(row[name])
-        for name, kind in COLUMNS.items()
-    }

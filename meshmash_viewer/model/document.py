@@ -79,7 +79,6 @@ class Document(OpenMesh):
         self.labels = Labels(
             self, self.maps, self.selection, self.hiding, self.display, self.notices, self.work
         )
-        self.points.changed.connect(self._count_points)
         self.classes = Classes(self, self.maps, self.labels, self.work, self.notices)
         self.history.started.connect(self.classes.forget)
         self.solve = Solve(self, self.work)
@@ -424,9 +423,6 @@ class Document(OpenMesh):
     def _go_within(self, spectrum: Eigenpairs) -> None:
         """Clip the position of every family to the range of a spectrum."""
         self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
-
-    def _count_points(self) -> None:
-        self.labels.count_points(self.points.projected)
 
     def _on_finished(self, job: JobState) -> None:
         self._undoing = False

@@ -15,7 +15,6 @@ from psygnal import Signal
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.points import ProjectedPoints
 from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
@@ -72,11 +71,9 @@ class Labels:
         self._selection, self._hiding = selection, hiding
         self._notices, self._work = notices, work
         self._chosen = ""
-        #: The regions that were measured last, and the set that they are of.
+        #: The regions that were measured last, these with points, and the set that they are of.
+        self.measured: Regions | None = None
         self.regions: Regions | None = None
-        #: These without points, and the points that are counted in them.
-        self._measured: Regions | None = None
-        self._points: ProjectedPoints | None = None
         self.regions_of: VertexMap | None = None
         display.events.connect(self._follow)
         opened.mesh_changed.connect(self._drop_regions)
@@ -258,23 +255,15 @@ class Labels:
         mesh = self._opened.mesh
         if mesh is not None and mesh.vertices is job.mesh.vertices:
             measured = job.mesh.with_only_maps(*job.maps)
-            self._measured = Regions(found.columns, found.rows, measured, found.remarks)
             self.regions_of = job.labels
-            self._count()
+            self.measured = Regions(found.columns, found.rows, measured, found.remarks)
+            self.accept_counts(self.measured, self.measured)
 
-    def count_points(self, found: ProjectedPoints | None) -> None:
-        """Count points in the regions, or none."""
-        if found is not self._points:
-            self._points = found
-            if self._measured is not None:
-                self._count()
-
-    def _count(self) -> None:
-        found, self.regions = self._points, self._measured
-        if found is not None and self.regions is not None:
-            same = found.mesh.vertices is self.regions.mesh.vertices
-            self.regions = self.regions.with_points(found) if same else self.regions
-        self.changed.emit()
+    def accept_counts(self, measured: Regions, counted: Regions) -> None:
+        """Take measured regions with the number of points in them, if they are the last ones."""
+        if measured is self.measured and counted is not self.regions:
+            self.regions = counted
+            self.changed.emit()
 
     def _drop_regions(self) -> None:
         """Forget the regions of a mesh that is not open any more."""
@@ -282,7 +271,7 @@ class Labels:
         if self.regions is not None and (
             mesh is None or self.regions.mesh.vertices is not mesh.vertices
         ):
-            self.regions = self.regions_of = self._measured = None
+            self.regions = self.regions_of = self.measured = None
             self.changed.emit()
 
     # -- details ------------------------------------------------------------------------------

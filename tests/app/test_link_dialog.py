@@ -34,14 +34,14 @@ def dialog(qtbot: QtBot) -> LinkDialog:
     return made
 
 
-def ask(dialog: LinkDialog, link: str, segment: str = "") -> str:
-    """Type into the dialog, press Open, and return what it says."""
+def ask(dialog: LinkDialog, link: str, segment: str = "", button: str = "open") -> str:
+    """Type into the dialog, press a button, and return what it says."""
     for edit, text in ((part(dialog, "link_edit"), link), (dialog.segment_combo, segment)):
         if text:
             edit.setFocus()
             QTest.keyClick(edit, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
             QTest.keyClicks(edit, text)
-    QTest.mouseClick(part(dialog, "link_open_button"), LEFT)
+    QTest.mouseClick(part(dialog, f"link_{button}_button"), LEFT)
     return str(part(dialog, "link_fault_label").text())
 
 
@@ -52,6 +52,7 @@ def test_what_cannot_be_opened_is_said_and_can_be_corrected(dialog: LinkDialog) 
     assert "recent files and sessions" in said
     assert "hush" not in said
     assert dialog.isVisible()
+    assert not part(dialog, "link_compare_button").isVisible()
     dialog.level_combo.setCurrentIndex(2)
     assert ask(dialog, "gs://bucket/layer", "12") == ""
     assert not dialog.isVisible()
@@ -95,6 +96,14 @@ def test_a_link_is_opened_and_its_session_is_found_again(
     assert (document.mesh.name, document.unit) == (str(SEGMENT), "nm")
     assert part(window, "mesh_path_label").toolTip() == str(link)
     assert [read_link(each) for each in window.settings.recent] == [link]
+    QTest.keyClick(window, Qt.Key.Key_L, Qt.KeyboardModifier.ControlModifier)
+    qtbot.waitUntil(lambda: bool(window.findChildren(LinkDialog)), timeout=PATIENCE)
+    ask(window.findChildren(LinkDialog)[0], "", str(SEGMENT), "compare")
+    qtbot.waitUntil(lambda: window.opening.pair is not None, timeout=PATIENCE)
+    second = window.opening.pair.second
+    qtbot.waitUntil(lambda: second.mesh is not None, timeout=PATIENCE)
+    assert (second.mesh.name, document.mesh.name) == (str(SEGMENT), str(SEGMENT))
+    window.opening.end_comparison()
     assert f"mv.read_mesh('{link}', unit='nm')" in reproduction_script(document)
     document.pins.toggle(7)
     saved = tmp_path / "axon.meshmash.json"

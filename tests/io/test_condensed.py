@@ -160,6 +160,10 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda path: mv.read_condensed_graph(graph(path, np.ones((2, 3)), np.array([[0, 2, 1]]))),
         "has an edge from or to node 2, and 2 nodes",
     ),
+    "dropped graph": (
+        lambda path: mv.read_maps(graph(path, np.ones((2, 7)), np.ones((1, 5))), BALL),
+        "holds a graph of domains, which View › Graph of labels draws once the features",
+    ),
     "graph": (lambda path: mv.read_condensed_graph(graph(path, np.ones(3), np.ones(2))), "tables"),
     "ids": (lambda path: mv.write_id_map(path, [1, 2], [3]), "one whole number of each"),
     "map of ids": (

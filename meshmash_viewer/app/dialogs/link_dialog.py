@@ -25,14 +25,17 @@ _LEVELS = {
 class LinkDialog(QDialog):
     """Asks for a link, and a segment of those that a URL of Neuroglancer names, or any other.
 
-    It stays open until the link can be read. Once it is accepted, `path` is the file of the link.
-    `source` is the layer to begin with.
+    It stays open until the link can be read. Once it is accepted, `path` is the file of the link,
+    and `compares` whether it is for the second mesh, which `can_compare` offers. `source` is the
+    layer to begin with.
     """
 
-    def __init__(self, parent: QWidget | None = None, source: str = "") -> None:
+    def __init__(
+        self, parent: QWidget | None = None, source: str = "", *, can_compare: bool = False
+    ) -> None:
         super().__init__(parent)
         theme.named(self, "link_dialog").setWindowTitle("Open link")
-        self.path = Path()
+        self.path, self.compares = Path(), False
         self.link_edit = theme.named(QLineEdit(source), "link_edit", "Link")
         self.link_edit.setPlaceholderText("precomputed://gs://bucket/layer")
         about = make.label(
@@ -60,7 +63,12 @@ class LinkDialog(QDialog):
         open_button.setDefault(True)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
         buttons.addButton(open_button, QDialogButtonBox.ButtonRole.AcceptRole)
-        buttons.accepted.connect(self._accept)
+        compare_button = theme.named(QPushButton("Compare"), "link_compare_button")
+        compare_button.setToolTip("Open it next to the mesh that is open")
+        buttons.addButton(compare_button, QDialogButtonBox.ButtonRole.ActionRole)
+        compare_button.setVisible(can_compare)
+        open_button.clicked.connect(lambda: self._accept(compares=False))
+        compare_button.clicked.connect(lambda: self._accept(compares=True))
         buttons.rejected.connect(self.reject)
         self.setLayout(column(rows, self.fault_label, buttons, margins=(20, 16, 20, 16)))
         self.setMinimumWidth(560)
@@ -87,7 +95,7 @@ class LinkDialog(QDialog):
         if not self.segment_combo.count():
             self.segment_combo.setEditText(typed)
 
-    def _accept(self) -> None:
+    def _accept(self, *, compares: bool) -> None:
         text, level = self.segment_combo.currentText().strip(), self.level_combo.currentData()
         lod = int(level) if level else None
         listed = self.segment_combo.itemData(self.segment_combo.findText(text)) if text else None
@@ -96,7 +104,7 @@ class LinkDialog(QDialog):
                 link = MeshLink(listed.source, listed.segment, listed.lod if lod is None else lod)
             else:
                 link = parse_link(self.link_edit.text(), text, lod)
-            self.path = link_file(link)
+            self.path, self.compares = link_file(link), compares
         except InputError as fault:
             self.fault_label.setText(str(fault))
         else:

@@ -129,6 +129,11 @@ def npz_maps(path: Path) -> RawMesh:
             return maps_alone(
                 _of_domains(path, *(_array(archive, each) for each in ("X", "labels")))
             )
+        if {"nodes", "edges"} <= set(archive.files):
+            raise InputError(
+                "holds a graph of domains, which View › Graph of labels draws once the features of"
+                " these domains (X and labels) are open"
+            )
         maps, said = tuple(_maps(archive)), _said(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
