@@ -343,6 +343,11 @@ class Family(Parameters):
         """
         return None
 
+    @property
+    def given_limits(self) -> tuple[float, float, bool] | None:
+        """Automatic limits that were given, and whether they are logarithmic; None to find them."""
+        return None
+
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute values at every vertex, with a table if possible; None if one is required."""
         raise NotImplementedError

@@ -33,7 +33,17 @@ from meshmash_viewer.fields.family import (
 )
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
-from meshmash_viewer.fields.parameter import MOST_INDEX, MOST_NAME, Choice, Text, Whole, parameter
+from meshmash_viewer.fields.parameter import (
+    MOST_INDEX,
+    MOST_NAME,
+    Choice,
+    Listing,
+    Named,
+    Number,
+    Text,
+    Whole,
+    parameter,
+)
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
 from meshmash_viewer.spectral.weyl import wavelength
@@ -78,7 +88,7 @@ class OwnMaps(Family):
     short = "Own maps"
     tip = "Values per vertex from a file, and the curvature of the mesh"
     icon = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
-    position = ("pairs", "view", "filter", "centred")
+    position = ("pairs", "view", "filter", "centred", "colors")
     own = ("chosen",)
     response_label = "Relative energy"
     response_noun = "Map"
@@ -106,6 +116,11 @@ class OwnMaps(Family):
     )
     #: Number of the lowest pairs.
     pairs: int = parameter(30, Whole(1, MOST_INDEX))
+    #: Automatic limits of kept maps by their names, those of what they were kept from: both ends,
+    #: and 1 for those that are logarithmic, and signed.
+    colors: tuple[tuple[str, tuple[float, ...]], ...] = parameter(
+        (), Named(Listing(Number(), 4, 4, tuple), MOST_INDEX)
+    )
     #: The map once resolved; None for a curvature, which is computed on demand.
     shown: VertexMap | None = None
     #: The filter, once resolved.
@@ -136,7 +151,21 @@ class OwnMaps(Family):
         return self.centred or self._map_signed
 
     @property
+    def _kept(self) -> tuple[float, ...]:
+        """Its entry in `colors`, if there is one."""
+        return () if self.shown is None else dict(self.colors).get(self.chosen, ())
+
+    @property
+    def given_limits(self) -> tuple[float, float, bool] | None:
+        if not self._kept or self.view == "band":
+            return None
+        low, high, logarithmic, _ = self._kept
+        return low, high, bool(logarithmic)
+
+    @property
     def _map_signed(self) -> bool:
+        if self._kept:
+            return bool(self._kept[3])
         return self.chosen in CURVATURES if self.shown is None else self.shown.signed
 
     def limits_of(self, spectrum: Eigenpairs) -> tuple[ColumnArray, bool] | None:

@@ -107,9 +107,9 @@ class Field:
         if policy is not None:
             return policy.limits(self._visible(self.values), sample)
         values, signed = self._basis
-        low, high = automatic_limits(signed=signed, tailed=self.family.tailed).limits(
-            values, sample
-        )
+        automatic = automatic_limits(signed=signed, tailed=self.family.tailed)
+        given = self.family.given_limits
+        low, high = given[:2] if given is not None else automatic.limits(values, sample)
         if self.signed and not signed:  # differences from a mean, on the scale of the values
             return -0.5 * (high - low), 0.5 * (high - low)
         return low, high
@@ -124,7 +124,11 @@ class Field:
     @cached_property
     def spans_decades(self) -> bool:
         """Whether colours follow the logarithm of the values by default."""
-        return self.has_log_scale and spans_decades(self._basis[0], self.request.sample)
+        if not self.has_log_scale:
+            return False
+        if self.family.given_limits is not None:
+            return self.family.given_limits[2]
+        return spans_decades(self._basis[0], self.request.sample)
 
     @property
     def has_log_scale(self) -> bool:
@@ -178,6 +182,11 @@ class Field:
         labels = tuple(replace(each, key=at) for at, each in enumerate(self.labels))
         keys = np.nan_to_num(self.values, nan=-1.0).astype(np.int64)
         return VertexMap(name, keys, labels)
+
+    def kept_colors(self, logarithmic: bool | None) -> tuple[float, ...]:
+        """Return the entry of `OwnMaps.colors` for a map of these values, on a scale."""
+        limits = self.scaled(self.limits(None), logarithmic)
+        return tuple(map(float, (*limits, self.signed)))
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
         """Return the field on another mesh, with the values at `vertices`; NaN for -1."""

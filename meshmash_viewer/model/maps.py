@@ -52,8 +52,17 @@ class Maps:
         elif paths:
             self.requested.emit(tuple(path.absolute() for path in paths), shown)
 
-    def add(self, mesh: Mesh, maps: Sequence[VertexMap], *, shown: bool = True) -> None:
+    def add(
+        self,
+        mesh: Mesh,
+        maps: Sequence[VertexMap],
+        *,
+        shown: bool = True,
+        colors: tuple[float, ...] = (),
+    ) -> None:
         """Add maps that were made for a mesh, if that is still open, and show the last.
+
+        `colors` are its entry of `OwnMaps.colors`, of what it was kept from.
 
         Without `shown` they were there the last time, and adding them is no step to undo; those
         that have been changed since are left out.
@@ -70,7 +79,7 @@ class Maps:
         else:
             self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
             self._take(more)
-            self.show(more.maps[-1].name)
+            self.show(more.maps[-1].name, colors)
             names = [each.name for each in more.maps[len(now.maps) :]]
             rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
             said = ", ".join(names[:_NAMED])
@@ -177,9 +186,12 @@ class Maps:
         chosen = self._display[OwnMaps].chosen
         return chosen if self._display.kind == OwnMaps.name else ""
 
-    def show(self, name: str) -> None:
-        """Display a map."""
-        self._display.show(replace(self._display[OwnMaps], chosen=name, view="map"))
+    def show(self, name: str, colors: tuple[float, ...] = ()) -> None:
+        """Display a map, with its entry of `OwnMaps.colors` if that is given."""
+        maps = self._display[OwnMaps]
+        if colors:
+            maps = replace(maps, colors=tuple({**dict(maps.colors), name: colors}.items()))
+        self._display.show(replace(maps, chosen=name, view="map"))
 
     def settled(self) -> Shown | None:
         """The open mesh with its spectrum, without the map that is being computed."""

@@ -78,6 +78,17 @@ def library(window: MainWindow) -> tuple[np.ndarray, np.ndarray]:
     return np.array(spectrum.rows[: len(spectrum)]).T, mass
 
 
+def look(window: MainWindow) -> tuple[object, ...]:
+    """The colours of the mesh on the render, and what the panel says of them."""
+    part(window, QWidget, "limits_combo").window().repaint()
+    image = window.scene.plotter.grabFramebuffer()
+    middle = image.rect().center()
+    row = [image.pixel(x, middle.y()) for x in range(middle.x() - 60, middle.x() + 60, 10)]
+    combos = ("colormap_combo", "limits_combo", "color_scale_combo")
+    ends = [part(window, QWidget, f"limit_{end}_field").value for end in ("low", "high")]
+    return row, ends, [part(window, QComboBox, name).currentText() for name in combos]
+
+
 def names(window: MainWindow) -> list[str]:
     listed = part(window, QListWidget, "map_list")
     return [listed.item(row).text() for row in range(listed.count())]
@@ -398,6 +409,25 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     wanted = phi @ (weights * (phi.T @ (mass * DEPTH)))
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
     np.testing.assert_array_equal(field.values, kept.values)
+    assert window.controller.field.colors(document.display) == field.colors(document.display)
+
+
+def test_what_is_kept_of_a_positive_map_has_its_colours(window: MainWindow) -> None:
+    """Also where the sum falls below zero, and on a log scale."""
+    document, display = window.document, window.document.display
+    x = MESH.vertices[:, 0] / 50.0
+    document.maps.add(document.mesh, [mv.VertexMap("spot", 10.0 ** (4.0 * x - 4.0))])
+    for logarithmic in (True, False, None):
+        display.change(OwnMaps, chosen="spot", view="pairs", pairs=12)
+        display.log_scale = logarithmic
+        rest(window)
+        field = window.controller.field
+        assert field.values.min() < 0.0
+        before = look(window)
+        QTest.mouseClick(part(window, QPushButton, "map_keep_button"), LEFT)
+        rest(window)
+        assert window.controller.field.family.view == "map"
+        assert look(window) == before
 
 
 @pytest.mark.parametrize(("view", "ending"), [("pairs", ".func.gii"), ("residual", ".shape.gii")])
@@ -423,8 +453,15 @@ def test_a_sum_and_its_residual_are_kept_and_exported_alone(
     np.testing.assert_allclose(column.data, field.values, rtol=1e-6)
     assert column.meta["Name"].startswith("depth")
     assert "30 pairs" in column.meta["Name"]
-    QTest.mouseClick(keep, LEFT)
+    window.activateWindow()
+    wait_for(window.isActiveWindow)
+    keep.setFocus()
+    before = look(window)
+    QTest.keyClick(keep, Qt.Key.Key_Space)
     rest(window)
+    assert not keep.isVisible()
+    assert window.focusWidget() is part(window, QListWidget, "map_list")
+    assert look(window) == before, "limits, colour map and scale are those of before"
     np.testing.assert_array_equal(document.mesh.maps[-1].values, field.values)
     assert window.controller.field.title == document.mesh.maps[-1].name
     document.history.undo()

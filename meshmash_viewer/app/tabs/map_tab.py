@@ -166,7 +166,9 @@ class MapTab(FamilyTab):
     def _keep(self) -> None:
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
-            document.maps.add(document.mesh, [field.as_map()])
+            self.list.setFocus()  # as the button hides, and would pass the focus to any control
+            colors = field.kept_colors(document.display.log_scales.get(self.family.name))
+            document.maps.add(document.mesh, [field.as_map()], colors=colors)
 
     def _can_keep(self) -> bool:
         """Whether the render has the very sum that is chosen: no draft, no approximate pairs."""
