@@ -25,7 +25,7 @@ def blocks(stop: int, size: int, start: int = 0) -> Iterator[slice]:
     return (slice(at, min(at + size, stop)) for at in range(start, stop, size))
 
 
-def distinct_corners(faces: IntArray) -> npt.NDArray[np.bool_]:
+def distinct_corners(faces: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
     """Which faces have three different corners, shape (m,); the others are no triangles."""
     a, b, c = faces.T
     return np.asarray((a != b) & (b != c) & (c != a))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError
@@ -54,14 +53,10 @@ class FaultPlaces:
 
 
 def fault_places(mesh: Mesh, fault: str) -> FaultPlaces:
-    """Find the places of faults.
+    """Find the places of faults, given by the name of a count of `Health`.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    fault : str
-        A count of `Health`. Of ``n_components`` these are the faces outside of the largest one, of
-        coincident vertices and seams all vertices at these places.
+    Of ``n_components`` these are the faces outside of the largest one, of coincident vertices and
+    seams all vertices at these places.
 
     Examples
     --------
@@ -97,11 +92,8 @@ def repair_effect(mesh: Mesh, name: str, health: Health) -> str:
 
     `health` is that of the mesh. Nothing is said of maps.
     """
-    bare = mesh
-    for each in mesh.maps:
-        bare = bare.without_map(each.name)
     try:
-        repaired = repair_mesh(bare, name)
+        repaired = repair_mesh(mesh.with_only_maps(), name)
     except InputError as fault:
         return str(fault)
     n_vertices, n_faces = mesh.n_vertices - repaired.n_vertices, mesh.n_faces - repaired.n_faces
@@ -164,10 +156,6 @@ def _together(onto: IntArray) -> IntArray:
     return np.unique(np.append(np.flatnonzero(moved), onto[moved]))[:, np.newaxis]
 
 
-def _points(vertices: npt.NDArray[np.integer]) -> IntArray:
-    return np.asarray(vertices, dtype=np.int64)[:, np.newaxis]
-
-
 #: The vertices of each point, edge or face, by the count of `Health`.
 _PARTS: dict[str, Callable[[Mesh], IntArray]] = {
     "n_components": _outside_largest,
@@ -177,7 +165,7 @@ _PARTS: dict[str, Callable[[Mesh], IntArray]] = {
     "degenerate_faces": lambda mesh: mesh.faces[mesh.degenerate_faces],
     "duplicate_faces": lambda mesh: mesh.faces[duplicate_faces(mesh)],
     "disagreeing_edges": lambda mesh: _ends(winding_of(mesh).one_way, mesh),
-    "unreferenced_vertices": lambda mesh: _points(mesh.unreferenced),
+    "unreferenced_vertices": lambda mesh: mesh.unreferenced[:, np.newaxis],
     "seam_vertices": lambda mesh: _together(
         join_seams(first_at_place(mesh), mesh.faces[mesh.distinct_corners])
     ),

@@ -189,17 +189,8 @@ class Mesh:
 
         Statistics over them are those of the surface: many vertices on little area weigh as little
         as they look. `small_components` are left out: debris has values of its own, as heat that
-        cannot flow away.
-
-        Parameters
-        ----------
-        count : int
-            Number of indices; a vertex may occur many times.
-
-        Returns
-        -------
-        ndarray of int64, shape (count,)
-            Ascending, so that values are read in order; the same for the same mesh.
+        cannot flow away. The indices, shape (count,), ascend, so that values are read in order; a
+        vertex may occur many times. They are the same for the same mesh.
         """
         large = ~self.small_components[self.faces[:, 0]]
         filled = np.cumsum(self.face_areas * large)
@@ -336,7 +327,7 @@ class Mesh:
         return self._but(maps=tuple(each for each in self.maps if each.name != name))
 
     def with_only_maps(self, *maps: VertexMap) -> Mesh:
-        """The same mesh with these maps, and none of its own."""
+        """The same mesh with these maps instead of its own."""
         return self._but(maps=()).with_maps(*maps)
 
     def with_changed_map(self, changed: VertexMap) -> Mesh:

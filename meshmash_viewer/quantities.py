@@ -168,21 +168,10 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
 def parse_unit(text: str) -> tuple[Voxel, str]:
     """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
 
-    `InputError` is raised if the text is not a unit, or the voxel size is ambiguous, or not one
-    positive number or three.
-
-    Parameters
-    ----------
-    text : str
-        A length unit, optionally after the size of a voxel in it: one number, or three along x, y
-        and z with "×", "x" or "," between them.
-
-    Returns
-    -------
-    voxel : tuple of three floats
-        Factors that convert coordinates to `unit`; `NO_VOXEL` without a voxel size.
-    unit : str
-        One of `LENGTH_UNITS`.
+    The size of a voxel is one number, or three along x, y and z with "×", "x" or "," between them.
+    Returned are the factors that convert coordinates to the unit, `NO_VOXEL` without a voxel size,
+    and the unit, one of `LENGTH_UNITS`. `InputError` is raised if the text is not a unit, or the
+    size is ambiguous or not positive.
 
     Examples
     --------

@@ -7,10 +7,15 @@ import pytest
 import shapes
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.geodesics import Geodesics
 from meshmash_viewer.surface.kernels import heights_of, in_picture
-from meshmash_viewer.surface.lasso import Projection, visible, within_polygon
-from meshmash_viewer.surface.picks import lasso, prepared
+from meshmash_viewer.surface.picks import (
+    Geodesics,
+    Projection,
+    lasso,
+    prepared,
+    visible,
+    within_polygon,
+)
 
 
 def test_a_disc_of_a_plane_is_exact() -> None:

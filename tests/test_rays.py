@@ -8,8 +8,7 @@ import shapes
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.surface.plane import Plane
-from meshmash_viewer.surface.rays import RayTarget, curve_order
+from meshmash_viewer.surface.rays import Plane, RayTarget, curve_order
 
 
 def _face_by_face(

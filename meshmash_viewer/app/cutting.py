@@ -9,7 +9,7 @@ import numpy as np
 
 from meshmash_viewer.model.display import Cut
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.surface.plane import Plane
+from meshmash_viewer.surface.rays import Plane
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView

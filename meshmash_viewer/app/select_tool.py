@@ -21,9 +21,9 @@ from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.selection import How, combined
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.surface.geodesics import Geodesics
 from meshmash_viewer.surface.masks import Mask, filled
 from meshmash_viewer.surface.picks import (
+    Geodesics,
     between,
     component,
     disc,

@@ -146,10 +146,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
         "remarks": remarks,
     }
     if pairs is not None:
-        report |= {
-            **pairs_report(pairs, mesh),
-            "seconds_eigenpairs": round(seconds, 3),
-        }
+        report |= {**pairs_report(pairs, mesh), "seconds_eigenpairs": round(seconds, 3)}
     results: Features | Eigenpairs | None = pairs
     if family.makes_features():
         results = computed_features(mesh, family, pairs, target, options, report)
@@ -168,8 +165,7 @@ def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: l
         names = ", ".join(each.name for each in mesh.maps)
         if family.makes_features():
             remarks.append(f"left out: {names}; --maps adds them as columns.")
-        for each in mesh.maps:
-            mesh = mesh.without_map(each.name)
+        mesh = mesh.with_only_maps()
     return with_maps(mesh, options.map)
 
 

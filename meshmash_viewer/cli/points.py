@@ -100,8 +100,7 @@ def _features(mesh: Mesh, kind: str, options: Namespace, remarks: list[str]) -> 
     family = chosen_family(options, EXPORTS).at_vertices(mesh.vertex_of)
     family.check_mesh(mesh)
     said: list[str] = []
-    for each in mesh.maps:
-        mesh = mesh.without_map(each.name)
+    mesh = mesh.with_only_maps()
     pairs, target = solved_target(mesh, family, options, said)
     found = computed_features(mesh, family, pairs, target, options, {"remarks": said})
     remarks += [f"{kind}: {each}" for each in said]

@@ -16,26 +16,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from meshmash_viewer.errors import (
-    ConstantFeaturesWarning,
-    InputError,
-    TruncationWarning,
-    of_mesh,
-)
-from meshmash_viewer.features.filter_parameters import (
-    check_times,
-    checked_coefficients,
-)
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning, of_mesh
+from meshmash_viewer.features.filter_parameters import check_times, checked_coefficients
 from meshmash_viewer.features.filters import (
     FilterBank,
     HeatKernelFilter,
     bspline_bank,
     get_hks_filter,
 )
-from meshmash_viewer.features.sums import (
-    accumulate_features,
-    truncated_features,
-)
+from meshmash_viewer.features.sums import accumulate_features, truncated_features
 from meshmash_viewer.features.truncation import (
     check_tail,
     mesh_limit,

@@ -38,15 +38,7 @@ MOST_CHARACTERS, _DEEPEST, MOST_NAMES = 200, 30, 4
 _X = "x", "λ"
 _CONSTANTS = {"pi": math.pi, "e": math.e}
 #: Characters as papers and titles write them, with what Python parses in their place.
-_WRITTEN = {
-    "^": "**",
-    "−": "-",
-    "·": "*",
-    "×": "*",
-    "²": "**2",
-    "≤": "<=",
-    "≥": ">=",
-}
+_WRITTEN = {"^": "**", "−": "-", "·": "*", "×": "*", "²": "**2", "≤": "<=", "≥": ">="}
 _TOKEN = re.compile(r"\d+\.?\d*(?:[eE][+-]?\d+)?|[^\W\d]\w*|\S")
 #: Words of Python that a formula may contain.
 _WORDS = {"and", "or", "not"}

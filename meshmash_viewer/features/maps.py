@@ -231,7 +231,7 @@ def filled(values: FloatArray, mass: FloatArray) -> FloatArray:
     return result
 
 
-def without_gaps(values: FloatArray, mass: FloatArray, stacklevel: int = 3) -> FloatArray:
+def without_gaps(values: FloatArray, mass: FloatArray) -> FloatArray:
     """Replace missing values as `filled`, with a warning; `InputError` if all are missing."""
     used = mass > 0.0
     finite = np.isfinite(values[used])
@@ -244,7 +244,7 @@ def without_gaps(values: FloatArray, mass: FloatArray, stacklevel: int = 3) -> F
         f"{gaps:,} of {int(used.sum()):,} vertices of the surface have no finite value in the map: "
         "they have no weight, the mean of the others over the area stands for them.",
         MissingValuesWarning,
-        stacklevel=stacklevel,
+        stacklevel=3,
     )
     return filled(values, mass)
 

@@ -69,10 +69,7 @@ class Distances(Family):
 
     #: A key of `MEASURES`.
     measure: str = parameter(
-        "geodesic",
-        Choice(MEASURES),
-        option="distance",
-        help="kind of distance; default: geodesic",
+        "geodesic", Choice(MEASURES), option="distance", help="kind of distance; default: geodesic"
     )
     #: Vertex from which distances are measured.
     vertex: int | None = parameter(None, Whole(), vertex=True)

@@ -115,10 +115,9 @@ class GeometryVectors(BankColumns):
         """Return the eigenvalue in the middle of each band, shape (count,)."""
         return _bands(*self.range(spectrum), self.count)[0]
 
-    def support(self, spectrum: Eigenpairs, band: int | None = None) -> tuple[float, float]:
-        """Return the range of eigenvalues in which the band, or another one, is not zero."""
-        band = self.column if band is None else band
-        return _support(*self.range(spectrum), self.count, band)
+    def support(self, spectrum: Eigenpairs) -> tuple[float, float]:
+        """Return the range of eigenvalues in which the band is not zero."""
+        return _support(*self.range(spectrum), self.count, self.column)
 
     def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response:
         centers, curves = _bands(*self.range(spectrum), self.count)

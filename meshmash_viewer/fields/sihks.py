@@ -30,10 +30,7 @@ _BLOCK = 1 << 15
 
 
 def invariant_columns(
-    eigenvalues: FloatArray,
-    rows: Any,
-    count: int,
-    cancel: CancelCallback | None = None,
+    eigenvalues: FloatArray, rows: Any, count: int, cancel: CancelCallback | None = None
 ) -> FloatArray:
     """Compute ``|∫ d ln HKS / d ln t · exp(-iω ln t) d ln t|``, shape (count, n).
 

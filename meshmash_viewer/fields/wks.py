@@ -14,12 +14,7 @@ from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Reading, Response
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, format_eigenvalue
 from meshmash_viewer.spectral.weyl import format_wavelength
-from meshmash_viewer.units import (
-    format_number,
-    format_range,
-    named_quantity,
-    power_unit,
-)
+from meshmash_viewer.units import format_number, format_range, named_quantity, power_unit
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first_equal
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.surface.edges import connected
 
 #: Distance below which two vertices are one, relative to the longest side of the mesh: half the
 #: step between float32 numbers at its ends, if its middle is at the origin.
@@ -52,8 +53,6 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
 
 def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
     """For each of the points, all of which are in faces, the first at its place."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     first = np.arange(len(points))
@@ -70,8 +69,7 @@ def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
         if not len(near):
             return first
         # the nearest of the joined points may be near, too: points of one place are many
-        links = coo_array((np.ones(len(near)), (near, other[near])), shape=(len(left),) * 2)
-        _, labels = connected_components(links, directed=False)
+        labels = connected(near, other[near], len(left))
         _, lowest = np.unique(labels, return_index=True)
         first = left[lowest[labels]][np.searchsorted(left, first)]
 

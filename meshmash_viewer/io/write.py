@@ -21,12 +21,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
 from meshmash_viewer.io.provenance import provenance
-from meshmash_viewer.io.writers import (
-    WITHOUT_INDEX,
-    WITHOUT_PROVENANCE,
-    FeatureTable,
-    writer_of,
-)
+from meshmash_viewer.io.writers import WITHOUT_INDEX, WITHOUT_PROVENANCE, FeatureTable, writer_of
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.map_spectrum import MapSpectrum
@@ -91,16 +86,7 @@ def write_eigenpairs(
 ) -> None:
     """Write eigenvalues and eigenvectors with their proof, as NPZ or VTP.
 
-    `InputError` is raised if the ending is unknown or the system refuses.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file with one of the endings of `EIGENPAIR_WRITERS`.
-    decomposition : Decomposition
-    mesh : Mesh
-    meta : dict, optional
-        JSON-able options that led to it, or what `provenance` made of them.
+    Arguments are as for `write_features`; endings are those of `EIGENPAIR_WRITERS`.
 
     Examples
     --------
@@ -136,21 +122,8 @@ def write_map_spectrum(
     """Write the spectrum of a map, as CSV, Parquet or NPZ.
 
     Columns are ``pair`` (from 0), ``eigenvalue``, ``coefficient``, and ``share``, the share of the
-    energy in the pairs up to this one.
-
-    `InputError` is raised if the ending is unknown or the file cannot be written.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file with one of the endings of `SPECTRUM_WRITERS`.
-    spectrum : MapSpectrum
-    mesh : Mesh
-        The mesh of the map.
-    name : str
-        Name of the map.
-    meta : dict, optional
-        JSON-able options that it was computed with, or a result of `provenance`.
+    energy in the pairs up to this one. `name` is that of the map, `mesh` its mesh; other arguments
+    are as for `write_features`, and endings those of `SPECTRUM_WRITERS`.
 
     Examples
     --------

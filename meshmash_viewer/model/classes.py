@@ -357,8 +357,6 @@ class Classes:
         assert solved is not None
         assert labels is not None
         assert spectrum is not None
-        mesh = solved.mesh
-        for each in mesh.maps:
-            mesh = mesh.without_map(each.name)  # which need not go to the worker
+        mesh = solved.mesh.with_only_maps()  # maps need not go to the worker
         self._requested = labels, self._options
         self._work.request(ClassesJob(mesh, labels, spectrum, self._options, live))

@@ -32,7 +32,7 @@ from meshmash_viewer.model.limits import (
     PercentileLimits,
     SymmetricLimits,
 )
-from meshmash_viewer.surface.plane import Plane
+from meshmash_viewer.surface.rays import Plane
 
 Chosen = TypeVar("Chosen", bound=Family)
 

@@ -136,11 +136,7 @@ class ShownRows:
     """
 
     def __init__(
-        self,
-        exact: FloatArray,
-        n_exact: int,
-        preview: FloatArray | None,
-        alignment: Alignment,
+        self, exact: FloatArray, n_exact: int, preview: FloatArray | None, alignment: Alignment
     ) -> None:
         self._exact = exact
         self._n_exact = n_exact

@@ -138,19 +138,9 @@ class Eigenpairs:
         another factorization, up to the bound of the certificate or, if these pairs are not all
         those below it, up to the highest gap between them.
 
-        `InputError` is raised if the size of the matrices differs.
-
-        Parameters
-        ----------
-        stiffness : sparse matrix or array, shape (n, n)
-            The L that was decomposed.
-        mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
-            Its M.
-
-        Returns
-        -------
-        Certificate
-            The numbers measured here; `complete` is the verdict.
+        `stiffness` and `mass` are the sparse L and M that were decomposed, shape (n, n), or the
+        diagonal of M; `InputError` is raised if their size differs. `Certificate.complete` is the
+        verdict.
         """
         assert isinstance(self.rows, np.ndarray)
         return verify_pairs(self.eigenvalues, self.rows, self.certificate, stiffness, mass)

@@ -86,12 +86,7 @@ class MeshStitcher(Sequence[Piece]):
     """
 
     def __init__(
-        self,
-        mesh: MeshLike,
-        n_jobs: int | None = -1,
-        verbose: int = False,
-        *,
-        client: Any = None,
+        self, mesh: MeshLike, n_jobs: int | None = -1, verbose: int = False, *, client: Any = None
     ) -> None:
         if isinstance(n_jobs, bool):
             raise InputError(f"n_jobs={n_jobs} is not a number: give verbose by its name.")

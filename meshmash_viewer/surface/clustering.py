@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import IntArray
+from meshmash_viewer.arrays import IntArray, distinct_corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,7 @@ def cluster_vertices(
     faces that do not span three cells are removed, and so are copies. It takes the time of two
     sorts of the vertices and one of the remaining faces. `count` is the approximate cell count.
     """
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
+    faces = faces[distinct_corners(faces)]
     used = np.zeros(len(vertices), dtype=bool)
     used[faces.ravel()] = True
     members = np.flatnonzero(used)
@@ -53,8 +52,7 @@ def cluster_vertices(
     coarse_of = np.full(len(vertices), -1, dtype=np.int64)
     coarse_of[members] = rank[cluster]
     corners = coarse_of[faces]
-    a, b, c = corners.T
-    corners = corners[(a != b) & (b != c) & (c != a)]
+    corners = corners[distinct_corners(corners)]
     # Rotate each face so that its smallest corner is first: copies are then equal rows.
     first = np.argmin(corners, axis=1)
     row = np.arange(len(corners))[:, None]

@@ -160,11 +160,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
 
 
 def _volumes(
-    vertices: FloatArray,
-    faces: IntArray,
-    side: npt.NDArray[np.bool_],
-    part: IntArray,
-    n_parts: int,
+    vertices: FloatArray, faces: IntArray, side: npt.NDArray[np.bool_], part: IntArray, n_parts: int
 ) -> FloatArray:
     """Compute six times the volume of each part, with the faces of the second copy reversed."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
@@ -215,10 +211,7 @@ def _seam_ends(places: IntArray, faces: IntArray) -> IntArray:
     other = opposite[first] != opposite[second]
     first, second = first[other], second[other]
     ends = np.concatenate(
-        [
-            np.column_stack([low[first], low[second]]),
-            np.column_stack([high[first], high[second]]),
-        ]
+        [np.column_stack([low[first], low[second]]), np.column_stack([high[first], high[second]])]
     )
     return np.asarray(ends[ends[:, 0] != ends[:, 1]])
 

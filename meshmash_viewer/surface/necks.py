@@ -31,17 +31,8 @@ def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
     closed curves on the triangles, or of curves that end at open edges. So the width is never below
     that of the shortest cut through this half of the part, and above where that is no level set.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    parts : ndarray of int64, shape (n,)
-        Part of each vertex, -1 for none.
-    n_parts : int
-
-    Returns
-    -------
-    ndarray of float64, shape (n_parts,)
-        In the unit of the mesh; NaN where a part does not join the rest.
+    `parts`, shape (n,), is the part of each vertex, -1 for none. The widths, shape (n_parts,), are
+    in the unit of the mesh; NaN where a part does not join the rest.
     """
     of_corners = parts[mesh.faces]
     touched = (of_corners >= 0).any(axis=1) & mesh.distinct_corners

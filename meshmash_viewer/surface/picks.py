@@ -2,16 +2,132 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+from threading import Lock
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image, ImageDraw
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.geodesics import Geodesics
-from meshmash_viewer.surface.lasso import Projection, visible, within_polygon
 from meshmash_viewer.surface.masks import Mask, parts
+
+#: Side of the cells of the depth map, in pixels.
+_CELL = 3
+#: Largest slope of the surface against the screen for which depths are compared.
+_STEEPEST = 5.0
+
+
+class Geodesics:
+    """The faces around each vertex of a surface, along which distances are found.
+
+    Vertices have shape (n, 3), faces (m, 3). It takes 38 bytes a face.
+    """
+
+    def __init__(self, vertices: npt.NDArray[np.floating], faces: IntArray) -> None:
+        from scipy import sparse
+
+        self._vertices = np.ascontiguousarray(vertices, dtype=np.float32)
+        self._faces = np.ascontiguousarray(faces, dtype=np.int32)
+        m, n = len(faces), len(vertices)
+        corners = self._faces.ravel(), np.arange(0, 3 * m + 1, 3, dtype=np.int32)
+        by_vertex = sparse.csr_array((np.ones(3 * m, np.int8), *corners), shape=(m, n)).tocsc()
+        self._starts = by_vertex.indptr.astype(np.int32)
+        self._around = by_vertex.indices.astype(np.int32)
+        self._scratch = np.full(n, np.inf, dtype=np.float32), np.zeros(n, dtype=np.bool_)
+        self._lock = Lock()
+
+    def within(
+        self, sources: IntArray, radius: float, passable: Mask | None = None
+    ) -> tuple[IntArray, FloatArray]:
+        """Find the vertices within a distance of sources, and their distances, shape (k,) each.
+
+        A front crosses each face from two of its corners to the third, in a straight line from
+        where their distances place the source in its plane: exact on a plane without obtuse faces.
+        `passable`, shape (n,), says which vertices it may reach.
+        """
+        from meshmash_viewer.surface.kernels import spread
+
+        if passable is None:
+            passable = np.ones(len(self._vertices), dtype=np.bool_)
+        given = np.unique(sources).astype(np.int32)
+        surface = self._starts, self._around, self._faces, self._vertices
+        with self._lock:
+            vertices, distances = spread(*surface, given, radius, passable, *self._scratch)
+        return np.asarray(vertices, dtype=np.int64), np.asarray(distances, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Vertices with normals, shape (n, 3) each, and the camera that they are seen by."""
+
+    points: npt.NDArray[np.float32]
+    normals: npt.NDArray[np.float32]
+    #: Shape (3, 3): Unit vectors to the right, up and towards the eye, as rows.
+    axes: FloatArray
+    #: Shape (3,): The point in the middle of the picture.
+    focus: FloatArray
+    #: Length of a pixel.
+    pixel: float
+    #: The middle of the picture in pixels.
+    middle: tuple[float, float]
+
+    @cached_property
+    def seen(self) -> npt.NDArray[np.float32]:
+        """Vertices in pixels: to the right, up, and towards the eye, shape (n, 3)."""
+        scaled = (self.axes / self.pixel).astype(np.float32)
+        shift = np.array([*self.middle, 0.0]) - self.axes @ self.focus / self.pixel
+        seen = scaled @ self.points.T  # 25 times as fast as points @ scaled.T
+        return np.ascontiguousarray((seen + shift.astype(np.float32)[:, np.newaxis]).T)
+
+    @cached_property
+    def facing(self) -> npt.NDArray[np.float32]:
+        """Cosine between normal and line of sight, shape (n,)."""
+        return np.asarray(self.normals @ self.axes[2].astype(np.float32))
+
+
+def within_polygon(seen: npt.NDArray[np.floating], polygon: FloatArray) -> Mask:
+    """Find the points in a closed polygon, to a pixel, shape (n,).
+
+    `seen`, shape (n, 2) or (n, 3), and `polygon`, shape (k, 2), are in pixels.
+    """
+    from meshmash_viewer.surface.kernels import in_picture
+
+    low = np.floor(polygon.min(axis=0))
+    width, height = (np.ceil(polygon.max(axis=0)) - low + 1.0).astype(int).tolist()
+    drawn = Image.new("1", (width, height))
+    if len(polygon) > 1:
+        ImageDraw.Draw(drawn).polygon([tuple(each) for each in (polygon - low).tolist()], fill=1)
+    return np.asarray(in_picture(seen, low, np.asarray(drawn)))
+
+
+def visible(
+    seen: npt.NDArray[np.float32], faces: IntArray, facing: npt.NDArray[np.floating], chosen: Mask
+) -> Mask:
+    """Find the chosen vertices that face the eye and that no face is before, shape (n,).
+
+    They are compared with a map of the largest heights in cells of three pixels, so that what is
+    only a few pixels before a steep vertex does not hide it. `seen` and `facing` are those of
+    `Projection`, `faces` those that are drawn.
+    """
+    from meshmash_viewer.surface.kernels import heights_of
+
+    result = chosen & (facing > 0.0)
+    at = np.flatnonzero(result)
+    if not len(at):
+        return result
+    low = seen[at, :2].min(axis=0) - _CELL
+    high = seen[at, :2].max(axis=0) + _CELL
+    columns, rows = (np.floor((high - low) / _CELL).astype(int) + 1).tolist()
+    heights = heights_of(seen, faces, low, float(_CELL), rows, columns)
+    slope = np.sqrt(np.maximum(1.0 - facing[at] ** 2, 0.0)) / np.maximum(facing[at], 1e-6)
+    room = _CELL * (0.5 + 1.5 * np.minimum(slope, _STEEPEST))
+    x, y = ((seen[at, :2] - low) / _CELL).astype(np.int64).T
+    result[at] = seen[at, 2] >= heights[y, x] - room
+    return result
 
 
 def prepared(mesh: Mesh) -> Geodesics:

@@ -1,4 +1,4 @@
-"""Intersection of rays with a mesh."""
+"""Rays and the plane of a cut: where they meet a mesh."""
 
 from __future__ import annotations
 
@@ -9,12 +9,35 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import CancelCallback, check_cancelled
-from meshmash_viewer.surface.plane import Plane
 
 #: Boxes whose faces are tested at a time.
 _OPENED = 24
 #: Relative margins of boxes and of faces, so that no ray passes between two of them.
 _BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The points x with ``normal @ x == level``; the normal, of length 1, is to the kept side."""
+
+    normal: FloatArray
+    level: float
+
+    def seen_from(self, origin: FloatArray) -> Plane:
+        """The same plane in coordinates relative to an origin."""
+        return Plane(self.normal, self.level - float(self.normal @ origin))
+
+    def away(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
+        """Find the points, shape (n, 3), that are cut away, shape (n,)."""
+        return np.asarray(points @ self.normal.astype(points.dtype) < self.level)
+
+    def kept(self, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return the kept part of the way between two points; None if there is none."""
+        first, last = (float(self.normal @ each) - self.level for each in (start, end))
+        if first < 0.0 and last < 0.0:
+            return None
+        crossing = start + (first / (first - last) if first != last else 0.0) * (end - start)
+        return (crossing if first < 0.0 else start), (crossing if last < 0.0 else end)
 
 
 @dataclass(frozen=True, eq=False)

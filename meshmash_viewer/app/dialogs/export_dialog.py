@@ -215,9 +215,7 @@ class ExportDialog(SaveDialog):
         """The chosen export."""
         mesh = self._mesh
         if self._maps_alone:
-            for each in mesh.maps:
-                mesh = mesh.without_map(each.name)
-            mesh = mesh.with_maps(*self._chosen_maps())
+            mesh = mesh.with_only_maps(*self._chosen_maps())
         return ExportJob(
             mesh,
             self._spectrum.operator or self._document.solve.operator,

@@ -11,7 +11,7 @@ from vtkmodules.vtkRenderingCore import vtkCellPicker, vtkProp, vtkPropCollectio
 
 from meshmash_viewer.app.view.colors import rgb
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.surface.plane import Plane
+from meshmash_viewer.surface.rays import Plane
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_renderer import MeshRenderer

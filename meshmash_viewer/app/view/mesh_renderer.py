@@ -27,8 +27,7 @@ from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
-from meshmash_viewer.surface.plane import Plane
-from meshmash_viewer.surface.rays import RayTarget
+from meshmash_viewer.surface.rays import Plane, RayTarget
 
 #: Number of visible points from which the first view is found.
 _SAMPLED = 100_000

@@ -28,9 +28,8 @@ from meshmash_viewer.app.view.standard_views import view_axes
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.surface.lasso import Projection
-from meshmash_viewer.surface.plane import Plane
-from meshmash_viewer.surface.rays import RayTarget
+from meshmash_viewer.surface.picks import Projection
+from meshmash_viewer.surface.rays import Plane, RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
 _Places: TypeAlias = tuple[

@@ -15,13 +15,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import second_file
-from meshmash_viewer.io.raw import (
-    MOST_MAPS,
-    RawMap,
-    RawMesh,
-    are_ascending_indices,
-    maps_alone,
-)
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, are_ascending_indices, maps_alone
 from meshmash_viewer.vertex_map import COLOR, Label
 
 if TYPE_CHECKING:
