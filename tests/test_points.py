@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -130,29 +129,38 @@ def test_tables_keep_their_columns_and_types(tmp_path: Path, ending: str, how: s
     assert (found.name, found.path, found.unit) == (path.name, str(path), "nm")
 
 
-def test_csv_is_read_without_pyarrow(tmp_path: Path) -> None:
-    synapses(5).to_csv(tmp_path / "synapses.csv", index=False)
-    code = (
-        "import sys; sys.modules['pyarrow'] = sys.modules['pandas'] = None\n"
-        "import meshmash_viewer as mv\n"
-        "print(len(mv.read_points('synapses.csv')))\n"
-        "try: mv.read_points('synapses.parquet')\n"
-        "except mv.InputError as fault: print(fault)"
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_identifiers_of_64_bits_keep_all_digits(tmp_path: Path, ending: str) -> None:
+    table = synapses(5).assign(root=np.uint64(2**64 - 9), id=lambda each: each["id"].astype("u8"))
+    path = tmp_path / f"synapses.{ending}"
+    table.to_csv(path) if ending == "csv" else table.to_parquet(path)
+    found = mv.project_points(BALL, mv.read_points(path), 2000.0)
+    assert found.points.columns["root"].tolist() == [2**64 - 9] * 5
+    assert found.id_to_mesh_map()[:, 0].tolist() == table["id"].tolist()
+    for part in (1, None):
+        ids = mv.read_points(table.assign(id=np.uint64(2**63))[:part])
+        with pytest.raises(InputError, match=r"The id 9223372036854775808 is not below 2\*\*63"):
+            mv.project_points(BALL, ids, 2000.0).id_to_mesh_map()
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_without_pyarrow_it_is_named(
+    tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / f"synapses.{ending}").write_bytes(b"PAR1")
+    for name in [each for each in sys.modules if each.partition(".")[0] == "pyarrow"] + ["pyarrow"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError) as fault:
+        mv.read_points(tmp_path / f"synapses.{ending}")
+    assert str(fault.value) == (
+        f"synapses.{ending} is read by pyarrow, which is not installed: pip install pyarrow."
     )
-    (tmp_path / "synapses.parquet").write_bytes(b"PAR1")
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines() == [
-        "5",
-        "synapses.parquet is read by pyarrow, which is not installed: pip install pyarrow.",
-    ]
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "s.csv is empty: export it again."),
+        ("", "s.csv is no table (Empty CSV file): export it again."),
         ("x,y,z\n", "s.csv has no rows: export it again."),
         (
             "a,b\n1,2\n",
@@ -168,7 +176,11 @@ def test_csv_is_read_without_pyarrow(tmp_path: Path) -> None:
             "x,y,z\n1,2,3\n1,two,3\n",
             "s.csv has 'two' as y in row 2, which is not a number: correct that row.",
         ),
-        ("x,y,z\n1,2,3\n1,2\n", "s.csv has 2 fields in row 2 and 3 columns: correct that row."),
+        (
+            "x,y,z\n1,2,3\n1,2\n",
+            "s.csv is no table (CSV parse error: Row #3: Expected 3 columns, got 2: 1,2): export it"
+            " again.",
+        ),
         ("x,y,z,x\n1,2,3,4\n", "s.csv has two columns called 'x': rename one."),
         (
             "id,pos\n1,[1 2 3]\n2,[1 2]\n",

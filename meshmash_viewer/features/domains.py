@@ -68,6 +68,8 @@ def aggregate_features(
 ) -> DataFrame:
     """Compute the mean of features over each domain.
 
+    `InputError` is raised if numbers of rows differ, or a weight is negative.
+
     Parameters
     ----------
     features : Features, DataFrame or array_like, shape (n, f) or (n,)
@@ -82,11 +84,6 @@ def aggregate_features(
     -------
     DataFrame
         Its index are the domains from -1 on, whose row is NaN.
-
-    Raises
-    ------
-    InputError
-        If numbers of rows differ, or a weight is negative.
 
     Examples
     --------
@@ -134,6 +131,8 @@ def domain_means(
 def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike) -> Any:
     """Give every vertex the row of its domain, the inverse of `aggregate_features`.
 
+    `InputError` is raised if a domain has no row.
+
     Parameters
     ----------
     condensed : DataFrame, or array_like, shape (k, f) or (k,)
@@ -145,11 +144,6 @@ def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike)
     -------
     DataFrame or ndarray, shape (n, f) or (n,)
         As `condensed`.
-
-    Raises
-    ------
-    InputError
-        If a domain has no row.
 
     Examples
     --------
@@ -186,6 +180,8 @@ def condense_mesh_to_graph(
 ) -> tuple[DataFrame, DataFrame]:
     """Make the graph of domains: a node for each, an edge for each two that touch.
 
+    `InputError` is raised if labels do not match the mesh, or no vertex is in a domain.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -204,11 +200,6 @@ def condense_mesh_to_graph(
         ``source`` < ``target``, ``boundary_length``, ``count`` of mesh edges between both, and
         ``edge_length``, the distance of the two positions. A mesh edge between two domains has for
         boundary length the sum of the incircle radii of its faces.
-
-    Raises
-    ------
-    InputError
-        If labels do not match the mesh, or no vertex is in a domain.
 
     Examples
     --------

@@ -56,6 +56,8 @@ class FarPointsError(InputError):
 class Points:
     """Points with their other columns, as a file has them; see `read_points`.
 
+    `InputError` is raised if there is no point, or a coordinate is not finite.
+
     Parameters
     ----------
     positions : array_like, shape (k, 3)
@@ -72,11 +74,6 @@ class Points:
         The file; "" if they are from a script.
     remarks : tuple of str
         What was left out.
-
-    Raises
-    ------
-    InputError
-        If there is no point, or a coordinate is not finite.
 
     Examples
     --------
@@ -288,7 +285,10 @@ class ProjectedPoints:
             raise InputError(f"{self.points.name or 'The table'} has no column id: name one so.")
         if ids.dtype.kind not in "iu":
             raise InputError(f"The column {self.points.id} is not a whole number in each row.")
-        return np.column_stack([ids, self.file_vertices])[self.near].astype(np.int64)
+        if len(ids) and int(ids.max()) >= 2**63:
+            raise InputError(f"The {self.points.id} {ids.max()} is not below 2**63, as in a map.")
+        # numbers of 64 bits with and without a sign would become floating-point ones
+        return np.column_stack([ids.astype(np.int64), self.file_vertices])[self.near]
 
     def describe(self, point: int) -> str:
         """Write what a point is: its identifier or row, and its distance from the vertex."""
@@ -304,6 +304,8 @@ def project_points(
 
     Vertices of no face are not taken.
 
+    `InputError` is raised if no point is within the distance; the message names the likely unit.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -317,11 +319,6 @@ def project_points(
     Returns
     -------
     ProjectedPoints
-
-    Raises
-    ------
-    InputError
-        If no point is within the distance; the message names the likely unit.
 
     Examples
     --------

@@ -147,6 +147,9 @@ def regions(
     another. Vertices with the label that are in no such face are in no region; `Regions.remarks`
     counts them.
 
+    `InputError` is raised if labels or maps are of another number of vertices, labels are no whole
+    numbers, or no face has three corners with the same label.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -191,12 +194,6 @@ def regions(
             Mean position over the area.
         ``mean NAME``, ``min NAME``, ``max NAME``
             Of each map, without its NaN.
-
-    Raises
-    ------
-    InputError
-        If labels or maps are of another number of vertices, labels are no whole numbers, or no face
-        has three corners with the same label.
 
     Examples
     --------

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 #: Files of column names, next to the others.
 HEADER, NODES_HEADER, EDGES_HEADER = "header.txt", "nodes_header.txt", "edges_header.txt"
+#: Columns of edges with the nodes that they connect.
+_ENDS = EDGE_COLUMNS[:2]
 #: Map of the domain of each vertex, which becomes a label set.
 DOMAINS = "domains"
 #: Colours of domains, of which neighbours have different ones.
@@ -49,6 +51,9 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
 
     Both are written as a whole or not at all.
 
+    `InputError` is raised if the numbers of domains differ, or the folder has a header of other
+    columns.
+
     Parameters
     ----------
     path : str or Path
@@ -57,19 +62,12 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
     labels : array_like of int, shape (n,)
         The domain of each vertex of the raw mesh, -1 for none.
 
-    Raises
-    ------
-    InputError
-        If the numbers of domains differ, or the folder has a header of other columns.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
-    >>> with TemporaryDirectory() as folder:
-    ...     means = mv.aggregate_features(ball.vertices, halves)
-    ...     mv.write_condensed_features(folder + "/ball.npz", means, halves)
-    ...     features, labels = mv.read_condensed_features(folder + "/ball.npz")
+    >>> means = mv.aggregate_features(ball.vertices, halves)
+    >>> mv.write_condensed_features(folder / "halves.npz", means, halves)
+    >>> features, labels = mv.read_condensed_features(folder / "halves.npz")
     >>> features.shape, labels.shape
     ((3, 3), (642,))
     """
@@ -91,6 +89,8 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
 def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
     """Read features of domains, as `write_condensed_features` and meshmash write them.
 
+    `InputError` is raised if the file is none, or does not match its header.
+
     Parameters
     ----------
     path : str or Path
@@ -103,26 +103,17 @@ def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
     labels : ndarray of int, shape (n,)
         The domain of each vertex of the raw mesh, -1 for none.
 
-    Raises
-    ------
-    InputError
-        If the file is none, or does not match its header.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
-    >>> with TemporaryDirectory() as folder:
-    ...     means = mv.aggregate_features(ball.vertices, halves)
-    ...     mv.write_condensed_features(folder + "/ball.npz", means, halves)
-    ...     features, labels = mv.read_condensed_features(folder + "/ball.npz")
+    >>> means = mv.aggregate_features(ball.vertices, halves)
+    >>> mv.write_condensed_features(folder / "halves.npz", means, halves)
+    >>> features, labels = mv.read_condensed_features(folder / "halves.npz")
     >>> features.shape, labels.shape
     ((3, 3), (642,))
     """
-    path = Path(path)
-    with _named(path):
-        values, labels = _arrays(path, "X", "labels")
-        names = condensed_columns(path, values, labels)
+    with _reading(path, "X", "labels") as (values, labels):
+        names = condensed_columns(Path(path), values, labels)
         return _frame(values, names, first=-1), labels.astype(np.int64)
 
 
@@ -149,32 +140,24 @@ def condensed_columns(
 def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) -> None:
     """Write a graph of domains, see `condense_mesh_to_graph`, and the names of its columns.
 
+    `InputError` is raised if columns are missing, an edge ends at no node, or the folder has
+    headers of other columns.
+
     Parameters
     ----------
     path : str or Path
         ``NAME.npz``, next to which ``nodes_header.txt`` and ``edges_header.txt`` are written.
     nodes, edges : DataFrame
 
-    Raises
-    ------
-    InputError
-        If columns are missing, an edge ends at no node, or the folder has headers of other columns.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
     >>> graph = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
-    >>> with TemporaryDirectory() as folder:
-    ...     mv.write_condensed_graph(folder + "/ball.npz", *graph)
-    ...     nodes, edges = mv.read_condensed_graph(folder + "/ball.npz")
+    >>> mv.write_condensed_graph(folder / "graph.npz", *graph)
+    >>> nodes, edges = mv.read_condensed_graph(folder / "graph.npz")
     >>> len(nodes), edges["source"].tolist(), edges["target"].tolist()
     (2, [0], [1])
     """
-    for table, needed in ((nodes, NODE_COLUMNS[:3]), (edges, EDGE_COLUMNS[:2])):
-        if missing := [name for name in needed if name not in table.columns]:
-            raise InputError(f"The graph has no column {missing[0]}: give nodes, then edges.")
-    ends = np.asarray(edges[list(EDGE_COLUMNS[:2])], dtype=np.int64)
-    _check_ends(ends, len(nodes), "The graph has")
+    _check_graph(nodes, edges, "The graph has")
     arrays = {
         "nodes": np.asarray(nodes, dtype=np.float32),
         # numbers of nodes above 16,777,216 are not exact in float32
@@ -187,50 +170,38 @@ def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) 
 def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
     """Read a graph of domains, as `write_condensed_graph` and meshmash write it.
 
-    Parameters
-    ----------
-    path : str or Path
+    `InputError` is raised if the file is none, or does not match its headers.
 
     Returns
     -------
     nodes, edges : DataFrame
         Row i of `nodes` is domain i.
 
-    Raises
-    ------
-    InputError
-        If the file is none, or does not match its headers.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
     >>> graph = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
-    >>> with TemporaryDirectory() as folder:
-    ...     mv.write_condensed_graph(folder + "/ball.npz", *graph)
-    ...     nodes, edges = mv.read_condensed_graph(folder + "/ball.npz")
+    >>> mv.write_condensed_graph(folder / "graph.npz", *graph)
+    >>> nodes, edges = mv.read_condensed_graph(folder / "graph.npz")
     >>> len(nodes), edges["source"].tolist(), edges["target"].tolist()
     (2, [0], [1])
     """
-    path = Path(path)
-    with _named(path):
-        nodes, edges = _arrays(path, "nodes", "edges")
+    with _reading(path, "nodes", "edges") as (nodes, edges):
         if nodes.ndim != 2 or edges.ndim != 2:
             raise InputError(
                 f"has nodes of shape {nodes.shape} and edges of shape {edges.shape}, not tables"
             )
-        names = _header(path, NODES_HEADER, nodes.shape[1], (*NODE_COLUMNS, NUCLEUS_COLUMN))
-        first = _frame(nodes, names)
-        second = _frame(edges, _header(path, EDGES_HEADER, edges.shape[1], EDGE_COLUMNS))
-        for table, needed in ((first, NODE_COLUMNS[:3]), (second, EDGE_COLUMNS[:2])):
-            if missing := [name for name in needed if name not in table.columns]:
-                raise InputError(f"has no column {missing[0]}")
-        ends = second[list(EDGE_COLUMNS[:2])].astype(np.int64)
-        _check_ends(ends.to_numpy(), len(nodes), "has")
-        return first, second.assign(**{name: ends[name] for name in EDGE_COLUMNS[:2]})
+        usual = (*NODE_COLUMNS, NUCLEUS_COLUMN)
+        first = _frame(nodes, _header(Path(path), NODES_HEADER, nodes.shape[1], usual))
+        names = _header(Path(path), EDGES_HEADER, edges.shape[1], EDGE_COLUMNS)
+        second = _frame(edges, names).astype(dict.fromkeys(set(names) & set(_ENDS), np.int64))
+        _check_graph(first, second, "has")
+        return first, second
 
 
 def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) -> None:
     """Write which vertex each object, such as a synapse, is at.
+
+    `InputError` is raised if the numbers of both differ, or they are no whole numbers.
 
     Parameters
     ----------
@@ -239,58 +210,42 @@ def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) 
     vertices : array_like of int, shape (k,)
         Vertices of the raw mesh, -1 for none.
 
-    Raises
-    ------
-    InputError
-        If the numbers of both differ, or they are no whole numbers.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     mv.write_id_map(folder + "/synapses.npz", [7001, 7002], [12, 640])
-    ...     ids, vertices = mv.read_id_map(folder + "/synapses.npz")
+    >>> mv.write_id_map(folder / "ids.npz", [7001, 7002], [12, 640])
+    >>> ids, vertices = mv.read_id_map(folder / "ids.npz")
     >>> ids.tolist(), vertices.tolist()
     ([7001, 7002], [12, 640])
     """
     columns = [np.asarray(each) for each in (ids, vertices)]
-    if (
-        any(each.ndim != 1 or each.dtype.kind not in "iu" for each in columns)
-        or len({len(each) for each in columns}) > 1
+    shapes = [each.shape for each in columns]
+    if any(len(each.shape) != 1 or each.dtype.kind not in "iu" for each in columns) or (
+        len(set(shapes)) > 1
     ):
-        shapes = " and ".join(str(each.shape) for each in columns)
-        raise InputError(f"Ids and vertices of shapes {shapes}: give one whole number of each.")
+        said = " and ".join(map(str, shapes))
+        raise InputError(f"Ids and vertices of shapes {said}: give one whole number of each.")
+    if len(columns[0]) and int(columns[0].max()) >= 2**63:
+        raise InputError(f"The id {columns[0].max()} is not below 2**63: the file cannot hold it.")
     _write(path, {ID_MAP: np.stack([each.astype(np.int64) for each in columns], axis=1)}, {})
 
 
 def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
     """Read which vertex each object is at, as `write_id_map` and meshmash write it.
 
-    Parameters
-    ----------
-    path : str or Path
+    `InputError` is raised if the file is none.
 
     Returns
     -------
     ids, vertices : ndarray of int, shape (k,)
 
-    Raises
-    ------
-    InputError
-        If the file is none.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     mv.write_id_map(folder + "/synapses.npz", [7001, 7002], [12, 640])
-    ...     ids, vertices = mv.read_id_map(folder + "/synapses.npz")
+    >>> mv.write_id_map(folder / "ids.npz", [7001, 7002], [12, 640])
+    >>> ids, vertices = mv.read_id_map(folder / "ids.npz")
     >>> ids.tolist(), vertices.tolist()
     ([7001, 7002], [12, 640])
     """
-    path = Path(path)
-    with _named(path):
-        (found,) = _arrays(path, ID_MAP)
+    with _reading(path, ID_MAP) as (found,):
         if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
             raise InputError(
                 f"has {ID_MAP} of shape {found.shape}, not two whole numbers an object"
@@ -357,12 +312,14 @@ def _distinct(corners: IntArray, count: int) -> list[int]:
     return found
 
 
-def _check_ends(ends: IntArray, n_nodes: int, subject: str) -> None:
-    if len(ends) and not (ends.min() >= 0 and ends.max() < n_nodes):
-        raise InputError(
-            f"{subject} an edge from or to node {ends.max() if ends.min() >= 0 else ends.min()},"
-            f" and {n_nodes} nodes"
-        )
+def _check_graph(nodes: DataFrame, edges: DataFrame, subject: str) -> None:
+    """Raise `InputError` if a graph lacks columns, or an edge ends at no node."""
+    for table, needed in ((nodes, NODE_COLUMNS[:3]), (edges, _ENDS)):
+        if missing := [name for name in needed if name not in table.columns]:
+            raise InputError(f"{subject} no column {missing[0]}")
+    ends = np.asarray(edges[list(_ENDS)], dtype=np.int64)
+    if bad := set(ends.ravel().tolist()) - set(range(len(nodes))):
+        raise InputError(f"{subject} an edge from or to node {min(bad)}, and {len(nodes)} nodes")
 
 
 def _write(
@@ -409,32 +366,25 @@ def _header(
     return tuple(printable(each, 60) for each in names)
 
 
-def _arrays(path: Path, *names: str) -> list[npt.NDArray[Any]]:
-    if not path.exists():
-        raise InputError("does not exist: check its folder and its spelling")
-    if not zipfile.is_zipfile(path):
-        raise InputError("is not an NPZ archive")
-    found = []
-    try:
-        with np.load(path) as archive:
-            for name in names:
-                if name not in archive.files:
-                    held = printable(", ".join(archive.files) or "nothing")
-                    raise InputError(f"holds {held}, and no array {name}")
-                found.append(np.asarray(archive[name]))
-    except InputError:
-        raise
-    except Exception as fault:  # raised by zip or the parser of a header
-        raise InputError("is damaged or cut short") from fault
-    return found
-
-
 @contextlib.contextmanager
-def _named(path: Path) -> Any:
-    """Put the name of the file before the message of an `InputError`."""
+def _reading(path: str | Path, *names: str) -> Iterator[list[npt.NDArray[Any]]]:
+    """Yield arrays of a file; messages of `InputError` then begin with its name."""
     require("pandas")
     try:
-        yield
+        if not Path(path).exists():
+            raise InputError("does not exist: check its folder and its spelling")
+        if not zipfile.is_zipfile(path):
+            raise InputError("is not an NPZ archive")
+        try:
+            with np.load(path) as archive:
+                held = archive.files
+                found = [np.asarray(archive[name]) for name in names if name in held]
+        except Exception as fault:  # raised by zip or the parser of a header
+            raise InputError("is damaged or cut short") from fault
+        if missing := [name for name in names if name not in held]:
+            listed = printable(", ".join(held) or "nothing")
+            raise InputError(f"holds {listed}, and no array {missing[0]}")
+        yield found
     except InputError as fault:
         raise InputError(f"{path} {fault}.") from fault
 

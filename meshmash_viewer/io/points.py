@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import math
 import re
 from collections.abc import Iterable, Mapping
 from itertools import islice
@@ -17,7 +14,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.features.points import Points, ProjectedPoints
-from meshmash_viewer.io.formats.tables import ROW_NUMBERS, is_missing, text_rows
+from meshmash_viewer.io.formats.tables import ROW_NUMBERS, text_table
 from meshmash_viewer.io.write import write_table
 from meshmash_viewer.io.writers import FeatureTable
 from meshmash_viewer.units import counted
@@ -39,9 +36,8 @@ _NUMBER = r"(?:np\.\w+\()?([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\)?"
 _TRIPLE = re.compile(rf"\s*[\[(]\s*{_NUMBER}[\s,;]+{_NUMBER}[\s,;]+{_NUMBER}\s*[\])]\s*")
 #: Names of the column that identifies a point, in lower case.
 _IDS = ("id", "synapse_id", "point_id", "object_id")
-#: Characters of a text from which its columns are known.
+#: Bytes of a text from which its columns are known.
 _BEGINNING = 20_000
-_TRUTHS = {"true": True, "false": False}
 
 Columns = dict[str, npt.NDArray[Any]]
 
@@ -64,6 +60,9 @@ def read_points(
     ``ctr_pt_z``; or one of three numbers such as ``ctr_pt_position``, in text as "[1 2 3]". Rows
     without one are left out. A column ``id`` or ``synapse_id`` identifies the points.
 
+    `InputError` is raised if it cannot be read, has no rows or no positions, or several of which
+    none is named.
+
     Parameters
     ----------
     table : str, Path or mapping of str to array_like
@@ -78,11 +77,6 @@ def read_points(
     -------
     Points
         With a remark on rows that are left out.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, has no rows or no positions, or several of which none is named.
 
     Examples
     --------
@@ -150,6 +144,9 @@ def write_points(
     Columns are those of `ProjectedPoints.table`. NPZ is the map from identifiers to vertices alone,
     ``id_to_mesh_map`` of shape (m, 2).
 
+    `InputError` is raised if the ending is unknown, the file cannot be written, or a map has no
+    identifiers.
+
     Parameters
     ----------
     path : str or Path
@@ -159,19 +156,11 @@ def write_points(
     meta : dict, optional
         JSON-able options that led to it, or a result of `provenance`.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown, the file cannot be written, or a map has no identifiers.
-
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
     >>> synapses = mv.read_points({"id": [7, 9], "x": [0, 0], "y": [0, 1], "z": [1, 0]})
-    >>> found = mv.project_points(ball, synapses)
-    >>> with TemporaryDirectory() as folder:
-    ...     mv.write_points(folder + "/synapses.npz", found)
-    ...     np.load(folder + "/synapses.npz")["id_to_mesh_map"][:, 0].tolist()
+    >>> mv.write_points(folder / "synapses.npz", mv.project_points(ball, synapses))
+    >>> np.load(folder / "synapses.npz")["id_to_mesh_map"][:, 0].tolist()
     [7, 9]
     """
     if Path(path).suffix.lower() == ".npz":
@@ -204,71 +193,30 @@ def _read(path: Path, *, beginning: bool = False) -> Columns:
         )
     try:
         if ending in _TEXT_ENDINGS:
-            rows, decimal = text_rows(path, _BEGINNING if beginning else -1)
-            return _text_columns(path.name, rows, decimal)
-        return _arrow_columns(path, ending, beginning)
+            table = text_table(path, _BEGINNING if beginning else None)
+        else:
+            table = _arrow_table(path, ending, beginning)
     except ModuleNotFoundError as fault:
         raise InputError(f"{path.name} is read by {not_installed('pyarrow')}.") from fault
     except OSError as fault:
         said = fault.strerror or printable(fault)
         raise InputError(f"{path} cannot be read ({said}): check its name and content.") from fault
-    except csv.Error as fault:
-        raise InputError(f"{path.name} is no table ({fault}): choose another file.") from fault
-
-
-def _text_columns(name: str, rows: list[list[str]], decimal: str) -> Columns:
-    if not rows:
-        raise InputError(f"{name} is empty: export it again.")
-    names, width = [each.strip() for each in rows[0]], len(rows[0])
+    except InputError as fault:
+        raise InputError(f"{path.name} {fault}: export it again.") from fault
+    names = [each.strip() for each in table.column_names]
     if repeated := sorted({each for each in names if names.count(each) > 1}):
-        raise InputError(f"{name} has two columns called {repeated[0]!r}: rename one.")
-    for at, row in enumerate(rows[1:], 1):
-        if len(row) != width:
-            raise InputError(
-                f"{name} has {len(row)} fields in row {at} and {width} columns: correct that row."
-            )
-    return {
-        each: _typed([row[at].strip() for row in rows[1:]], decimal)
-        for at, each in enumerate(names)
-    }
-
-
-def _typed(texts: list[str], decimal: str) -> npt.NDArray[Any]:
-    """Whole numbers, numbers, truth values or text; None, or NaN among numbers, where missing."""
-    if "_" not in "".join(texts):  # which Python takes for digits grouped
-        for kind in (int, float):
-            with contextlib.suppress(ValueError):  # such as in a column of text
-                found = [kind(text.replace(decimal, ".")) for text in texts]
-                if not any(map(math.isnan, found)):
-                    return _packed(found)
-    missing = {text for text in set(texts) if is_missing(text) or text.lower() == "nan"}
-    if missing and len(missing) < len(set(texts)):
-        known = _typed([text for text in texts if text not in missing], decimal).tolist()
-        rest = iter(known)
-        return _packed([None if text in missing else next(rest) for text in texts])
-    if {text.lower() for text in texts} <= _TRUTHS.keys():
-        return np.array([_TRUTHS[text.lower()] for text in texts])
-    return _packed([None if text in missing else text for text in texts])
-
-
-def _packed(values: list[Any]) -> npt.NDArray[Any]:
-    """An array of the type of the values; of objects where it could not hold them all."""
-    kinds = {type(each) for each in values}
-    if float in kinds and kinds <= {float, int, type(None)}:
-        return np.array([np.nan if each is None else each for each in values])
-    if len(kinds) == 1 and kinds <= {bool, int}:
-        made = np.array(values)
-        if made.dtype.kind in "bi":  # not beyond 64 bits
-            return made
-    made = np.empty(len(values), dtype=object)
-    made[:] = values
-    return made
+        raise InputError(f"{path.name} has two columns called {repeated[0]!r}: rename one.")
+    return {name: _from_arrow(each) for name, each in zip(names, table.columns, strict=True)}
 
 
 def _held(given: Any) -> npt.NDArray[Any]:
     """A column in memory; text, and lists such as three numbers, as objects."""
     made = np.asarray(given)
-    return made if made.ndim == 1 and made.dtype.kind not in "US" else _packed(list(given))
+    if made.ndim == 1 and made.dtype.kind not in "US":
+        return made
+    made = np.empty(len(given), dtype=object)
+    made[:] = list(given)
+    return made
 
 
 def _counts_rows(name: str, values: npt.NDArray[Any]) -> bool:
@@ -277,27 +225,20 @@ def _counts_rows(name: str, values: npt.NDArray[Any]) -> bool:
     return whole and np.array_equal(values, np.arange(len(values)))
 
 
-def _arrow_columns(path: Path, ending: str, beginning: bool) -> Columns:
-    import pyarrow
-    import pyarrow.ipc
+def _arrow_table(path: Path, ending: str, beginning: bool) -> pyarrow.Table:
+    import pyarrow.feather
     import pyarrow.parquet
 
     try:
-        if ending == ".parquet":
-            with pyarrow.parquet.ParquetFile(path) as file:
-                batches = list(islice(file.iter_batches(100), 1)) if beginning else []
-                schema = file.schema_arrow
-                table = pyarrow.Table.from_batches(batches, schema) if beginning else file.read()
-        else:
-            import pyarrow.feather
-
-            table = pyarrow.feather.read_table(path, memory_map=False)
+        if ending != ".parquet":
+            return pyarrow.feather.read_table(path, memory_map=False)
+        with pyarrow.parquet.ParquetFile(path) as file:
+            if not beginning:
+                return file.read()
+            batches = list(islice(file.iter_batches(100), 1))
+            return pyarrow.Table.from_batches(batches, file.schema_arrow)
     except pyarrow.ArrowException as fault:
-        raise InputError(
-            f"{path.name} is no table ({printable(fault)}): export it again."
-        ) from fault
-    named = zip(table.schema.names, table.columns, strict=True)
-    return {name: _from_arrow(column) for name, column in named}
+        raise InputError(f"is no table ({printable(fault)})") from fault
 
 
 def _from_arrow(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:

@@ -176,6 +176,9 @@ def condensed_hks_pipeline(
     overlapping pieces, its logarithm clustered by Ward's criterion, and averaged over the area of
     each cluster. A mesh in another unit is converted to nm; without a unit it is taken as in nm.
 
+    `InputError` is raised if an argument is invalid, all components are small, or fast-
+    simplification, scikit-learn or pandas is not installed.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -211,12 +214,6 @@ def condensed_hks_pipeline(
     Returns
     -------
     CondensedHKS
-
-    Raises
-    ------
-    InputError
-        If an argument is invalid, all components are small, or fast-simplification, scikit-learn or
-        pandas is not installed.
 
     Warns
     -----

@@ -18,6 +18,8 @@ def decimated(
     Components are decimated separately, in the order of their lowest vertex, so that none is
     collapsed into another. The result is deterministic.
 
+    `InputError` is raised if `reduction` is out of range, or all components are left out.
+
     Parameters
     ----------
     mesh : Mesh
@@ -34,11 +36,6 @@ def decimated(
         Without unreferenced vertices.
     mapping : ndarray of int, shape (n,)
         The vertex of `simple` for each vertex of `mesh`; -1 for vertices that are left out.
-
-    Raises
-    ------
-    InputError
-        If `reduction` is out of range, or all components are left out.
     """
     if not 0.0 <= reduction < 1.0:
         raise InputError(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import colorsys
+import contextlib
 import csv
+import io
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -39,6 +41,11 @@ def csv_maps(path: Path) -> RawMesh:
     are comments, the last of which may hold the names. Where a number is missing, a field is empty
     or holds "None", "NA", "NaN", "null" or the like.
     """
+    return replace(_maps(text_table(path)), meta=second_file(path))
+
+
+def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
+    """Read a table of text; with `most`, only the lines in so many bytes."""
     import pyarrow
     import pyarrow.csv
 
@@ -50,17 +57,30 @@ def csv_maps(path: Path) -> RawMesh:
     missing = [*convert.null_values, *_MISSING]
     convert.null_values = [*missing, *(f" {each}" for each in missing)]
     parse = pyarrow.csv.ParseOptions(delimiter=separator)
+    head = b""
+    if most is not None and path.stat().st_size > most:
+        with path.open("rb") as file:
+            head = file.read(most).rpartition(b"\n")[0]
+
+    def table() -> pyarrow.Table:
+        return pyarrow.csv.read_csv(io.BytesIO(head) if head else path, read, parse, convert)
+
     try:
-        table = pyarrow.csv.read_csv(path, read, parse, convert)
-        if is_label_set(table.column_names):  # of which one may be called "none", or 007
+        found = table()
+        if is_label_set(found.column_names):  # of which one may be called "none", or 007
             convert.quoted_strings_can_be_null = False
             convert.column_types = dict.fromkeys(_TEXTS, pyarrow.string())
-            table = pyarrow.csv.read_csv(path, read, parse, convert)
+            found = table()
     except pyarrow.ArrowInvalid as fault:
         raise InputError(f"is no table ({printable(fault)})") from fault
-    if read.autogenerate_column_names and len(table.column_names) == 1:
-        table = table.rename_columns([""])
-    return replace(_maps(table), meta=second_file(path))
+    named = zip(found.column_names, found.columns, strict=True)
+    if wide := [name for name, column in named if _is_wide(column)]:
+        convert.column_types = {**convert.column_types, **dict.fromkeys(wide, pyarrow.uint64())}
+        with contextlib.suppress(pyarrow.ArrowInvalid):  # they are no whole numbers
+            found = table()
+    if read.autogenerate_column_names and len(found.column_names) == 1:
+        found = found.rename_columns([""])
+    return found
 
 
 def parquet_maps(path: Path) -> RawMesh:
@@ -99,17 +119,21 @@ def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
     return layout, separator, decimal
 
 
-def text_rows(path: Path, most: int = -1) -> tuple[list[list[str]], str]:
-    """Return the rows that are not empty, that of the names first, and the decimal sign.
+def _is_wide(column: pyarrow.ChunkedArray) -> bool:
+    """Whether numbers were read as floating-point ones that may be whole ones of 64 bits."""
+    import pyarrow.compute
 
-    With `most`, only those of about so many characters are read.
-    """
+    if not pyarrow.types.is_floating(column.type):
+        return False
+    return bool((pyarrow.compute.max(column).as_py() or 0.0) >= 2.0**63)
+
+
+def text_rows(path: Path) -> tuple[list[list[str]], str]:
+    """Return the rows that are not empty, that of the names first, and the decimal sign."""
     layout, separator, decimal = text_layout(path)
-    with path.open(encoding=layout["encoding"], errors="replace") as file:
-        lines = file.read(most).removeprefix("\ufeff").splitlines()[layout["skip_rows"] :]
-    if most >= 0:
-        lines = lines[:-1] or lines  # the last one is not whole
-    rows = [row for row in csv.reader(lines, delimiter=separator) if any(map(str.strip, row))]
+    lines = path.read_text(encoding=layout["encoding"], errors="replace").removeprefix("\ufeff")
+    reader = csv.reader(lines.splitlines()[layout["skip_rows"] :], delimiter=separator)
+    rows = [row for row in reader if any(map(str.strip, row))]
     return ([layout["column_names"]] if layout["column_names"] else []) + rows, decimal
 
 
