@@ -18,7 +18,7 @@ from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.theme import Mode
 from meshmash_viewer.app.view.standard_views import view_label
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.mesh import SMALL
+from meshmash_viewer.triangles import SMALL
 
 #: Menus in their order.
 MENUS = ("File", "Edit", "View", "Select", "Field", "Inspect", "Help")
