@@ -121,6 +121,14 @@ def format_number(value: float, digits: int = 4) -> str:
     return text + (f"×10{superscript(int(exponent))}" if exponent else "")
 
 
+def grouped(value: float, digits: int = 4) -> str:
+    """Write a number as `format_number` does, with a comma after thousands: "98,100".
+
+    For tables: in a field it could be read as 98.1 as well.
+    """
+    return re.sub(r"(?<=\d\d)\d{3}(?=\.|$)", r",\g<0>", format_number(value, digits))
+
+
 def minus(text: str) -> str:
     """Write the minus signs of numbers as such."""
     return text.replace("-", "\N{MINUS SIGN}")

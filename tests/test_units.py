@@ -16,6 +16,7 @@ from meshmash_viewer.units import (
     format_quantity,
     format_range,
     format_share,
+    grouped,
     plain_text,
     power_unit,
     whole_number,
@@ -101,6 +102,14 @@ def test_what_is_no_unit_is_refused_with_what_is(text: str) -> None:
 )
 def test_numbers_are_written_out_where_that_is_short(value: float, digits: int, text: str) -> None:
     assert format_number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(64_005.0, "64,000"), (-640_050.0, "−640,000"), (6400.0, "6400"), (0.12345, "0.123")],
+)
+def test_numbers_of_tables_have_separators(value: float, text: str) -> None:
+    assert grouped(value, 3) == text
 
 
 @pytest.mark.parametrize(

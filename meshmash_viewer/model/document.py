@@ -86,7 +86,7 @@ class Document(OpenMesh):
         self.work.requested.connect(self.notices.begin_turn)
         for signal in (
             self.mesh_changed, self.spectrum_changed, self.pins.changed, self.history.changed,
-            self.solve.changed, self.work.changed, self.display.events,
+            self.selection.changed, self.solve.changed, self.work.changed, self.display.events,
         ):  # fmt: skip
             signal.connect(self.notices.review)
         #: Whether a mesh is computed again that the last step needs to be undone.

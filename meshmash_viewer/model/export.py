@@ -134,8 +134,16 @@ class ExportJob:
             description = f"{description.rstrip(',')} at all {count} of the mesh file,"
         write_results(self.path, results, self.mesh, file_mesh, pairs, meta)
         repairs = f"Repaired before: {listed_repairs(self.repairs)}" if self.repairs else ""
-        remark = ". ".join(filter(None, (missing, repairs)))
+        stated = self.mesh.structure or not self.path.name.endswith((".func.gii", ".shape.gii"))
+        structure = "" if stated else _NO_STRUCTURE
+        remark = ". ".join(filter(None, (missing, repairs, structure)))
         return Written(self.path, description, remark, warns=bool(missing))
+
+
+#: Remark on a GIFTI file of a mesh whose brain structure is not known.
+_NO_STRUCTURE = (
+    "It states no brain structure, for Connectome Workbench: name the file of the mesh lh.… or rh.…"
+)
 
 
 def maps_alone(mesh: Mesh) -> Features:

@@ -20,7 +20,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.jobs import RegionsJob
 from meshmash_viewer.model.maps import Maps
-from meshmash_viewer.model.notices import Notices, Severity
+from meshmash_viewer.model.notices import Notice, Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
 from meshmash_viewer.model.results import RegionsReady
@@ -195,7 +195,10 @@ class Labels:
         """
         known, mask = self._set, self._selection.mask
         if mask is None:
-            raise InputError("Nothing is selected: select vertices, then give them to a label.")
+            text = "Nothing is selected: select vertices, then give them to a label."
+            selection = self._selection
+            self._notices.show(Notice(text, Severity.WARNING, holds=lambda: selection.mask is None))
+            return
         to = known.no_label if key is None else self._label(key).key
         changing = mask & (known.values != to)
         locked = [label.key for label in known.labels if label.locked]

@@ -47,7 +47,8 @@ class Maps:
     def open(self, paths: Sequence[Path], *, shown: bool = True) -> None:
         """Request that files with values per vertex are read, and the last map shown if `shown`."""
         if self._opened.ready is None:
-            text = "There is no mesh to put a map on: open the mesh first, then its maps."
+            names = " and ".join(path.name for path in paths[:2]) or "a map"
+            text = f"There is no mesh to put {names} on: open the mesh first, then its maps."
             self._notices.say(text, Severity.WARNING)
         elif paths:
             self.requested.emit(tuple(path.absolute() for path in paths), shown)

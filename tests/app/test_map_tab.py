@@ -34,7 +34,7 @@ from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import format_number
+from meshmash_viewer.units import format_number, format_range
 
 LEFT = Qt.MouseButton.LeftButton
 MESH = shapes.icosphere(3, radius=50.0)
@@ -298,6 +298,25 @@ def test_columns_that_are_no_map_are_named(window: MainWindow, tmp_path: Path) -
     assert "'region' (not numbers, such as 'part 0'), 'empty' (it is empty)" in notice.text
 
 
+def test_facts_are_of_the_part_that_eigenpairs_are_of(window: MainWindow) -> None:
+    document = window.document
+    document.take_part(MESH.vertices[:, 0] > 10.0)
+    wait_for(lambda: document.part_mesh is not None and document.work.job is None)
+    rest(window)
+    mean = part(window, QLabel, "map_mean_label")
+    wait_for(lambda: mean.text() != "")
+    inside = document.part_mesh.referenced
+    values, areas = DEPTH[inside], document.part_mesh.vertex_areas[inside]
+    assert part(window, QLabel, "map_count_label").text() == f"{inside.sum():,} of 642"
+    assert part(window, QLabel, "map_range_label").text() == format_range(
+        values.min(), values.max(), "", word="to", digits=4
+    )
+    assert mean.text() == format_number(float(np.average(values, weights=areas)))
+    document.take_part(None)
+    wait_for(lambda: document.part_mesh is None and document.work.job is None)
+    assert part(window, QLabel, "map_count_label").text() == "642"
+
+
 @pytest.mark.slow
 @pytest.mark.pixels
 def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path) -> None:
@@ -451,6 +470,9 @@ def test_a_sum_and_its_residual_are_kept_and_exported_alone(
     rest(window)
     (column,) = nibabel.load(path).darrays
     np.testing.assert_allclose(column.data, field.values, rtol=1e-6)
+    notice = window.stage.message_bar.notice
+    assert "It states no brain structure" in notice.text
+    assert notice.severity is Severity.INFORMATION
     assert column.meta["Name"].startswith("depth")
     assert "30 pairs" in column.meta["Name"]
     window.activateWindow()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,6 +182,20 @@ def test_the_displayed_set_is_the_current_one(two: Document) -> None:
     two.labels.changed.connect(lambda: heard.append(two.labels.current.name))
     two.display.change(OwnMaps, chosen="labels 2")
     assert heard == ["labels 2"]
+
+
+def test_that_nothing_is_selected_is_said_until_something_is(two: Document) -> None:
+    two.selection.set(None)
+    two.labels.assign(1)
+    assert two.notices.last is not None
+    two.selection.set(RIGHT)
+    assert two.notices.last is None
+
+
+def test_a_map_without_a_mesh_is_named() -> None:
+    empty = Document()
+    empty.maps.open([Path("lh.thickness")])
+    assert "There is no mesh to put lh.thickness on" in empty.notices.last.text
 
 
 @pytest.mark.parametrize(

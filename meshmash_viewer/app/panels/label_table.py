@@ -19,7 +19,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.labels import Labels, LabelSizes
-from meshmash_viewer.units import counted, engineering, format_number, power_unit
+from meshmash_viewer.units import counted, engineering, grouped, power_unit
 from meshmash_viewer.vertex_map import Label
 
 _Index: TypeAlias = QModelIndex | QPersistentModelIndex
@@ -115,7 +115,7 @@ class _Rows(QAbstractTableModel):
         counts, areas, _ = self._sizes
         if column == VERTICES:
             return f"{counts[row]:,}"
-        return format_number(areas[row] * 10.0 ** self._area_unit[0], 3) if counts[row] else "–"
+        return grouped(areas[row] * 10.0 ** self._area_unit[0], 3) if counts[row] else "–"
 
     def _description(self, label: Label, row: int, column: int) -> str:
         if column == COLOR:

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import QAbstractItemView, QTableView
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.features.regions import Regions
-from meshmash_viewer.units import engineering, format_number
+from meshmash_viewer.units import engineering, grouped
 from meshmash_viewer.vertex_map import Label
 
 _Index: TypeAlias = QModelIndex | QPersistentModelIndex
@@ -101,7 +101,7 @@ class _Rows(QAbstractTableModel):
             return "–"
         if name in ("vertices", "loops", "points"):
             return f"{value:,.0f}"
-        return format_number(value * 10.0 ** self._units[name][0], 3)
+        return grouped(value * 10.0 ** self._units[name][0], 3)
 
     def _name(self, row: int) -> str:
         """Name of the label, with the number of the part where there are several."""

@@ -24,6 +24,7 @@ from meshmash_viewer.fields.maps import CURVATURES, SUMS, VIEWS, OwnMaps
 from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.write import write_map_spectrum
 from meshmash_viewer.io.writers import SPECTRUM_WRITERS
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -71,6 +72,8 @@ class MapTab(FamilyTab):
         self.labels.setSelectionMode(QListWidget.SelectionMode.NoSelection)
         self._shown_labels: tuple[Label, ...] | None = None
         self._listed: tuple[str, ...] | None = None
+        #: A map, the part that eigenpairs are of, and the map there.
+        self._part: tuple[VertexMap, Mesh, VertexMap] | None = None
         slider = self._make_slider("map_pairs_slider", "Number of the lowest eigenpairs")
         pairs = self._make_index_row("map_pairs", "Number of the lowest eigenpairs")
         self.save_button = make.button(
@@ -198,10 +201,21 @@ class MapTab(FamilyTab):
         self._refresh_list(resolved.chosen)
         self.remove_button.setEnabled(resolved.shown is not None)
         self.title.setText(resolved.chosen)
-        shown = resolved.vertex_map(spectrum)
-        self.facts.show_values({} if shown is None else _told(shown, resolved.mean(spectrum)))
+        facts, known = {}, resolved.vertex_map(spectrum)
+        if known is not None:
+            facts = _told(self._of_part(known), resolved.mean(spectrum), known.n_vertices)
+        self.facts.show_values(facts)
         self._refresh_pairs(spectrum, resolved)
         self._refresh_labels(resolved.describe(spectrum, self._document.unit).labels)
+
+    def _of_part(self, known: VertexMap) -> VertexMap:
+        """The map at the vertices that eigenpairs are of, as its mean is of these."""
+        part = self._document.part_mesh
+        if part is None:
+            return known
+        if self._part is None or self._part[0] is not known or self._part[1] is not part:
+            self._part = known, part, known.at(part.referenced)
+        return self._part[2]
 
     def _refresh_list(self, chosen: str) -> None:
         mesh = self._document.mesh
@@ -279,8 +293,9 @@ def _show_lines(shown: QListWidget, most: int) -> None:
     shown.setFixedHeight(line * min(max(shown.count(), 1), most) + 6)
 
 
-def _told(shown: VertexMap, mean: float) -> dict[str, str]:
-    of = "" if shown.n_values == shown.n_vertices else f" of {shown.n_vertices:,}"
+def _told(shown: VertexMap, mean: float, n_vertices: int) -> dict[str, str]:
+    """Describe a map, or a part of one of more vertices."""
+    of = "" if shown.n_values == n_vertices else f" of {n_vertices:,}"
     count = {"map_count_label": f"{shown.n_values:,}{of}"}
     if shown.labels:
         return count | {"map_range_label": counted(len(shown.labels), "label")}

@@ -256,6 +256,9 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     """
     path = Path(path)
     check_output(path, "figure")
+    if path.suffix.lower() == ".png":  # matplotlib leaves out what is no whole pixel
+        pixels = np.rint(figure.get_size_inches() * figure.dpi)
+        figure.set_size_inches(*(pixels + 1e-3) / figure.dpi)
     fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "none"}
     with writing_errors(path), written_whole(path) as part, matplotlib.rc_context(fonts):
         figure.savefig(part, dpi=figure.dpi, format=path.suffix[1:].lower())
