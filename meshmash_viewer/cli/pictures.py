@@ -178,16 +178,9 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> Report:
     from meshmash_viewer.app.view.picture import straight
     from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
 
-    mesh = with_maps(mesh, options.map)
-    family = family.at_vertices(mesh.vertex_of)
-    report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output), "kind": family.name}
-    spectrum = _solved(mesh, family, options, report)
-    most = n_columns(family, spectrum)
-    chosen = (
-        evenly(most, _PICTURES)
-        if options.columns is None
-        else chosen_columns(options.columns, most)
-    )
+    mesh, family, spectrum, report = _swept(mesh, family, options)
+    most, columns = n_columns(family, spectrum), options.columns
+    chosen = evenly(most, _PICTURES) if columns is None else chosen_columns(columns, most)
     drawing = _drawing(mesh, options)
     drawing.annotated = False
     families = sweep(family, spectrum, chosen)
@@ -235,10 +228,8 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
         turntable,
     )
 
-    mesh, path, size = with_maps(mesh, options.map), options.output, options.size
-    family = family.at_vertices(mesh.vertex_of)
-    report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output), "kind": family.name}
-    spectrum = _solved(mesh, family, options, report)
+    path, size = options.output, options.size
+    mesh, family, spectrum, report = _swept(mesh, family, options)
     most = n_columns(family, spectrum)
     drawing, display = _drawing(mesh, options), _display(options, family)
     rate, seconds, column = options.rate, options.seconds, options.column
@@ -284,6 +275,16 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
 def _chosen_swept(options: Namespace) -> Family:
     _policy(options)
     return chosen_family(options, SWEPT, _LEAST)
+
+
+def _swept(
+    mesh: Mesh, family: Family, options: Namespace
+) -> tuple[Mesh, Family, Eigenpairs, dict[str, Any]]:
+    """Return a mesh with its maps, the family on it, its eigenpairs, and the report on these."""
+    mesh = with_maps(mesh, options.map)
+    family = family.at_vertices(mesh.vertex_of)
+    report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output), "kind": family.name}
+    return mesh, family, _solved(mesh, family, options, report), report
 
 
 def _solved(mesh: Mesh, family: Family, options: Namespace, report: dict[str, Any]) -> Eigenpairs:

@@ -6,8 +6,7 @@ import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
-from weakref import WeakKeyDictionary
+from typing import Self
 
 import numpy as np
 
@@ -15,11 +14,9 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import (
     MapSpectrum,
-    band_edges,
     dominant_bands,
     project,
 )
-from meshmash_viewer.features.sums import fill_in_parts
 from meshmash_viewer.fields.family import (
     Answer,
     Cancel,
@@ -32,7 +29,15 @@ from meshmash_viewer.fields.family import (
     Table,
 )
 from meshmash_viewer.fields.filters import Filters
-from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
+from meshmash_viewer.fields.map_results import (
+    MEANS,
+    MapSums,
+    band_labels,
+    kept_by_map,
+    mean_over,
+    projected,
+)
+from meshmash_viewer.fields.pair_table import build_pair_table, summed
 from meshmash_viewer.fields.parameter import (
     MOST_INDEX,
     MOST_NAME,
@@ -46,10 +51,9 @@ from meshmash_viewer.fields.parameter import (
 )
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
-from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.surface.curvature import DIRECTION_FAULT
-from meshmash_viewer.units import counted, format_quantity, format_range, format_share, power_unit
-from meshmash_viewer.vertex_map import Label, VertexMap
+from meshmash_viewer.units import counted, format_range, format_share, power_unit
+from meshmash_viewer.vertex_map import VertexMap
 
 #: Maps of every mesh: power of length in their unit, name of the public function, and formula.
 CURVATURES: dict[str, tuple[int, str, str]] = {
@@ -72,10 +76,6 @@ _FORMULAS = {
 }
 #: Views that depend on the number of pairs.
 SUMS = ("pairs", "residual")
-#: Key of the means of maps in `Mesh.derived`.
-_MEANS = "means of maps"
-#: Key of the spectra of maps in `Mesh.derived`, with their pairs.
-_PROJECTED = "spectra of maps"
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class OwnMaps(Family):
         if self.view == "band":
             title, labels = (
                 f"{self.chosen}, dominant band",
-                _band_labels(spectrum.eigenvalues, unit),
+                band_labels(spectrum.eigenvalues, unit),
             )
             return Description(quantity, title, 0, caption=caption, labels=labels)
         if self.shown is None:
@@ -237,7 +237,7 @@ class OwnMaps(Family):
         if self.filter is not None:
             return f"through {self.filter.describe(spectrum, unit).quantity}"
         if self.view == "band":
-            return f"in octaves of λ, {len(_band_labels(spectrum.eigenvalues, unit))} of them"
+            return f"in octaves of λ, {len(band_labels(spectrum.eigenvalues, unit))} of them"
         shown = self.vertex_map(spectrum)
         if shown is None:
             return ""
@@ -256,7 +256,7 @@ class OwnMaps(Family):
             return Answer(self._shown_map(spectrum).shown, not ready)
         if table is None or not (ready or self.serves(spectrum, table)):
             return None
-        content: _Sums = table.content
+        content: MapSums = table.content
         if ready:
             table.spectrum = spectrum  # faster comparison next time
         if self.view == "band":
@@ -289,13 +289,13 @@ class OwnMaps(Family):
         values = self._shown_map(spectrum)
         mass = spectrum.vertex_areas
         found = project(spectrum.eigenvalues, spectrum.rows, mass, values.values, cancel)
-        _projected(spectrum)[values] = spectrum, found
+        projected(spectrum)[values] = spectrum, found
         bands = None
         if self.view == "band":
             strongest = dominant_bands(found, spectrum.rows, cancel).astype(np.float32)
             nowhere = (strongest < 0) | ~np.isfinite(values.shown)
             bands = np.where(nowhere, np.float32(np.nan), strongest)
-        return self._resting(Table(spectrum, self.at_rest(), _Sums(found, bands)), cancel)
+        return self._resting(Table(spectrum, self.at_rest(), MapSums(found, bands)), cancel)
 
     def _resting(self, table: Table, cancel: Cancel) -> Table:
         """Add the exact sum for the present filter, and the table of approximations."""
@@ -325,10 +325,10 @@ class OwnMaps(Family):
     def map_spectrum(self, spectrum: Eigenpairs) -> MapSpectrum | None:
         """Return the coefficients of the map on these pairs, once they have been computed."""
         shown = self.vertex_map(spectrum)
-        found = None if shown is None else _projected(spectrum).get(shown)
+        found = None if shown is None else projected(spectrum).get(shown)
         if shown is None or found is None or not same_pairs(found[0], spectrum):
             return None
-        _projected(spectrum)[shown] = spectrum, found[1]  # faster comparison next time
+        projected(spectrum)[shown] = spectrum, found[1]  # faster comparison next time
         return found[1]
 
     def mean(self, spectrum: Eigenpairs) -> float:
@@ -339,7 +339,7 @@ class OwnMaps(Family):
         shown, mesh = self.vertex_map(spectrum), spectrum.mesh
         if shown is None or mesh is None:
             return np.nan
-        return float(_kept(mesh, _MEANS).get(shown, np.nan))
+        return float(kept_by_map(mesh, MEANS).get(shown, np.nan))
 
     def _shown_map(self, spectrum: Eigenpairs) -> VertexMap:
         """Return the map; compute it if it is a curvature that is not known yet."""
@@ -352,9 +352,9 @@ class OwnMaps(Family):
             values = getattr(curvature, function)(mesh)
             known = VertexMap(self.chosen, values, unit=power_unit(mesh.unit, power))
             mesh.derived[self.chosen, mesh.unit] = known
-        means = {} if mesh is None else _kept(mesh, _MEANS)
+        means = {} if mesh is None else kept_by_map(mesh, MEANS)
         if mesh is not None and not known.labels and known not in means:
-            means[known] = _mean_over(mesh, known.values)
+            means[known] = mean_over(mesh, known.values)
         return known
 
     # -- plots --------------------------------------------------------------------------------
@@ -436,71 +436,3 @@ class OwnMaps(Family):
             f"lowest = spectrum.coefficients[:{self.pairs}]",
             f"values = {left}mv.reconstruct(decomposition.eigenvectors, lowest)",
         ]
-
-
-def _projected(
-    spectrum: Eigenpairs,
-) -> WeakKeyDictionary[VertexMap, tuple[Eigenpairs, MapSpectrum]]:
-    """Return spectra by map: written in the computing thread, read in the main thread."""
-    return WeakKeyDictionary() if spectrum.mesh is None else _kept(spectrum.mesh, _PROJECTED)
-
-
-def _kept(mesh: Mesh, name: str) -> WeakKeyDictionary[VertexMap, Any]:
-    """Return a cache by map.
-
-    It is stored with the mesh, since entries refer to pairs, these to the mesh, and the mesh to the
-    maps: in an object that outlives the mesh, entries would never be freed.
-    """
-    known: WeakKeyDictionary[VertexMap, Any] = mesh.derived.setdefault(name, WeakKeyDictionary())
-    return known
-
-
-def _mean_over(mesh: Mesh, values: FloatArray) -> float:
-    """Compute the mean over the surface where there are values."""
-    weights = mesh.vertex_areas * np.isfinite(values)
-    total = weights.sum()
-    return float(weights @ np.nan_to_num(values) / total) if total > 0.0 else np.nan
-
-
-class _Sums:
-    """The spectrum of a map, and its sum over the lowest pairs, updated from the last one."""
-
-    def __init__(self, spectrum: MapSpectrum, bands: ColumnArray | None) -> None:
-        self.spectrum = spectrum
-        self.bands = bands
-        self._last: tuple[int, FloatArray | None] = 0, None
-        #: Table of approximate filtered sums, once one has been requested.
-        self.near: PairTable | None = None
-
-    def up_to(self, count: int, rows: Any) -> ColumnArray:
-        """Compute the sum over a number of pairs by adding or subtracting the difference."""
-        known, total = self._last
-        if total is None or abs(count - known) > count:
-            known, total = 0, np.zeros(rows.shape[1])
-        first, last = sorted((count, known))
-        change = self.spectrum.coefficients[first:last] * (1.0 if count >= known else -1.0)
-        shown = np.empty(len(total), dtype=np.float32)
-
-        def fill(part: slice) -> None:
-            total[part] += change @ rows[first:last, part]
-            shown[part] = total[part]
-
-        fill_in_parts(len(total), fill)
-        self._last = count, total
-        return shown
-
-
-def _band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:
-    """Return a label for each band, with its wavelengths, from yellow (long) to violet."""
-    from matplotlib import colormaps
-
-    edges = [wavelength(float(edge)) for edge in band_edges(eigenvalues)]
-    shades = colormaps["viridis_r"](np.linspace(0.0, 1.0, max(len(edges) - 1, 1)), bytes=True)
-    return tuple(
-        Label(
-            at,
-            f"{format_quantity(edges[at], unit)} to {format_quantity(edges[at + 1], unit)}",
-            "#" + "".join(f"{part:02x}" for part in shades[at][:3].tolist()),
-        )
-        for at in range(len(edges) - 1)
-    )

@@ -83,23 +83,26 @@ def export_options(
 
 def stated_mesh(meta: str) -> tuple[str | None, str]:
     """Return unit and brain structure in the JSON text of `provenance`; None and "" if unstated."""
-    try:
-        about = json.loads(meta)["mesh"]
-        unit, structure = about.get("unit"), about.get("structure")
-    except (ValueError, KeyError, TypeError, AttributeError):
+    about = _stated(meta, "mesh")
+    if not isinstance(about, dict):
         return None, ""
-    return (
-        unit if unit in LENGTH_UNITS else None,
-        printable(structure, 60) if isinstance(structure, str) else "",
-    )
+    unit, structure = about.get("unit"), about.get("structure")
+    named = printable(structure, 60) if isinstance(structure, str) else ""
+    return unit if isinstance(unit, str) and unit in LENGTH_UNITS else None, named
+
+
+def _stated(meta: str, entry: str) -> Any:
+    """Return an entry of the JSON text of `provenance`; None if it has none, or is no such text."""
+    try:
+        return json.loads(meta)[entry]
+    except (ValueError, KeyError, TypeError):
+        return None
 
 
 def stated_columns(meta: str) -> list[str]:
     """Return the columns of features in the JSON text of `provenance`, none if unstated."""
-    try:
-        return [str(each) for each in json.loads(meta)["columns"]]
-    except (ValueError, KeyError, TypeError):
-        return []
+    columns = _stated(meta, "columns")
+    return [str(each) for each in columns] if isinstance(columns, list) else []
 
 
 def stated_units(meta: str) -> dict[str, str]:
