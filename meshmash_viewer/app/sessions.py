@@ -39,7 +39,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     second = None if pair is None or pair.second.path is None else pair.second
     return Session(
         mesh_path=str(document.path or ""),
-        maps=_map_files(mesh),
+        maps=_map_files(document),
         unit=document.unit_text,
         repairs=list(document.repairs),
         source=ready.source,
@@ -60,7 +60,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
-        second_maps=_map_files(second.mesh) if second is not None else [],
+        second_maps=_map_files(second) if second is not None else [],
         second_repairs=list(second.repairs) if second is not None else [],
         links=sorted(pair.links) if pair is not None else [],
         match=pair.match if pair is not None else {},
@@ -71,9 +71,10 @@ def _packed(mesh: Mesh, mask: Mask | None) -> str:
     return packed_mask(None if mask is None else mask_in_file(mesh, mask))
 
 
-def _map_files(mesh: Mesh | None) -> list[str]:
-    maps = () if mesh is None else mesh.maps
-    return list(dict.fromkeys(each.path for each in maps if each.path))
+def _map_files(document: Document) -> list[str]:
+    maps = () if document.mesh is None else document.mesh.maps
+    read = (each.path for each in maps if each.path)
+    return list(dict.fromkeys([*read, *map(str, document.maps.pending)]))
 
 
 class Restoration:

@@ -92,7 +92,7 @@ class Document(OpenMesh):
         #: Whether a mesh is computed again that the last step needs to be undone.
         self._undoing = False
         #: Whether a part is decomposed once it is there.
-        self._computes_part = False
+        self._computes_part = self._records_part = False
         #: The mesh before a repair after which the repaired one is decomposed.
         self._computes_after: MeshReady | None = None
         self._file_mesh: Mesh | None = None
@@ -188,12 +188,13 @@ class Document(OpenMesh):
         the store are used.
         """
         if self.ready is not None:
-            self._computes_part = then_compute
+            self._computes_part, self._records_part = then_compute, not self.history.is_paused
             self.work.request(PartJob(self._settled().mesh, mask, self.solve.operator))
 
     def accept_part(self, result: PartReady) -> None:
         """Show the eigenpairs of a part, or of the whole again; later computed ones are added."""
-        self.history.record("part that is computed", "mesh", "signs", "rotation", "selection")
+        if self._records_part:
+            self.history.record("part that is computed", "mesh", "signs", "rotation", "selection")
         with self.history.paused():
             if self._computes_part:
                 self.selection.put(None)  # which would cover the field
@@ -301,7 +302,7 @@ class Document(OpenMesh):
             self._undoing = False
             self._file_mesh = ready.before[0] if ready.before else None
             self.maps.in_file = frozenset(each.name for each in ready.mesh.maps)
-            self.maps.edited = frozenset()
+            self.maps.edited, self.maps.pending = frozenset(), ()
             with self.history.paused():
                 self._show(ready, ready.known)
             before = enumerate(ready.before)

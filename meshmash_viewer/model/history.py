@@ -126,6 +126,22 @@ class History:
         """Set the state that undoing the last step restores."""
         self.past = (*self.past[:-1], replace(self.past[-1], state=state))
 
+    def amend(self, part: str, changed: Callable[[Any], Any]) -> None:
+        """Replace the values that all steps have of a part."""
+        for steps in ("past", "future"):
+            amended = (
+                replace(step, state={**step.state, part: changed(step.state[part])})
+                if part in step.state
+                else step
+                for step in getattr(self, steps)
+            )
+            setattr(self, steps, tuple(amended))
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether nothing is recorded."""
+        return self._paused
+
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Record nothing within the context."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,8 @@ class Maps:
         self.in_file: frozenset[str] = frozenset()
         #: Names of the maps of files that were changed here, which are kept as they are now.
         self.edited: frozenset[str] = frozenset()
+        #: Files whose maps were there the last time, and are still being read.
+        self.pending: tuple[Path, ...] = ()
         #: The map that is being computed, for which mesh, and the family that was displayed before.
         self._growing: VertexMap | None = None
         self._mesh: Mesh | None = None
@@ -51,7 +54,10 @@ class Maps:
             text = f"There is no mesh to put {names} on: open the mesh first, then its maps."
             self._notices.say(text, Severity.WARNING)
         elif paths:
-            self.requested.emit(tuple(path.absolute() for path in paths), shown)
+            paths = tuple(path.absolute() for path in paths)
+            if not shown:
+                self.pending = paths
+            self.requested.emit(paths, shown)
 
     def add(
         self,
@@ -65,16 +71,20 @@ class Maps:
 
         `colors` are its entry of `OwnMaps.colors`, of what it was kept from.
 
-        Without `shown` they were there the last time, and adding them is no step to undo; those
-        that have been changed since are left out.
+        Without `shown` they were there the last time: adding them is no step to undo, and they stay
+        when a step before is undone. Those that have been changed since are left out.
         """
         now = self._still(mesh)
+        if now is None:
+            return
         if not shown:
+            self.pending = ()
             maps = [each for each in maps if each.name not in self.edited]
-        if now is None or not maps:
+        if not maps:
             return
         more = now.with_maps(*maps)
         if not shown:
+            self._history.amend("mesh", partial(_with_more, mesh, maps))
             with self._history.paused():
                 self._take(more)
         else:
@@ -210,6 +220,14 @@ class Maps:
     def _take(self, mesh: Mesh) -> None:
         assert self._opened.ready is not None
         self._opened.take(replace(self._opened.ready, mesh=mesh), self._opened.spectrum)
+
+
+def _with_more(mesh: Mesh, maps: Sequence[VertexMap], former: object) -> object:
+    """Return a former state of a mesh in the history with more maps."""
+    if not isinstance(former, Shown) or former.ready.mesh.vertices is not mesh.vertices:
+        return former
+    ready = replace(former.ready, mesh=former.ready.mesh.with_maps(*maps))
+    return replace(former, ready=ready)
 
 
 def _of_the_other_side(mesh: Mesh, maps: Sequence[VertexMap]) -> str:

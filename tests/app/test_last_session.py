@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +19,10 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.io import maps
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import ClassOptions
 from meshmash_viewer.model.display import Shape
@@ -140,8 +144,11 @@ def test_a_changed_file_is_opened_without_what_was_made_on_the_old_one(
     assert "has changed" in notice.text
 
 
-def test_maps_of_files_are_there_again_and_no_step_to_undo(
-    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+def test_maps_of_files_and_the_part_are_there_again_and_no_step_to_undo(
+    open_window: Callable[..., MainWindow],
+    folder: Path,
+    qtbot: QtBot,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path, table = two_balls(folder / "balls.npz"), folder / "values.csv"
     window = opened(open_window(), path, qtbot)
@@ -151,14 +158,40 @@ def test_maps_of_files_are_there_again_and_no_step_to_undo(
     table.write_text("\n".join(("radius,depth", *rows)))
     window.document.maps.open([table])
     qtbot.waitUntil(lambda: "new maps" in window.document.history.undo_label, timeout=PATIENCE)
+    window.document.take_part(np.arange(mesh.n_vertices) >= 42)
+    qtbot.waitUntil(lambda: window.document.part_mesh is not None, timeout=PATIENCE)
     window.close()
-    again = opened(open_window(), path, qtbot)
-    document = again.document
-    qtbot.waitUntil(lambda: len(document.mesh.maps) == 2, timeout=PATIENCE)
-    notice = again.stage.message_bar.notice
-    assert notice is not None
-    assert notice.text == "Opened as you left it: 1 map file."
-    assert not document.history.undo_label
+    read, may_read = maps.maps_and_remarks, Event()
+
+    def read_later(*given: Any) -> Any:
+        may_read.wait()
+        return read(*given)
+
+    monkeypatch.setattr(maps, "maps_and_remarks", read_later)
+    try:
+        again = open_window()
+        document, saved = again.document, again.opening.last_session
+        again.open_mesh(path)
+        qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
+        assert not document.history.undo_label
+        notice = again.stage.message_bar.notice
+        assert notice is not None
+        assert notice.text == "Opened as you left it: 1 map file."
+        # what is still being read is not forgotten, and no step from before takes it away
+        document.maps.add(document.mesh, [VertexMap("mine", np.arange(mesh.n_vertices))])
+        qtbot.waitUntil(lambda: bool(again.scene.camera()), timeout=PATIENCE)
+        saved.close()
+        stored = saved.stored(path)
+        assert stored is not None
+        assert stored.maps == [str(table)]
+    finally:
+        may_read.set()
+    qtbot.waitUntil(lambda: len(document.mesh.maps) == 3, timeout=PATIENCE)
+    document.history.undo()
+    assert {each.name for each in document.mesh.maps} == {"radius", "depth"}
+    document.history.redo()
+    assert len(document.mesh.maps) == 3
+    assert session_of(document, {}).maps == [str(table)]
 
 
 def test_what_is_damaged_is_said_and_kept(
