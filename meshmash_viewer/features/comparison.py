@@ -248,10 +248,11 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
     """Return the corresponding vertices of two meshes with the same connectivity.
 
     Their faces join the same vertices, in any orientation (as in a mirror image). This is so for a
-    rotated, scaled or deformed mesh, or for two subjects on one template. An equal number of
-    vertices is not sufficient. A left and a right hemisphere (by `Mesh.structure` or name) are
-    mirror images: if their faces have the same orientation, as those of FreeSurfer's fsaverage,
-    equal indices are not the same place, and None is returned.
+    rotated, scaled or deformed mesh, for two subjects on one template, and for a part of one of
+    these (`Mesh.masked`). An equal number of vertices is not sufficient. A left and a right
+    hemisphere (by `Mesh.structure` or name) are mirror images: if their faces have the same
+    orientation, as those of FreeSurfer's fsaverage, equal indices are not the same place, and None
+    is returned.
 
     Returns
     -------
@@ -265,22 +266,35 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
     >>> mv.corresponding_vertices(first, second)[:4]
     array([0, 1, 2, 3])
     """
+    if first.n_vertices != second.n_vertices:
+        return None
+    faces = _faces_on(first, second), _faces_on(second, first)
     same = (
-        first.n_vertices == second.n_vertices
-        and first.faces.shape == second.faces.shape
-        and np.array_equal(np.sort(first.faces, axis=1), np.sort(second.faces, axis=1))
-        and not _hemispheres_of_one_orientation(first, second)
+        faces[0].shape == faces[1].shape
+        and len(faces[0]) > 0
+        and np.array_equal(np.sort(faces[0], axis=1), np.sort(faces[1], axis=1))
+        and not _hemispheres_of_one_orientation(first, second, faces)
     )
     return np.arange(first.n_vertices) if same else None
 
 
-def _hemispheres_of_one_orientation(first: Mesh, second: Mesh) -> bool:
+def _faces_on(mesh: Mesh, other: Mesh) -> IntArray:
+    """Return the faces of a mesh, without those that `other` lacks if it is a part of it."""
+    if len(mesh.faces) <= len(other.faces):
+        return mesh.faces
+    kept: IntArray = mesh.faces[other.referenced[mesh.faces].all(axis=1)]
+    return kept
+
+
+def _hemispheres_of_one_orientation(
+    first: Mesh, second: Mesh, faces: tuple[IntArray, IntArray]
+) -> bool:
     """Whether these are a left and a right hemisphere with most of their faces turned alike."""
     sides = {brain_side(mesh.structure, mesh.name) for mesh in (first, second)}
     if sides != {"left", "right"}:
         return False
     odd = []
-    for a, b, c in (first.faces.T, second.faces.T):
+    for a, b, c in (each.T for each in faces):
         odd.append((a > b) ^ (b > c) ^ (a > c))
     return bool(np.mean(odd[0] == odd[1]) > 0.5)
 

@@ -137,6 +137,27 @@ def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     assert len(document.spectrum) == N + 5
 
 
+def test_a_part_is_compared_by_index_and_says_that_the_second_is_whole(
+    solved: MainWindow, qtbot: QtBot, tmp_path: Path
+) -> None:
+    document, mask = solved.document, solved.document.selection.mask
+    click(solved, "compute_selection_button")
+    qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    height = document.mesh.vertices[:, 2].astype(np.float32)
+    solved.add_map("height", height)
+    path = tmp_path / "wide.npz"
+    np.savez(path, vertices=document.mesh.vertices * [1, 1.2, 1.5], faces=document.mesh.faces)
+    solved.opening.open_second(path, unit="nm")
+    qtbot.waitUntil(part(solved, "carry_to_second_button").isEnabled, timeout=PATIENCE)
+    assert part(solved, "pair_told_label").text() == "by index: same faces"
+    assert "the first is computed on the mask of" in part(solved, "pair_remark").text().lower()
+    click(solved, "carry_to_second_button")
+    second = solved.opening.second_view.document
+    carried = second.mesh.map_named("height").values
+    np.testing.assert_array_equal(carried, np.where(mask, height, np.nan))
+
+
 def test_a_part_stays_with_its_maps_and_unit_and_goes_by_a_repair(
     solved: MainWindow, qtbot: QtBot, tmp_path: Path
 ) -> None:

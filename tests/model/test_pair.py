@@ -366,6 +366,21 @@ def test_as_many_vertices_alone_are_no_correspondence(
     assert corresponding_vertices(mesh, fewer) is None
 
 
+def test_a_part_corresponds_by_index_to_what_the_whole_does() -> None:
+    ball = shapes.icosphere(2)
+    left = Mesh(ball.vertices, ball.faces, name="lh.pial")
+    half = left.masked(ball.vertices[:, 2] >= 0.0)
+    wide, right = (
+        Mesh(ball.vertices * [1.0, 1.2, 1.5], ball.faces, name=name)
+        for name in ("lh.inflated", "rh.pial")
+    )
+    for first, second in ((half, wide), (wide, half)):
+        np.testing.assert_array_equal(
+            corresponding_vertices(first, second), np.arange(left.n_vertices)
+        )
+    assert corresponding_vertices(half, right) is None  # of one orientation
+
+
 def test_hemispheres_correspond_by_index_only_where_one_is_the_mirror_image() -> None:
     ball = shapes.icosphere(1)
     left = Mesh(ball.vertices, ball.faces, name="lh.pial")

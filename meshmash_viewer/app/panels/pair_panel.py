@@ -25,7 +25,7 @@ from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, mask_text
 from meshmash_viewer.model.carrying import carry_maps
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
@@ -328,6 +328,12 @@ class PairPanel(QWidget):
         if first is not None and second is not None:
             counts = first.health.n_components, second.health.n_components
             remarks = comparison_remarks(first.mesh, second.mesh, n_components=counts)
+            if first.part is not None:
+                remarks.append(
+                    f"the first is computed on the mask {mask_text(first.part.mesh)}, the second on"
+                    " the whole, which alone makes eigenvalues and features differ; compute the"
+                    " first on the whole, too, to compare shapes."
+                )
         show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
         self.largest_button.setVisible(counts[0] != counts[1])
         idle = pair is not None and pair.first.work.job is None and pair.second.work.job is None
