@@ -143,7 +143,7 @@ class Mesh(Triangles):
     def in_unit(self, unit: str) -> Mesh:
         """The same numbers said to be in another unit; what was derived from them is kept."""
         _check_unit(unit)
-        return self._but(unit=unit)
+        return self._with(unit=unit)
 
     def with_maps(self, *maps: VertexMap) -> Mesh:
         """The same mesh with more maps; one whose name is taken gets a number after it.
@@ -153,7 +153,7 @@ class Mesh(Triangles):
         """
         taken = [each.name for each in self.maps]
         more = named_apart([self._fitted(each) for each in maps], taken)
-        return self._but(maps=self.maps + more)
+        return self._with(maps=self.maps + more)
 
     def map_named(self, name: str) -> VertexMap:
         """The map of a name.
@@ -173,16 +173,16 @@ class Mesh(Triangles):
 
     def without_map(self, name: str) -> Mesh:
         """The same mesh without the map of a name."""
-        return self._but(maps=tuple(each for each in self.maps if each.name != name))
+        return self._with(maps=tuple(each for each in self.maps if each.name != name))
 
     def with_only_maps(self, *maps: VertexMap) -> Mesh:
         """The same mesh with these maps instead of its own."""
-        return self._but(maps=()).with_maps(*maps)
+        return self._with(maps=()).with_maps(*maps)
 
     def with_changed_map(self, changed: VertexMap) -> Mesh:
         """The same mesh with another map in the place of the one of its name."""
         maps = (changed if each.name == changed.name else each for each in self.maps)
-        return self._but(maps=tuple(maps))
+        return self._with(maps=tuple(maps))
 
     def _fitted(self, given: VertexMap) -> VertexMap:
         """A map of these vertices, of one of these or of all that were read."""
@@ -283,9 +283,9 @@ class Mesh(Triangles):
 
     def like(self, whole: Mesh) -> Mesh:
         """The same part of a mesh (`masked`) with its present maps, unit and name."""
-        return self._but(maps=whole.maps, unit=whole.unit, name=whole.name)
+        return self._with(maps=whole.maps, unit=whole.unit, name=whole.name)
 
-    def _but(self, **attributes: Any) -> Mesh:
+    def _with(self, **attributes: Any) -> Mesh:
         """Another one with some attributes that nothing is derived from."""
         mesh = object.__new__(Mesh)
         mesh.__dict__.update(self.__dict__, **attributes)

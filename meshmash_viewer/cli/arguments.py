@@ -9,7 +9,7 @@ from statistics import mode
 from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.cli import numbers
-from meshmash_viewer.cli.numbers import said, whole
+from meshmash_viewer.cli.numbers import option_type, whole
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import is_link
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
@@ -120,7 +120,7 @@ def add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Famil
     for name, each in known.items():
         parser.add_argument(
             each.flag,
-            type=said(each.parse),
+            type=option_type(each.parse),
             choices=each.choices,
             metavar=each.metavar,
             action="append" if each.many else "store",
@@ -222,7 +222,7 @@ def mesh_argument(text: str) -> Path | str:
 
 def add_unit(parser: argparse.ArgumentParser) -> None:
     """Add the unit of length."""
-    add_value(parser, "--unit", said(_unit), "U", f"of coordinates: {UNIT_FORMS}")
+    add_value(parser, "--unit", option_type(_unit), "U", f"of coordinates: {UNIT_FORMS}")
     about = "of a link: the segment to read; may be given many times"
     add_value(parser, "--segment", str, "ID", about, action="append", default=[])
     about = "of a link: the level of detail, 0 for the finest (default, unless it is too large)"
@@ -239,7 +239,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
     """Add the options for reading and repairing meshes."""
     add_unit(parser)
     about = "repair the mesh first, in the order given; `info` counts what each would correct"
-    add_value(parser, "--repair", said(_repair), "NAME", about, action="append", default=[])
+    add_value(parser, "--repair", option_type(_repair), "NAME", about, action="append", default=[])
     parser.add_argument(
         "--largest-component",
         dest="repair",
@@ -260,7 +260,7 @@ def add_points(parser: argparse.ArgumentParser, *, required: bool = True) -> Non
     add_value(parser, "--position", str, "NAME", about, default="")
     unit = parser.add_mutually_exclusive_group()
     about = f"of the points: {UNIT_FORMS}; default: that of the mesh"
-    add_value(unit, "--points-unit", said(_unit), "U", about, default="")
+    add_value(unit, "--points-unit", option_type(_unit), "U", about, default="")
     about = "size of the voxels that the points count, in the unit of the mesh"
     add_value(unit, "--voxel", numbers.number(), ("X", "Y", "Z"), about, nargs=3)
     about = "from a vertex (unit); default a hundredth of the diagonal of the mesh"
@@ -271,7 +271,7 @@ def add_structure(parser: argparse.ArgumentParser) -> None:
     """Add the brain structure that a GIFTI file names."""
     about = "of a brain: left, right, or a name such as CortexLeft, which GIFTI files then state;"
     about += " default: what the mesh file states, or its name: lh.pial"
-    add_value(parser, "--structure", said(named_structure), "NAME", about)
+    add_value(parser, "--structure", option_type(named_structure), "NAME", about)
 
 
 def add_whole(parser: argparse.ArgumentParser) -> None:
@@ -307,7 +307,8 @@ def add_solver(parser: argparse.ArgumentParser, *, operator: bool = True) -> Non
     """Add the options of the operator and the solver."""
     if operator:
         add_switch(parser, "--no-robust", "plain cotangent Laplacian, for clean manifolds")
-        parser.add_argument("--mollify-factor", type=said(_not_negative), default=1e-5, metavar="F")
+        kind = option_type(_not_negative)
+        parser.add_argument("--mollify-factor", type=kind, default=1e-5, metavar="F")
     add_switch(parser, "--no-cache", "neither use nor keep stored eigenpairs")
     _add_jobs(parser)
 

@@ -25,12 +25,12 @@ def signed(arguments: list[str]) -> list[str]:
     return [_NEGATIVE.sub("\u2212", each) for each in arguments]
 
 
-def said(meaning: Callable[[str], _T]) -> Callable[[str], _T]:
-    """Parse a text, and convert an `InputError` for argparse."""
+def option_type(parse: Callable[[str], _T]) -> Callable[[str], _T]:
+    """Return a function that parses as another one, for argparse: it raises what that expects."""
 
     def taken(text: str) -> _T:
         try:
-            return meaning(text)
+            return parse(text)
         except InputError as fault:
             raise ArgumentTypeError(str(fault).rstrip(".")) from None
 
@@ -39,17 +39,17 @@ def said(meaning: Callable[[str], _T]) -> Callable[[str], _T]:
 
 def whole(least: int = 0) -> Callable[[str], int]:
     """Return a parser of whole numbers from a minimum."""
-    return said(lambda text: parse_whole(text, least, _MOST, "the value"))
+    return option_type(lambda text: parse_whole(text, least, _MOST, "the value"))
 
 
 def number(unit: str = "", *, share: bool = False) -> Callable[[str], float]:
     """Return a parser of numbers, which may have a unit."""
-    return said(lambda text: parse_number(text, unit, share=share))
+    return option_type(lambda text: parse_number(text, unit, share=share))
 
 
 def quantity(power: int) -> Callable[[str], Quantity]:
     """Return a parser of powers of a length, in any unit or in that of each mesh."""
-    return said(lambda text: parse_quantity(text, power))
+    return option_type(lambda text: parse_quantity(text, power))
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def target(
         found = TargetQuantity(kind, parse_quantity(text, power))
         return found if found.quantity.unit else found.in_unit("")
 
-    return said(taken)
+    return option_type(taken)
 
 
 def in_unit(options: Namespace, unit: str | None = None) -> Namespace:

@@ -46,7 +46,7 @@ class Refused(ValueError):
         self.place = place
 
 
-def understood(check: Callable[[object], Any], value: object, path: Path, entry: str) -> Any:
+def checked_entry(check: Callable[[object], Any], value: object, path: Path, entry: str) -> Any:
     """Convert an entry of a file.
 
     `InputError` is raised if it is not valid; the message names the file, the entry and its value.

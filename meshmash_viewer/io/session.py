@@ -26,8 +26,8 @@ from meshmash_viewer.fields.parameter import (
     Refused,
     Text,
     Whole,
+    checked_entry,
     parameter,
-    understood,
 )
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.atomic import writing_errors, written_whole
@@ -245,7 +245,7 @@ def read_session(path: str | Path) -> Session:
             " open it with the program that wrote it."
         )
     session = {
-        name: understood(each.check, content[name], path, name)
+        name: checked_entry(each.check, content[name], path, name)
         for name, each in Session.declared().items()
         if name in content
     }

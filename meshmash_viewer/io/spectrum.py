@@ -144,7 +144,7 @@ class _Keeper:
     def run(self, mesh: Mesh, operator: OperatorOptions, request: Request) -> Eigenpairs:
         """Compute the pairs that are missing."""
         from meshmash_viewer.laplacian import cotangent_laplacian
-        from meshmash_viewer.spectral.cost import free_memory, refuse_what_cannot_fit
+        from meshmash_viewer.spectral.cost import check_memory, free_memory
         from meshmash_viewer.spectral.engine.run import Run
 
         free = free_memory()
@@ -158,7 +158,7 @@ class _Keeper:
         )
 
         def fits(k: int) -> None:
-            refuse_what_cannot_fit(mesh.n_vertices, int(stiffness.nnz), k, free, mesh.n_components)
+            check_memory(mesh.n_vertices, int(stiffness.nnz), k, free, mesh.n_components)
 
         def allocate(k: int, n: int, n_kept: int) -> FloatArray:
             fits(k)

@@ -24,8 +24,8 @@ from meshmash_viewer.fields.parameter import (
     Record,
     Refused,
     Text,
+    checked_entry,
     parameter,
-    understood,
 )
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.learn import CLASSIFIERS, KINDS, Classifier
@@ -102,7 +102,7 @@ _SAVED = Record({**ClassOptions.entries().kinds, "live": Flag(), "learned": Lear
 
 def read_saved_classes(content: object, path: Path) -> dict[str, Any]:
     """Check the classes in a session file; `InputError` is raised if an entry is not valid."""
-    taken: dict[str, Any] = understood(_SAVED, content, path, "classes")
+    taken: dict[str, Any] = checked_entry(_SAVED, content, path, "classes")
     return taken
 
 

@@ -21,9 +21,9 @@ from meshmash_viewer.fields.parameter import (
     Parameters,
     Record,
     Whole,
+    checked_entry,
     in_order,
     parameter,
-    understood,
 )
 from meshmash_viewer.model.limits import (
     LimitPolicy,
@@ -234,7 +234,7 @@ def read_display(content: object, path: Path) -> dict[str, Any]:
     `InputError` is raised if one has another type, is out of bounds, or does not go together with
     another.
     """
-    taken: dict[str, Any] = understood(_DISPLAY, content, path, "display")
+    taken: dict[str, Any] = checked_entry(_DISPLAY, content, path, "display")
     return taken
 
 

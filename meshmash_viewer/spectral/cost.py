@@ -46,7 +46,7 @@ def free_memory() -> int:
     return int(psutil.virtual_memory().available)
 
 
-def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
+def check_memory(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
     """Raise an `InputError` if k pairs take more than the `free` bytes.
 
     The mesh has n vertices and `n_null` components, and its Laplacian nnz entries.

@@ -27,7 +27,7 @@ from meshmash_viewer.model.jobs import (
 )
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral import cost
-from meshmash_viewer.spectral.cost import refuse_what_cannot_fit
+from meshmash_viewer.spectral.cost import check_memory
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 
@@ -134,13 +134,13 @@ def test_what_a_cancelled_run_has_found_is_told_to_the_last(
 def test_what_cannot_fit_is_refused_with_a_way_out(
     sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    refuse_what_cannot_fit(1_000_000, 7_000_000, 100, 10**12)
+    check_memory(1_000_000, 7_000_000, 100, 10**12)
     with pytest.raises(
         InputError, match=r"300 eigenpairs of 1,000,000 vertices .* at most [\d,]+, or close"
     ):
-        refuse_what_cannot_fit(1_000_000, 7_000_000, 300, 5 * 10**9)
+        check_memory(1_000_000, 7_000_000, 300, 5 * 10**9)
     with pytest.raises(InputError, match="simplify the mesh"):
-        refuse_what_cannot_fit(10**9, 7 * 10**9, 300, 10**9)
+        check_memory(10**9, 7 * 10**9, 300, 10**9)
     monkeypatch.setattr(cost, "free_memory", lambda: 10_000)
     with pytest.raises(InputError, match="of memory"):
         decompose(sphere, OPERATOR, Target("count", 20), listener)
