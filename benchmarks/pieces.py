@@ -151,11 +151,7 @@ def compute_pieces(
     stitcher.split_mesh(options.core, t_max=options.t_max, max_overlap_neighbors=most)
     split = time.perf_counter() - began
     task = PieceFeatures(OperatorOptions(), options.max_eigenvalue, bank, drop_first=False)
-    results = stitcher.apply(task, stitch=False)
-    seams = stitcher.seams([rows[:, :-2] for rows in results])
-    *columns, density, mass = stitcher.stitch_features(results).T
-    values = np.stack(columns, axis=1)
-    truncation = task.truncation(values, density, np.nan_to_num(mass))
+    values, truncation, seams, median = task.on(stitcher)
     assert truncation is not None
     sizes = [len(piece) for piece in stitcher.pieces]
     found: dict[str, Any] = {
@@ -164,7 +160,7 @@ def compute_pieces(
         "largest": max(sizes),
         "repeated": sum(sizes) / mesh.n_vertices,
         "flagged": [int(at) for at in truncation.flagged],
-        "seam_median": np.median(seams, axis=0).tolist() if len(seams) else [0.0] * len(columns),
+        "seam_median": median.tolist(),
         "seam_largest": np.max(seams, axis=0, initial=0.0).tolist(),
     }
     path = folder / "truth.npy"

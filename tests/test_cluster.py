@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import shapes
 
 import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
+from meshmash_viewer.cli.parser import parsed_command
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.split.stitcher import PieceError
 
@@ -267,30 +269,75 @@ def test_without_the_package_it_is_named(
     assert "is not local:N" in capsys.readouterr().err
 
 
+CONDENSE = ["condense", "m0.ply", "m2.ply", "--t-min", "0.3", "--t-max", "1", "--max-eigenvalue"]
+CONDENSE += ["20", "--min-vertices", "20", "-o", "out/", "--graphs", "graphs/"]
+POINTS = ["points", "m0.ply", "--points", "points.csv", "-o", "out/points.csv"]
+
+
 def test_condense_and_points_take_the_same_options(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("fast_simplification")
     Path("points.csv").write_text("id,x,y,z\n1,0,0,1\n")
-    condense = [
-        "condense",
-        "m0.ply",
-        "m2.ply",
-        "--t-min",
-        "0.3",
-        "--t-max",
-        "1",
-        "--max-eigenvalue",
-    ]
-    condense += ["20", "--min-vertices", "20", "-o", "out/", "--graphs", "graphs/"]
-    points = ["points", "m0.ply", "--points", "points.csv", "-o", "out/points.csv"]
-    for command, count in ((condense, 2), (points, 1)):
+    for command, count in ((CONDENSE, 2), (POINTS, 1)):
         for kept in (0, count):
             assert main([*command, "--resume"]) == 0
             said = capsys.readouterr()
             assert len(said.out.splitlines()) == count - kept
         assert f"{count} of them before, 0 failed; manifest: " in said.err
     Path("graphs/m0.npz").unlink()
-    assert main([*condense, "--resume"]) == 0
+    assert main([*CONDENSE, "--resume"]) == 0
     assert capsys.readouterr().out.startswith("out/m0.npz")
+
+
+@pytest.mark.slow
+def test_condense_and_points_on_a_cluster(cluster: Any) -> None:
+    pytest.importorskip("fast_simplification")
+    Path("points.csv").write_text("id,x,y,z\n1,0,0,1\n")
+    written = []
+    for more in ([], ["--scheduler", cluster.scheduler_address]):
+        for command in (CONDENSE, POINTS):
+            assert main([*command, *more]) == 0
+        files = sorted([*Path("out").glob("m*.npz"), *Path("graphs").glob("*.npz")])
+        written.append({file: file.read_bytes() for file in [*files, Path("out/points.csv")]})
+    assert len(written[0]) == 5
+    assert written[0] == written[1]
+    assert len(rows("out/manifest_condense.parquet")) == 2
+
+
+def test_the_script_for_slurm_starts_a_command_that_exists(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    page = Path(__file__).parents[1] / "docs" / "how_to" / "thousand_neurons.md"
+    script = page.read_text(encoding="utf-8").partition("## With Slurm")[2]
+    script = script.partition("```py\n")[2].partition("```")[0]
+    Path("ids.txt").write_text("12\n34\n")
+    made, called = [], []
+
+    class SLURMCluster:
+        scheduler_address = "tcp://login:8786"
+
+        def __init__(self, **options: Any) -> None:
+            made.append(options)
+
+        def scale(self, jobs: int) -> None:
+            made.append(jobs)
+
+        def close(self) -> None:
+            made.append("closed")
+
+    def run(command: list[str]) -> subprocess.CompletedProcess[str]:
+        called.append(command)
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=SLURMCluster))
+    monkeypatch.setattr(subprocess, "run", run)
+    exec(compile(script, str(page), "exec"), {})
+    assert [each for each in made if isinstance(each, (int, str))] == [100, "closed"]
+    ((program, *arguments),) = called
+    assert program == "meshmash-viewer"
+    options = parsed_command(arguments)
+    assert options.mesh == [Path("meshes/12.ply"), Path("meshes/34.ply")]
+    assert (options.command, options.scheduler) == ("predict", SLURMCluster.scheduler_address)
+    assert options.resume
 
 
 def test_segments_of_a_link_have_rows_of_their_own(

@@ -532,5 +532,5 @@ def test_the_overlap_follows_the_time_of_the_function_that_is_applied(neuron: Me
     size = largest // 3
     assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size)) < 0.01
     # a width that was asked for is kept, and its effect is said
-    with pytest.warns(TruncationWarning, match="columns .*1 differ by up to .* where pieces meet"):
+    with pytest.warns(TruncationWarning, match=r"columns \(.*1\) differ by .* where pieces meet"):
         assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size, overlap=0.0)) > 0.01

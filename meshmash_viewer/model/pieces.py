@@ -15,7 +15,6 @@ from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.laplacian import OperatorOptions
@@ -31,6 +30,7 @@ from meshmash_viewer.spectral.weyl import (
 )
 from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher
+from meshmash_viewer.split.stitching import seam_sentence
 from meshmash_viewer.units import counted, format_quantity, format_share, power_unit
 from meshmash_viewer.work import Channel
 
@@ -150,18 +150,8 @@ class PiecesJob:
         stitcher = MeshStitcher(mesh, n_jobs=self.n_jobs, client=self.client)
         _split(stitcher, bank, n, count)
         task = PieceFeatures(self.operator, top, bank, self.drop_first)
-        whole = stitcher.apply(
-            task,
-            stitch=False,
-            done=lambda vertices, rows: done(vertices, rows[:, :-2]),
-            progress=progress,
-            cancel=cancel,
-        )
-        seams = stitcher.seams([rows[:, :-2] for rows in whole])
-        *columns, density, mass = stitcher.stitch_features(whole).T
-        values = np.stack(columns, axis=1)
-        truncation = task.truncation(values, density, np.nan_to_num(mass))
-        median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
+        whole = task.on(stitcher, done, progress=progress, cancel=cancel)
+        values, truncation, seams, median = whole
         found = {
             "pieces": len(stitcher.pieces),
             "largest_piece": max(len(piece) for piece in stitcher.pieces),
@@ -181,7 +171,8 @@ class PiecesJob:
             kind, self.operator, self.target, proof, self.repairs, whole_mesh=is_whole
         )
         write_features(self.path, features, file_mesh or mesh, meta={**options, **found})
-        said = (_flagged_sentence(found), features.missing)
+        remedy = "take fewer pieces, or solve the whole"
+        said = (seam_sentence(bank.columns, median, remedy), features.missing)
         return {
             "mesh": mesh.name,
             "output": str(self.path),
@@ -212,19 +203,6 @@ def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int
     else:
         # a piece holds its overlap, too
         stitcher.split_mesh(math.ceil(1.35 * n_vertices / count))
-
-
-def _flagged_sentence(report: dict[str, Any]) -> str:
-    """Say in a sentence without its stop which columns differ too much at seams, if any do."""
-    flagged, median = report["seam_flagged"], report["seam_median"]
-    if not flagged:
-        return ""
-    differ = "differs" if len(flagged) == 1 else "differ"
-    return (
-        f"{len(flagged)} of {counted(len(median), 'column')} {differ} by more than 1 % in the"
-        f" median where pieces meet, the worst by {percent(max(median))}: take fewer pieces, or"
-        " solve the whole"
-    )
 
 
 def described_seams(report: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ import math
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,19 +27,20 @@ from meshmash_viewer.features.domains import (
     require,
 )
 from meshmash_viewer.features.filter_parameters import check_times
-from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
-from meshmash_viewer.features.truncation import Truncation, percent, warn_of_truncation
+from meshmash_viewer.features.filters import heat_kernel_bank
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.features.truncation import Truncation, warn_of_truncation
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.learn.columns import FLOOR
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
-from meshmash_viewer.spectral.weyl import TOLERANCE
 from meshmash_viewer.split.domains import ward_domains
 from meshmash_viewer.split.partition import edge_graph
 from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher, reach_of
+from meshmash_viewer.split.stitching import seam_sentence
 from meshmash_viewer.surface.decimation import decimated
-from meshmash_viewer.units import counted, whole_number
+from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -105,42 +106,30 @@ class CondensedHKS(NamedTuple):
         return tuple(filter(None, (self.truncation.sentence(), _seam_sentence(self.seams))))
 
 
-@dataclass(frozen=True)
-class _Signature:
-    """The heat kernel signature of the pipeline."""
+def _task_of(given: Mapping[str, Any]) -> PieceFeatures:
+    """Check the arguments of `compute_hks`, and return what computes it in pieces."""
+    if unknown := [name for name in given if name not in _ARGUMENTS]:
+        raise InputError(
+            f"compute_hks_kwargs has {', '.join(unknown)}: give only {', '.join(_ARGUMENTS)}."
+        )
+    t_min, t_max = given["t_min"], given["t_max"]
+    if t_min is None or t_max is None:
+        raise InputError("t_min and t_max are of all pieces, which share no spectrum: give both.")
+    check_times(t_min, t_max)
+    count = whole_number(given["n_components"], "n_components")
+    top = given["max_eigenvalue"]
+    if not 0.0 < top < math.inf:
+        raise InputError(f"max_eigenvalue is {top!r}: give a positive one, per nm².")
+    bank = heat_kernel_bank(np.geomspace(t_min, t_max, count))
+    bank = replace(bank, columns=tuple(f"hks_{at}" for at in range(count)))
+    operator = OperatorOptions(bool(given["robust"]), given["mollify_factor"])
+    precision = np.dtype(given["decomposition_dtype"] or np.float64)
+    return PieceFeatures(operator, float(top), bank, given["drop_first"], precision, n_jobs=1)
 
-    bank: FilterBank
-    t_max: float
-    task: PieceFeatures
 
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> _Signature:
-        """Check the arguments of `compute_hks`."""
-        unknown = [name for name in given if name not in _ARGUMENTS]
-        if unknown:
-            raise InputError(
-                f"compute_hks_kwargs has {', '.join(unknown)}: give only {', '.join(_ARGUMENTS)}."
-            )
-        t_min, t_max = given["t_min"], given["t_max"]
-        if t_min is None or t_max is None:
-            raise InputError(
-                "t_min and t_max are of all pieces, which share no spectrum: give both."
-            )
-        check_times(t_min, t_max)
-        count = whole_number(given["n_components"], "n_components")
-        top = given["max_eigenvalue"]
-        if not 0.0 < top < math.inf:
-            raise InputError(f"max_eigenvalue is {top!r}: give a positive one, per nm².")
-        bank = heat_kernel_bank(np.geomspace(t_min, t_max, count))
-        bank = replace(bank, columns=tuple(f"hks_{at}" for at in range(count)))
-        operator = OperatorOptions(bool(given["robust"]), given["mollify_factor"])
-        precision = np.dtype(given["decomposition_dtype"] or np.float64)
-        task = PieceFeatures(operator, float(top), bank, given["drop_first"], precision, n_jobs=1)
-        return cls(bank, float(t_max), task)
-
-    def logarithms(self, values: FloatArray) -> FloatArray:
-        """Return log-HKS; values below a tiny share of that of a plane are that share."""
-        return np.asarray(np.log(np.fmax(values, FLOOR / (4.0 * np.pi * self.bank.parameters))))
+def _logarithms(values: FloatArray, times: FloatArray) -> FloatArray:
+    """Return log-HKS; values below a tiny share of that of a plane are that share."""
+    return np.asarray(np.log(np.fmax(values, FLOOR / (4.0 * np.pi * times))))
 
 
 def condensed_hks_pipeline(
@@ -234,13 +223,13 @@ def condensed_hks_pipeline(
     require("fast_simplification", "sklearn", "pandas")
     if not distance_threshold > 0.0:
         raise InputError(f"distance_threshold is {distance_threshold!r}: give a positive one.")
-    signature = _Signature.of({
+    task = _task_of({
         "n_components": n_components, "t_min": t_min, "t_max": t_max,
         "max_eigenvalue": max_eigenvalue, "robust": robust, "mollify_factor": mollify_factor,
         "drop_first": drop_first, "decomposition_dtype": decomposition_dtype,
         **(compute_hks_kwargs or {}),
     })  # fmt: skip
-    steps = _Steps(progress, cancel)
+    times, steps = task.bank.parameters, _Steps(progress, cancel)
     surface = as_mesh(mesh)
     scale = nm_of(surface)
     if scale != 1.0:
@@ -253,32 +242,27 @@ def condensed_hks_pipeline(
     steps.begin("pieces")
     stitcher = MeshStitcher(simple, n_jobs, verbose)
     graph = edge_graph(simple)
-    width = min(overlap_distance, reach_of(signature.t_max, graph))
+    width = min(overlap_distance, reach_of(float(times.max()), graph))
     stitcher.split_mesh(
         max_vertex_threshold, overlap_distance=width, max_overlap_neighbors=max_overlap_neighbors
     )
     steps.begin("hks")
-    results = stitcher.apply(signature.task, stitch=False, progress=progress, cancel=cancel)
-    seams = stitcher.seams([rows[:, :-2] for rows in results])
-    *columns, density, mass = stitcher.stitch_features(results).T
-    values = np.stack(columns, axis=1)
-    truncation = signature.task.truncation(values, density, np.nan_to_num(mass))
+    values, truncation, _, median = task.on(stitcher, progress=progress, cancel=cancel)
     assert truncation is not None  # the filters have a tail
     steps.begin("domains")
     simple_labels = ward_domains(
-        signature.logarithms(values), graph, stitcher.submesh_mapping, distance_threshold,
+        _logarithms(values, times), graph, stitcher.submesh_mapping, distance_threshold,
         n_jobs=n_jobs, cancel=cancel,
     )  # fmt: skip
     steps.begin("graph")
-    named = pandas_frame(values, signature.bank.columns)
+    named = Features(values, task.bank.columns)
     features = aggregate_features(named, simple_labels, simple.vertex_areas)
-    features[:] = signature.logarithms(features.to_numpy())
+    features[:] = _logarithms(features.to_numpy(), times)
     features.iloc[0] = np.nan
     nodes, edges = condense_mesh_to_graph(simple, simple_labels, point)
     if auxiliary_features:
         others = nodes.drop(columns=list(NODE_COLUMNS[:3]))
         features = features.join(others)
-    median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
     found = CondensedHKS(
         simple, mapping, stitcher, simple_labels, np.append(simple_labels, -1)[mapping], features,
         nodes, edges, steps.end(), truncation, median,
@@ -296,24 +280,10 @@ def nm_of(mesh: Mesh) -> float:
     return float(10.0 ** (METRES[mesh.unit] - METRES["nm"])) if mesh.unit else 1.0
 
 
-def pandas_frame(values: FloatArray, columns: tuple[str, ...]) -> DataFrame:
-    """Make a table with named columns."""
-    import pandas
-
-    return pandas.DataFrame(values, columns=list(columns))
-
-
 def _seam_sentence(median: FloatArray) -> str:
     """Say which columns differ too much where pieces meet; empty if none does."""
-    flagged = np.flatnonzero(median > TOLERANCE)
-    if not len(flagged):
-        return ""
-    names = ", ".join(f"hks_{at}" for at in flagged)
-    return (
-        f"{counted(len(flagged), 'column')} ({names}) differ by up to"
-        f" {percent(float(median.max()))} in the median where pieces meet: allow a wider overlap"
-        " (overlap_distance, max_overlap_neighbors)"
-    )
+    remedy = "allow a wider overlap (overlap_distance, max_overlap_neighbors)"
+    return seam_sentence([f"hks_{at}" for at in range(len(median))], median, remedy)
 
 
 class _Steps:

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.features.truncation import Truncation, measure_truncation
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
+from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.split.partition import Piece
+from meshmash_viewer.split.stitcher import MeshStitcher
+
+
+class StitchedFeatures(NamedTuple):
+    """Features of a whole mesh, computed in pieces."""
+
+    #: Shape (n, f).
+    values: FloatArray
+    truncation: Truncation | None
+    #: Relative differences where pieces meet, shape (s, f), and their medians, 0 without any.
+    seams: FloatArray
+    seam_median: FloatArray
 
 
 @dataclass(frozen=True)
@@ -47,7 +62,30 @@ class PieceFeatures:
             values -= np.outer(piece.first, coefficients[:, 0])
         return np.column_stack([values, density, pairs.mass])
 
-    def truncation(
+    def on(
+        self,
+        stitcher: MeshStitcher,
+        done: Callable[[IntArray, FloatArray], None] = lambda vertices, rows: None,
+        *,
+        progress: ProgressCallback | None = None,
+        cancel: CancelCallback | None = None,
+    ) -> StitchedFeatures:
+        """Compute features of all pieces, and stitch them; see `MeshStitcher.apply`."""
+        results = stitcher.apply(
+            self,
+            stitch=False,
+            done=lambda vertices, rows: done(vertices, rows[:, :-2]),
+            progress=progress,
+            cancel=cancel,
+        )
+        seams = stitcher.seams([rows[:, :-2] for rows in results])
+        *columns, density, mass = stitcher.stitch_features(results).T
+        values = np.stack(columns, axis=1)
+        truncation = self._truncation(values, density, np.nan_to_num(mass))
+        median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
+        return StitchedFeatures(values, truncation, seams, median)
+
+    def _truncation(
         self, values: FloatArray, density: FloatArray, mass: FloatArray
     ) -> Truncation | None:
         """Return what the pairs beyond `max_eigenvalue` would add, from the stitched columns."""

@@ -22,10 +22,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh
-from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressBar, ProgressCallback
-from meshmash_viewer.spectral.weyl import TOLERANCE
 from meshmash_viewer.split.partition import (
     Graph,
     Piece,
@@ -35,7 +33,12 @@ from meshmash_viewer.split.partition import (
     widened_cores,
 )
 from meshmash_viewer.split.stitching import PieceError as PieceError
-from meshmash_viewer.split.stitching import results_of_calls, seam_differences, stitched
+from meshmash_viewer.split.stitching import (
+    results_of_calls,
+    seam_differences,
+    seam_sentence,
+    stitched,
+)
 from meshmash_viewer.units import counted
 
 #: Default width of the overlap relative to the square root of the area of a piece.
@@ -310,15 +313,9 @@ class MeshStitcher(Sequence[Piece]):
         """Warn of columns that differ by more than 1 % in the median where pieces meet."""
         seams = self.seams(results)
         median = np.median(seams, axis=0) if len(seams) else np.zeros(1)
-        if median.max() > TOLERANCE:
-            named = ", ".join(map(str, np.flatnonzero(median > TOLERANCE)))
-            warnings.warn(
-                f"{of_mesh(self.mesh.name)}columns {named} differ by up to"
-                f" {percent(float(median.max()))} in the median where pieces meet: call split_mesh"
-                " with t_max, so that the overlap is wide enough.",
-                TruncationWarning,
-                stacklevel=3,
-            )
+        remedy = "call split_mesh with t_max, so that the overlap is wide enough"
+        if said := seam_sentence([str(at) for at in range(len(median))], median, remedy):
+            warnings.warn(f"{of_mesh(self.mesh.name)}{said}.", TruncationWarning, stacklevel=3)
 
     def apply_on_features(
         self,

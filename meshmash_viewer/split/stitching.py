@@ -17,7 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
+from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.weyl import TOLERANCE
 from meshmash_viewer.split.partition import Graph
 from meshmash_viewer.units import counted
 
@@ -101,6 +103,19 @@ def seam_differences(
             np.divide(np.abs(here - there), largest, out=np.zeros(here.shape), where=largest > 0.0)
         )
     return np.concatenate(differences)
+
+
+def seam_sentence(names: Sequence[str], median: FloatArray, remedy: str) -> str:
+    """Say which columns differ too much in the median where pieces meet; empty if none does."""
+    flagged = np.flatnonzero(median > TOLERANCE).tolist()
+    if not flagged:
+        return ""
+    differ = "differs" if len(flagged) == 1 else "differ"
+    return (
+        f"{len(flagged)} of {counted(len(median), 'column')}"
+        f" ({', '.join(names[at] for at in flagged)}) {differ} by more than 1 % in the median where"
+        f" pieces meet, the worst by {percent(float(median.max()))}: {remedy}"
+    )
 
 
 class PieceError(RuntimeError):

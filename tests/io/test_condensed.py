@@ -141,8 +141,8 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         "has other columns than those in .*header.txt",
     ),
     "few rows": (
-        lambda path: mv.write_condensed_features(path, table(2), LABELS),
-        "Labels are up to 3, and there are 2 rows",
+        lambda path: mv.write_condensed_features(path, table(3), LABELS),
+        "Labels are up to 3, and there are 3 rows",
     ),
     "index": (
         lambda path: mv.write_condensed_features(path, table()[::-1], LABELS),
