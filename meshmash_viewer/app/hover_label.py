@@ -26,6 +26,8 @@ class HoverLabel(QLabel):
         self._vertex = self._point = -1
         #: The field that is drawn.
         self.field: Field | None = None
+        #: Whether a click pins, and does not select.
+        self.clicks_pin = True
         follow(document.pins.changed, self._refresh)
 
     def show_vertex(self, vertex: int) -> None:
@@ -68,5 +70,7 @@ class HoverLabel(QLabel):
             # as a position is asked for, in the unit of the file
             place = ", ".join(format_number(x, 6) for x in mesh.vertices[vertex])
             parts.append(f"at ({place}){NO_BREAK}{mesh.unit}".rstrip())
-            parts.append(f"click to unpin {pin.title}; a drag moves it" if pin else "click to pin")
+            if self.clicks_pin:
+                text = f"click to unpin {pin.title}; a drag moves it" if pin else "click to pin"
+                parts.append(text)
         self.setText("  ·  ".join(parts))

@@ -218,6 +218,9 @@ class MainWindow(ScriptedWindow):
         points.open_requested.connect(self.point_tool.open_points)
         points.remove_requested.connect(self.point_tool.remove_points)
         self.select_tool.changed.connect(self._refresh_actions)
+        self.select_tool.changed.connect(
+            lambda: setattr(self.hover_label, "clicks_pin", not self.select_tool.strokes)
+        )
         self.select_bar = SelectBar(self.document, self.select_tool, self.actions_)
         self.addToolBarBreak()
         self.addToolBar(self.select_bar)

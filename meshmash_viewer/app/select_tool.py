@@ -93,6 +93,8 @@ class SelectTool(QObject):
         self.through = self.connected = False
         #: The range of values; infinite where a handle is at the end of the colour bar.
         self.range = _ALL
+        #: Of which family and unit these are values.
+        self._ranged: tuple[str, str] | None = None
         self._geodesics: tuple[Mesh, Geodesics] | None = None
         self._how: How = "replace"
         self._line: list[QPointF] = []
@@ -114,7 +116,7 @@ class SelectTool(QObject):
         canvas.stroke_ended.connect(self._end)
         canvas.pointer_moved.connect(self._show_circle)
         scene.bar_handles.moved = self._drag_range
-        controller.drawn.connect(self._show_handles)
+        controller.drawn.connect(self._follow_field)
         listen(document.mesh_changed, self._on_mesh_changed)
         self._on_mesh_changed()
 
@@ -142,6 +144,11 @@ class SelectTool(QObject):
         """The displayed field, whose values are selected."""
         return self._controller.field
 
+    @property
+    def strokes(self) -> bool:
+        """Whether the left button selects; without it a click pins."""
+        return self.on and self.mode in _STROKES
+
     # -- choices ------------------------------------------------------------------------------
 
     def select(self, on: bool) -> None:
@@ -149,7 +156,7 @@ class SelectTool(QObject):
         self.on = on
         self._document.selection.finish()
         for scene in filter(None, (self._scene, self._second)):
-            scene.take_strokes(on and self.mode in _STROKES)
+            scene.take_strokes(self.strokes)
         self._prepare()
         self._show_handles()
         self.changed.emit()
@@ -159,7 +166,7 @@ class SelectTool(QObject):
         self._second = scene
         if scene is not None:
             scene.plotter.stroke_begun.connect(lambda *_: self._say(_ONLY_FIRST))
-            scene.take_strokes(self.on and self.mode in _STROKES)
+            scene.take_strokes(self.strokes)
 
     def select_with(self, mode: str) -> None:
         """Switch the tool on in a mode."""
@@ -212,6 +219,15 @@ class SelectTool(QObject):
         """Select the values between two shares of the colour bar."""
         if (limits := self._limits) is not None:
             self.set_range(limits.at(low), limits.at(high))
+
+    def _follow_field(self) -> None:
+        """Forget a range of values of another quantity."""
+        field = self.field
+        ranged = None if field is None else (field.family.name, field.unit)
+        if ranged != self._ranged:
+            self._ranged, self.range = ranged, _ALL
+            self.changed.emit()
+        self._show_handles()
 
     def _show_handles(self) -> None:
         """Show the range at the colour bar, where it is selected by."""

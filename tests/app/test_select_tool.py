@@ -231,6 +231,12 @@ def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> 
     assert np.array_equal(
         hand.chosen, (field.values >= -0.25) & (field.values <= hand.tool.range[1])
     )
+    # of another quantity it would mean nothing
+    hand.window.add_map("width", hand.mesh.vertices[:, 0], unit="nm")
+    hand.qtbot.waitUntil(lambda: hand.window.controller.field.unit == "nm", timeout=PATIENCE)
+    hand.window.wait()
+    assert hand.tool.range == (-np.inf, np.inf)
+    assert typed.text().startswith("–")
     hand.choose("brush")
     assert scene.renderer.bar_range is None
 
@@ -253,6 +259,10 @@ def test_the_middle_button_turns_and_without_the_tool_a_click_pins(hand: Hand) -
     hand.drag(pole, pole + QPoint(40, 0), pole + QPoint(80, 0), button=MIDDLE)
     assert hand.window.scene.camera() != before
     assert not hand.chosen.any()
+    QTest.mouseMove(hand.canvas, hand.at(0.0, 0.0, 1.0))
+    label = part(hand.window, "hover_label")
+    hand.qtbot.waitUntil(lambda: label.text().startswith("Vertex"), timeout=PATIENCE)
+    assert "click" not in label.text()
     hand.key(Qt.Key.Key_W)
     assert not part(hand.window, "select_bar").isVisible()
     QTest.mouseClick(hand.canvas, LEFT, NONE, hand.at(0.0, 0.0, 1.0))
