@@ -26,7 +26,7 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.session import write_session
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.model.export import ExportJob
-from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.spectral.weyl import Target, weyl_eigenvalue
 
 PATIENCE = 60_000
 N = 12
@@ -129,6 +129,10 @@ def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
     wait_for_pairs(qtbot, solved)
     assert scene.camera() == before  # beside the colour bar
+    catch_up()
+    assert not part(solved, "robust_check").hasFocus()
+    law = solved.spectrum_panel.view.weyl.getData()[1]
+    assert law[-1] == pytest.approx(weyl_eigenvalue(document.part_mesh.area, N - 1), rel=1e-9)
     document.solve.target = Target("count", N + 5)
     catch_up()
     click(solved, "compute_whole_button")

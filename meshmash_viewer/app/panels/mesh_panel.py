@@ -206,10 +206,12 @@ class MeshPanel(QWidget):
         )
         self.part_label.setText(count)
         self.part_label.setVisible(part is not None)
-        self.whole_button.setVisible(part is not None)
         other = selected is not None and (part is None or (selected != part.referenced).any())
-        self.selection_button.setVisible(bool(other))
-        for button in (self.whole_button, self.selection_button):
+        offered = ((self.whole_button, part is not None), (self.selection_button, bool(other)))
+        for button, shown in offered:
+            if button.hasFocus() and not (shown and idle):
+                self.window().setFocus()  # Qt would go to the next control, and scroll to it
+            button.setVisible(shown)
             button.setEnabled(idle)
 
     # -- the Laplacian ------------------------------------------------------------------------

@@ -90,7 +90,7 @@ class EigenvalueView:
 
     def refresh_spectrum(self) -> None:
         """Draw the pairs computed so far, on axes that extend to all requested ones."""
-        spectrum, mesh = self._document.spectrum, self._document.mesh
+        spectrum, solved = self._document.spectrum, self._document.solved
         if spectrum is None or not len(spectrum):
             for item in self.items:
                 if item is not self.marker:
@@ -112,8 +112,8 @@ class EigenvalueView:
         last = max(spectrum.total, length) - 1
         top = heights[-1] if self.log else heights[-1] * max(last, 1) / max(length - 1, 1)
         self.expected.setData([0.0, float(last)], [heights[0], top])
-        if mesh is not None:
-            area = float(mesh.area)
+        if solved is not None:
+            area = float(solved.mesh.area)
             along = np.linspace(1.0 if self.log else 0.0, max(last, 1), 200)
             law = np.array([weyl_eigenvalue(area, each) for each in along])
             self.weyl.setData(along, np.log10(law) if self.log else law)
