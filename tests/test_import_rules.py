@@ -51,6 +51,7 @@ KNOW_A_FAMILY = {
     "meshmash_viewer.app.panels.pair_panel": {"eigenfunction"},  # which of them correspond
     "meshmash_viewer.app.plots.eigenvalue_view": {"eigenfunction"},  # whose eigenvalues it draws
     "meshmash_viewer.app.tabs.map_tab": {"filter"},  # what a map is passed through
+    "meshmash_viewer.app.tabs.pin_tabs": {"distance", "similarity"},  # which refer to a pin
     "meshmash_viewer.app.tabs": {  # which have more controls than a form
         "eigenfunction",
         "filter",

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.theme import Mode
-from meshmash_viewer.app.view.standard_views import view_label
+from meshmash_viewer.app.view.camera import view_label
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.triangles import SMALL
 

@@ -14,14 +14,14 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.background_io import BackgroundIO
-from meshmash_viewer.app.controls.focus_keys import settle_typing
+from meshmash_viewer.app.controls.field_events import settle_typing
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.pin_commands import PinCommands
 from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.settings import Settings
-from meshmash_viewer.app.view.standard_views import DIRECTIONS, view_label
+from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
@@ -296,7 +296,7 @@ class Commands:
         self.scene.reset_camera()
 
     def look_from(self, name: str) -> None:
-        """Show the whole mesh from a side, one of `standard_views.DIRECTIONS`."""
+        """Show the whole mesh from a side, one of `camera.DIRECTIONS`."""
         assert self.scene is not None
         self.scene.look_from(name)
 

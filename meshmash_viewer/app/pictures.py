@@ -164,11 +164,15 @@ class Pictures:
 
     def save_scene(self) -> None:
         """Ask for format and file, and save the mesh with its field as a scene."""
-        from meshmash_viewer.app.dialogs.scene_dialog import SceneDialog
+        from meshmash_viewer.app.dialogs.files import FormatDialog
+        from meshmash_viewer.app.view.scene import SCENES, missing_pages
 
         mesh = self._document.mesh
         assert mesh is not None
-        dialog = SceneDialog(self._settings.folder / (mesh.name or "mesh"), self._window)
+        path = self._settings.folder / (mesh.name or "mesh")
+        missing = {".html": missing_pages()}
+        dialog = FormatDialog("scene", "Save scene", path, SCENES, self._window, missing, "trame")
+        dialog.lay_out()
         ask(dialog, lambda: self._write_scene(dialog.path))
 
     def _write_scene(self, path: Path) -> None:

@@ -28,7 +28,7 @@ from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.controller import Controller
-    from meshmash_viewer.app.dialogs.pin_export_dialog import PinExportDialog
+    from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog
     from meshmash_viewer.app.panels.profile_panel import ProfilePanel
     from meshmash_viewer.app.second_view import SecondView
     from meshmash_viewer.app.view.mesh_view import MeshView
@@ -174,7 +174,7 @@ class PinCommands:
 
     def export_pins(self) -> None:
         """Ask for columns and a file, and write the table of the pins."""
-        from meshmash_viewer.app.dialogs.pin_export_dialog import PinExportDialog
+        from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog
 
         dialog = PinExportDialog(self._document, self._settings.folder, self._window)
         ask(dialog, lambda: self._start_export(dialog))

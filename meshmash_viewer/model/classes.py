@@ -30,12 +30,11 @@ from meshmash_viewer.fields.parameter import (
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.learn import CLASSIFIERS, KINDS, Classifier
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.jobs import heard_warnings
+from meshmash_viewer.model.jobs import Work, heard_warnings
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
-from meshmash_viewer.model.work import Work
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
 from meshmash_viewer.work import Channel

@@ -19,7 +19,15 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import Classes
 from meshmash_viewer.model.display import Cut, Display, Shape
 from meshmash_viewer.model.history import History, Step
-from meshmash_viewer.model.jobs import InspectJob, JobState, PartJob, ReadJob, RepairJob, ScaleJob
+from meshmash_viewer.model.jobs import (
+    InspectJob,
+    JobState,
+    PartJob,
+    ReadJob,
+    RepairJob,
+    ScaleJob,
+    Work,
+)
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices
@@ -29,7 +37,6 @@ from meshmash_viewer.model.points import DocumentPoints
 from meshmash_viewer.model.results import MeshReady, PartReady
 from meshmash_viewer.model.selection import Hiding, Selection, followed_mask
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
-from meshmash_viewer.model.work import Work
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.surface.masks import Mask

@@ -18,14 +18,13 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.jobs import RegionsJob
+from meshmash_viewer.model.jobs import RegionsJob, Work
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
 from meshmash_viewer.model.results import RegionsReady
 from meshmash_viewer.model.selection import Hiding, Selection
-from meshmash_viewer.model.work import Work
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap

@@ -9,9 +9,8 @@ from psygnal import Signal
 from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.classes import ClassesJob
-from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob
+from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob, Work
 from meshmash_viewer.model.open_mesh import OpenMesh
-from meshmash_viewer.model.work import Work
 from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.work import Job

@@ -15,7 +15,7 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.panels.field_panel import FieldPanel
-from meshmash_viewer.app.tabs.distance_tab import DistanceTab
+from meshmash_viewer.app.tabs.pin_tabs import DistanceTab
 from meshmash_viewer.features.distances import (
     biharmonic_distance,
     commute_time_distance,

@@ -14,7 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from scipy.linalg import eigh
 
-from meshmash_viewer.app.dialogs.page_dialog import PageDialog
+from meshmash_viewer.app.dialogs.help_dialog import PageDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.panels.field_panel import FieldPanel
 from meshmash_viewer.fields import FAMILIES

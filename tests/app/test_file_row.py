@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.controls.file_row import FileRow
+from meshmash_viewer.app.dialogs.files import FileRow
 
 
 @pytest.fixture

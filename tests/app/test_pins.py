@@ -25,8 +25,7 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 from shapes import icosphere
 
-from meshmash_viewer.app.dialogs.pin_dialog import nearest_vertex
-from meshmash_viewer.app.dialogs.pin_export_dialog import PinExportDialog
+from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog, nearest_vertex
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.vertex_menu import VertexMenu
 from meshmash_viewer.errors import InputError

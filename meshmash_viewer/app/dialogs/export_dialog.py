@@ -18,9 +18,8 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
-from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import column, grid, row
-from meshmash_viewer.app.dialogs.files import SaveDialog
+from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS

@@ -64,7 +64,7 @@ class SheetDialog(FormatDialog):
         formats: Mapping[str, str] | None = None,
     ) -> None:
         formats = formats or {".png": _FORMATS[".png"]}
-        super().__init__("figure", "Save picture", path, formats, lambda _: "", "nothing", parent)
+        super().__init__("figure", "Save picture", path, formats, parent)
         before = before or FigureOptions()
         widths = {str(width): text for width, text in _WIDTHS.items()} | {"": _CUSTOM}
         self.width_combo = make.combo(

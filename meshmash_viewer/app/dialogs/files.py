@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QMimeDatabase, Qt, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QComboBox,
@@ -14,20 +15,23 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QLabel,
     QLayout,
+    QLineEdit,
     QPushButton,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
-from meshmash_viewer.app.controls.field_wheel import FieldWheel
-from meshmash_viewer.app.controls.file_row import FileRow
+from meshmash_viewer.app.controls.field_events import FieldWheel
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.spin import typed_fields
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
+from meshmash_viewer.io.write import check_output
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.failure import failure_of
 
 
 class SaveDialog(QDialog):
@@ -116,8 +120,8 @@ class SaveDialog(QDialog):
 class FormatDialog(SaveDialog):
     """Asks for a format as well; typing a file name with another ending chooses that format.
 
-    `formats` are names by ending; the suggested `path` has none. `missing` takes an ending and
-    returns why such files cannot be written, empty if they can; `needs` is the missing library.
+    `formats` are names by ending; the suggested `path` has none. `missing` says of endings why such
+    files cannot be written, empty if they can; `needs` is the missing library.
     """
 
     def __init__(
@@ -126,12 +130,12 @@ class FormatDialog(SaveDialog):
         title: str,
         path: Path,
         formats: Mapping[str, str],
-        missing: Callable[[str], str],
-        needs: str,
         parent: QWidget | None,
+        missing: Mapping[str, str] | None = None,
+        needs: str = "",
     ) -> None:
         self._formats = formats
-        self._missing = {ending: missing(ending) for ending in formats}
+        self._missing = dict.fromkeys(formats, "") | dict(missing or {})
         first = next(ending for ending in formats if not self._missing[ending])
         suggested = path.with_name(path.name + first)
         super().__init__(kind, title, FileRow(suggested, self._pattern(first), first), parent)
@@ -205,3 +209,68 @@ def ask_to_save(
         f"{kind} ({' '.join(f'*{ending}' for ending in endings)})",
     )
     return Path(path) if path else None
+
+
+class FileRow(QWidget):
+    """Where a file with an `ending` is written; `pattern` is one of Qt: "PNG picture (*.png)"."""
+
+    changed = Signal()
+
+    def __init__(self, path: Path, pattern: str, ending: str) -> None:
+        super().__init__()
+        self._pattern = pattern
+        self._ending = ending
+        self.edit = theme.named(QLineEdit(str(path)), "file_edit", "File")
+        self.edit.setMinimumWidth(260)
+        self.edit.textChanged.connect(self.changed)
+        browse = QPushButton("Browse…", autoDefault=False)
+        self.browse_button = theme.named(browse, "browse_button", "Choose the file")
+        self.browse_button.clicked.connect(self._browse)
+        self.setLayout(row((self.edit,), self.browse_button))
+
+    @property
+    def named(self) -> bool:
+        """Whether there is a name to write to: a folder alone, or nothing, is none."""
+        text = self.edit.text().strip()
+        return bool(Path(text).name) and not text.endswith(("/", os.sep))
+
+    @property
+    def path(self) -> Path:
+        """The file, with an ending; what was typed, where it names no file."""
+        # unlike Path.expanduser it takes "~r" on the way to "~root" as it is
+        path = Path(os.path.expanduser(self.edit.text().strip()))
+        # "bun.jpg" means what it says, though it cannot be had; "t=0.5" has no ending yet
+        ended = path.name.lower().endswith(self._ending)
+        if self.named and not ended and not QMimeDatabase().suffixForFileName(path.name):
+            path = path.parent / (path.name + self._ending)
+        return path
+
+    @property
+    def remark(self) -> str:
+        """What writing there would replace; empty if nothing."""
+        there = os.path.isfile(self.path)  # unlike Path.is_file of a name that is too long, too
+        return f"{self.path.name} exists and will be replaced." if there else ""
+
+    def fault(self, kind: str) -> str:
+        """Why nothing of a kind (`check_output`) can be written there; empty if it can."""
+        try:
+            check_output(self.path, kind)
+        except (InputError, OSError) as fault:
+            return failure_of(fault).text
+        return ""
+
+    def set_ending(self, ending: str, pattern: str) -> None:
+        """Change the ending of the file."""
+        path, before, typed = self.path, self._ending, self.edit.text().strip().lower()
+        self._ending, self._pattern = ending, pattern
+        if self.named and not typed.endswith(ending):
+            stem = path.name.removesuffix(before)
+            self.edit.setText(str(path.parent / (stem + ending)))
+
+    def _browse(self) -> None:
+        here, quietly = str(self.path), QFileDialog.Option.DontConfirmOverwrite
+        chosen, _ = QFileDialog.getSaveFileName(
+            self, "Save as", here, self._pattern, options=quietly
+        )
+        if chosen:
+            self.edit.setText(chosen)

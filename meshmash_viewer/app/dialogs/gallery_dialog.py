@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note
-from meshmash_viewer.app.controls.field_wheel import FieldWheel
+from meshmash_viewer.app.controls.field_events import FieldWheel
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.dialogs.series import SeriesDialog
 from meshmash_viewer.app.listening import follow

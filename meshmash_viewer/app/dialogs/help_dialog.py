@@ -1,8 +1,11 @@
-"""Help dialog, with all commands, keys and mouse gestures, and the about dialog."""
+"""Help with all commands, keys and mouse gestures, a page of the documentation, and "about"."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRect, QSize, Qt
+import re
+
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRect, QSize, Qt, QUrl
+from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
@@ -11,6 +14,7 @@ from PySide6.QtWidgets import (
     QMessageBox,
     QStyledItemDelegate,
     QStyleOptionViewItem,
+    QTextBrowser,
     QTreeWidget,
     QTreeWidgetItem,
     QWidget,
@@ -21,6 +25,7 @@ from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.keys import native_keys, native_text
+from meshmash_viewer.folders import page_file
 from meshmash_viewer.model.failure import versions
 
 #: Column of what commands do, and the pixels at its sides that are not for text.
@@ -127,3 +132,47 @@ class AboutDialog(QMessageBox):
         self.setInformativeText("\n\n".join((_WHAT, _METHODS, versions())))
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.addButton(self.StandardButton.Close)
+
+
+#: What Qt does not show: formulas in LaTeX, and pictures.
+_LEFT_OUT = re.compile(r"^```math\n.*?^```\n|^!\[.*?\]\(.*?\)\n", re.DOTALL | re.MULTILINE)
+
+
+class PageDialog(QDialog):
+    """A page of the algorithms; links to other pages of that folder are followed.
+
+    Parameters
+    ----------
+    name : str
+        Of the file, without its ending.
+    formula : str
+        What is shown below the title.
+    """
+
+    def __init__(self, name: str, formula: str = "", parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("page_dialog")
+        self.resize(720, 640)
+        self.browser = theme.named(QTextBrowser(openLinks=False), "page_text", "Page")
+        self.browser.anchorClicked.connect(self._follow)
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons.rejected.connect(self.reject)
+        self.setLayout(column((self.browser,), buttons, margins=(16, 16, 16, 12)))
+        self._show_page(name, formula)
+
+    def _show_page(self, name: str, formula: str = "") -> None:
+        path = page_file(name)
+        if path is None:
+            text = "# Page not found\n\nThe pages were not installed with the program."
+        else:
+            text = _LEFT_OUT.sub("", path.read_text(encoding="utf-8"))
+        title, _, rest = text.partition("\n")
+        self.setWindowTitle(title.lstrip("# "))
+        self.browser.setMarkdown("\n\n".join((title, formula, rest)))
+
+    def _follow(self, link: QUrl) -> None:
+        name = link.path().removesuffix(".md")
+        if link.scheme():
+            QDesktopServices.openUrl(link)
+        elif page_file(name) is not None:
+            self._show_page(name)

@@ -55,7 +55,8 @@ class MovieDialog(SeriesDialog, FormatDialog):
     def __init__(
         self, document: Document, scene: MeshView, path: Path, parent: QWidget | None = None
     ) -> None:
-        super().__init__("movie", "Save movie", path, _NAMES, missing_encoder, "ffmpeg", parent)
+        missing = {ending: missing_encoder(ending) for ending in _NAMES}
+        super().__init__("movie", "Save movie", path, _NAMES, parent, missing, "ffmpeg")
         self._set_up(document, scene, "movie", _DELAY)
         self._size_text = ""
         self._build()

@@ -9,8 +9,7 @@ from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.file_row import FileRow
-from meshmash_viewer.app.dialogs.files import SaveDialog
+from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.family import Family

@@ -19,9 +19,8 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.unit_combo import UnitCombo
 from meshmash_viewer.app.plots.matrix_view import MatrixView
-from meshmash_viewer.app.plots.plot import Plot, dashed, solid
+from meshmash_viewer.app.plots.plot import Plot, Series, dashed, solid
 from meshmash_viewer.app.plots.saving import PlotSaver
-from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS

@@ -19,9 +19,8 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.panels.pin_legend import MOST_SHOWN, PinLegend
 from meshmash_viewer.app.panels.pin_table import PinTable
-from meshmash_viewer.app.plots.plot import Plot, color, hatch, marker, solid
+from meshmash_viewer.app.plots.plot import Plot, Series, color, hatch, marker, solid
 from meshmash_viewer.app.plots.saving import PlotSaver
-from meshmash_viewer.app.plots.series import Series
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
 from meshmash_viewer.model.document import Document

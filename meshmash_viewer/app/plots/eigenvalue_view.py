@@ -12,8 +12,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.plots.plot import color, dashed, marker, rim, solid
-from meshmash_viewer.app.plots.series import Series
+from meshmash_viewer.app.plots.plot import Series, color, dashed, marker, rim, solid
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
+import numpy.typing as npt
 import pyqtgraph as pg
 from PySide6.QtCore import QPoint, QPointF, Qt, Signal
 from PySide6.QtGui import (
@@ -347,3 +349,13 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         point = self._point(position)
         if point is not None:
             self.hovered.emit(point.x(), point.y())
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A curve or points in the units of the labels of `Plot`; in the legend if it has a `color`."""
+
+    name: str
+    x: npt.ArrayLike
+    y: npt.ArrayLike
+    color: str = ""

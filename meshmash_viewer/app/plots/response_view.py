@@ -9,8 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtGui import QTextDocumentFragment
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.plots.plot import color, dashed, hatch, marker, solid
-from meshmash_viewer.app.plots.series import Series
+from meshmash_viewer.app.plots.plot import Series, color, dashed, hatch, marker, solid
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.family import Family

@@ -24,8 +24,7 @@ from PySide6.QtWidgets import QGraphicsItem, QMenu
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.dialogs.files import FormatDialog
-from meshmash_viewer.app.plots.plot import Plot, scaled_pens
-from meshmash_viewer.app.plots.series import Series
+from meshmash_viewer.app.plots.plot import Plot, Series, scaled_pens
 from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
@@ -83,9 +82,7 @@ class PlotSaver(QObject):
         folder = folder_of(document.path)
         mesh = document.mesh.name if document.mesh is not None else ""
         path = folder / f"{mesh or 'mesh'}_{name}"
-        dialog = FormatDialog(
-            "plot", "Save this plot", path, _FORMATS, lambda _: "", "nothing", self._plot.window()
-        )
+        dialog = FormatDialog("plot", "Save this plot", path, _FORMATS, self._plot.window())
         dialog.lay_out()
         dialog.accepted.connect(lambda: self._save(dialog.path))
         dialog.finished.connect(dialog.deleteLater)

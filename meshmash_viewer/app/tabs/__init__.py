@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from meshmash_viewer.app.tabs.distance_tab import DistanceTab
 from meshmash_viewer.app.tabs.eigenfunction_tab import EigenfunctionTab
 from meshmash_viewer.app.tabs.filter_tab import FilterTab
 from meshmash_viewer.app.tabs.form import FamilyForm, FamilyTab
 from meshmash_viewer.app.tabs.map_tab import MapTab
-from meshmash_viewer.app.tabs.similarity_tab import SimilarityTab
+from meshmash_viewer.app.tabs.pin_tabs import DistanceTab, SimilarityTab
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family

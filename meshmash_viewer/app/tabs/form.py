@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QObject, QSignalBlocker, Qt, QTimer
+from PySide6.QtCore import QObject, Qt, QTimer
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -23,8 +23,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.compute_button import ComputeButton
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, Part, column, row
-from meshmash_viewer.app.controls.number_field import NumberField
-from meshmash_viewer.app.controls.range_box import RangeBox
+from meshmash_viewer.app.controls.number_field import NumberField, RangeBox
 from meshmash_viewer.app.controls.scale_marks import decade_marks
 from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider
 from meshmash_viewer.app.listening import follow, listen
@@ -32,12 +31,11 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family, Reading
 from meshmash_viewer.fields.parameter import Choice, Flag, Number, Parameter, Whole
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field, shown_family
-from meshmash_viewer.model.pins import Pin, pin_at
+from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.stepping import advance
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import resolved_time
-from meshmash_viewer.units import NO_BREAK, power_unit
+from meshmash_viewer.units import power_unit
 
 
 class Player(QObject):
@@ -134,7 +132,7 @@ class FamilyTab(QWidget):
 
     def _open_page(self) -> None:
         """Show the page of the family; it stays next to the window."""
-        from meshmash_viewer.app.dialogs.page_dialog import PageDialog
+        from meshmash_viewer.app.dialogs.help_dialog import PageDialog
 
         formula = self._document.display.fields[self.family.name].definition
         dialog = PageDialog(self.family.page, formula, self.window())
@@ -378,67 +376,3 @@ class FamilyForm(FamilyTab):
         low, high = self._document.solve.translation().bounds
         is_time = self.family.declared()[name].power > 0
         return (resolved_time(high), resolved_time(low)) if is_time else (0.0, high)
-
-
-class PinChooser(FamilyTab):
-    """A tab of a family with a `vertex`, which follows the newest pin."""
-
-    def __init__(self, document: Document, family: type[Family]) -> None:
-        self._pins: tuple[Pin, ...] = ()
-        super().__init__(document, family)
-        listen(document.pins.changed, self._follow_pins)
-        self._follow_pins()
-
-    def _make_pin_choice(self) -> tuple[Part, ...]:
-        name = self.family.name
-        self.hint = note(f"{name}_hint")
-        self.combo = make.combo(
-            f"{name}_vertex_combo", "Pinned vertex to measure from", self._choose_pin
-        )
-        above = make.muted("From pinned vertex")
-        above.setBuddy(self.combo)
-        self.combo.setPlaceholderText("No vertex is pinned yet")
-        return above, self.combo, self.hint
-
-    def _choose_pin(self, row: int) -> None:
-        self._change(vertex=self._document.pins.placed[row].vertex)
-
-    def _follow_pins(self) -> None:
-        """Measure from the newest pin, also where it moves; from the last one if it is removed."""
-        pins = self._document.pins.placed
-        vertex: int | None = getattr(self._document.display[self.family], "vertex")  # noqa: B009
-        before = {pin.number for pin in self._pins}
-        was, self._pins = pin_at(self._pins, vertex), pins
-        chosen = pin_at(pins, vertex)
-        if chosen is None and was is not None:  # it may have been moved
-            chosen = next((pin for pin in pins if pin.number == was.number), None)
-        if pins and (chosen is None or pins[-1].number not in before):
-            chosen = pins[-1]
-        if chosen is None or chosen.vertex != vertex:
-            self._change(vertex=None if chosen is None else chosen.vertex)
-        with QSignalBlocker(self.combo):
-            self.combo.clear()
-            for pin in pins:
-                vertex_name = self._document.named_vertex(pin.vertex).capitalize()
-                text = f"{pin.number} · {pin.name or vertex_name}"
-                self.combo.addItem(make.dot(pin.color), text)
-        self.refresh()
-
-    @property
-    def _no_pin(self) -> str:
-        """What to do, and what the render shows meanwhile."""
-        if not self._document.spectrum:
-            return "Click a vertex on the render to pin it."
-        shown = shown_family(self._document.display).label.lower()
-        return f"Click a vertex on the render to pin it. Until then the render shows the {shown}."
-
-    def _show_pin(self, vertex: int | None) -> str:
-        """Show from which pin is measured, and say its name or which vertex that is."""
-        pins = self._document.pins.placed
-        row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
-        self.combo.setCurrentIndex(row)
-        self.combo.setEnabled(bool(pins))
-        show_note(self.hint, "" if pins else self._no_pin)
-        if vertex is None or row < 0:
-            return "a vertex"
-        return pins[row].name or self._document.named_vertex(vertex).replace(" ", NO_BREAK)

@@ -14,17 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins, title_size
-from meshmash_viewer.app.view.bar_handles import BarHandles
-from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.camera import View, view_axes
 from meshmash_viewer.app.view.colors import ColorMap
-from meshmash_viewer.app.view.cut_handle import CutHandle
 from meshmash_viewer.app.view.frames import Frames
+from meshmash_viewer.app.view.handles import BarHandles, CutHandle
 from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.render_widget import Outline, RenderWidget, Ring
-from meshmash_viewer.app.view.standard_views import view_axes
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
@@ -282,7 +280,7 @@ class MeshView(QWidget):
         self.camera_changed.emit()
 
     def look_from(self, name: str) -> None:
-        """Show the whole mesh from one of the sides of `standard_views.DIRECTIONS`."""
+        """Show the whole mesh from one of the sides of `camera.DIRECTIONS`."""
         if self.mesh is not None:
             self._fit(view_axes(name, self.mesh))
             self._moves()

@@ -40,10 +40,6 @@ class Grip(Protocol):
         """Move what is held."""
         ...
 
-    def release(self) -> None:
-        """Let go."""
-        ...
-
 
 class RenderWidget(QtInteractor):
     """A `pyvista.Plotter` in Qt, without VTK's interactor styles.
@@ -280,7 +276,6 @@ class RenderWidget(QtInteractor):
             return
         pressed, self.pressed = self.pressed, None
         if self._grip is not None:
-            self._grip.release()
             self._grip = None
             self._end_drag()
         elif self._stroke:

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
     from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 
+#: Formats of scenes by their ending.
+SCENES = {
+    ".gltf": "glTF, for Blender, PowerPoint and viewers",
+    ".html": "HTML page, for any browser",
+}
 #: Libraries that make web pages, see the extra "html".
 _PAGE_MAKERS = ("trame_pyvista", "nest_asyncio2")
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import shapes
 
-from meshmash_viewer.app.view.camera import Margins, View, default_axes, fitted_view
-from meshmash_viewer.app.view.standard_views import view_axes
+from meshmash_viewer.app.view.camera import Margins, View, default_axes, fitted_view, view_axes
 from meshmash_viewer.mesh import Mesh
 
 AXES = np.linalg.qr(np.array([[1.0, 2.0, 0.5], [0.3, 1.0, -2.0], [1.0, 0.0, 1.0]]))[0]

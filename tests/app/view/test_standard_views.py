@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapes
 
-from meshmash_viewer.app.view.standard_views import DIRECTIONS, view_axes, view_label
+from meshmash_viewer.app.view.camera import DIRECTIONS, view_axes, view_label
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import brain_side
 
