@@ -91,9 +91,10 @@ class Tour:
     def shoot(self, name: str) -> None:
         """Save what the screen shows of the window, dialogs over it included."""
         catch_up()
-        pause(60)  # painted, too
-        self.number += 1
+        pause(60)
         window = self.window
+        window.repaint()  # which may not have happened on a busy machine
+        self.number += 1
         place = window.mapToGlobal(QPoint(0, 0))
         picture = window.screen().grabWindow(
             0, place.x(), place.y(), window.width(), window.height()

@@ -344,7 +344,7 @@ class Session:
             "map_pairs": (OwnMaps, "pairs", lambda i: 20 + i),
             "map_filter": (Filters, "values", self.heat_at),
         }  # fmt: skip
-        for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds"):
+        for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_thread", "ticks_rounds"):
             self.result[key] = {}
         for name, (family, parameter, value_of) in kinds.items():
             if names and name not in names:
@@ -368,10 +368,11 @@ class Session:
                 yield float(bool(rounds))
                 rounds.append((yield from self.round_of_ticks(family, parameter, value_of, count)))
             _, frames = min(rounds, key=lambda one: one[0])
-            took, rendering = 1e3 * np.array(frames).T
+            took, rendering, working = 1e3 * np.array(frames).T
             self.result["ticks"][name] = median(took)
             self.result["ticks_p95"][name] = float(np.percentile(took, 95))
             self.result["ticks_in_render"][name] = median(rendering)
+            self.result["ticks_thread"][name] = median(working)
             self.result["ticks_rounds"][name] = len(rounds)
             yield self.at_rest
 
@@ -398,8 +399,11 @@ class Session:
 
     def round_of_ticks(
         self, family: type[Family], parameter: str, value_of: Callable[[int], float], count: int
-    ) -> Generator[Any, None, tuple[float, list[tuple[float, float]]]]:
-        """What share of the processors was stolen, and seconds in all and in Render of each."""
+    ) -> Generator[Any, None, tuple[float, list[tuple[float, float, float]]]]:
+        """What share of the processors was stolen, and seconds in all and in Render of each.
+
+        The third number of a tick is the interface thread's processor time until the next one.
+        """
         claim_memory(4 * self.order["vertices"])
         frames = []
         stolen, begun = seconds_stolen(), time.perf_counter()
@@ -415,14 +419,15 @@ class Session:
                 each.canvas.frameSwapped.connect(shown)
             value = value_of(i)
             QTimer.singleShot(5000, loop.quit)  # which takes half a millisecond
-            started = time.perf_counter()
+            started, worked = time.perf_counter(), time.thread_time()
             self.display.change(family, **{parameter: value})
             loop.exec()
             took = time.perf_counter() - started
-            frames.append((took, self.drawing.seconds - drawn_before))
+            rendering = self.drawing.seconds - drawn_before
             for each in waits:
                 each.let_go()
             yield 0.03
+            frames.append((took, rendering, time.thread_time() - worked))
         return (seconds_stolen() - stolen) / (time.perf_counter() - begun), frames
 
     def solve(self) -> Script:

@@ -2,12 +2,13 @@
 
 An update of a widget takes milliseconds, and one change of the model concerns many widgets. Updates
 of what is only displayed are therefore queued, each once. They begin when the frame of a tick has
-usually been drawn, and run in short turns of the event loop, between which input and frames are
-handled.
+been drawn, or after a while without one, and run in short turns of the event loop, between which
+input and frames are handled.
 """
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Callable
 from functools import partial
@@ -17,8 +18,10 @@ from typing import Any, TypeAlias
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
-#: Milliseconds until deferred calls begin, and seconds after which a turn ends.
-_DELAY, _TURN = 32, 0.003
+#: Milliseconds until deferred calls begin without a frame, and between one beginning at a frame and
+#: the next; seconds after which a turn ends. What a turn has changed is painted after it, which
+#: takes milliseconds however small it is, so that turns are few.
+_DELAY, _TURN = 32, 0.008
 #: Milliseconds between turns. A timer of 0 fires only when no other event is pending, which may be
 #: never while slow frames are drawn.
 _PAUSE = 1
@@ -48,6 +51,11 @@ def stop_listening(owner: QObject) -> None:
 def later(slot: Callable[[], None]) -> None:
     """Call a bound method of a Qt object in one of the next turns, once for several requests."""
     _turns().note(weakref.WeakMethod(slot))
+
+
+def hasten() -> None:
+    """Begin with the pending calls, since a frame has been drawn, unless some were just made."""
+    _turns().hasten()
 
 
 def catch_up() -> None:
@@ -85,6 +93,7 @@ class _Turns(QObject):
     def __init__(self) -> None:
         super().__init__()
         self._due: dict[_Held, None] = {}
+        self._ended = -math.inf
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(self._take_turn)
 
@@ -92,6 +101,11 @@ class _Turns(QObject):
         self._due.setdefault(held)
         if not self._timer.isActive():
             self._timer.start(_DELAY)
+
+    def hasten(self) -> None:
+        long_ago = perf_counter() - self._ended > _DELAY / 1000.0
+        if long_ago and self._timer.remainingTime() > _PAUSE:  # else never while frames are drawn
+            self._timer.start(_PAUSE)
 
     def forget(self, owner: QObject) -> None:
         for held in list(self._due):
@@ -104,11 +118,14 @@ class _Turns(QObject):
             self._call_first()
 
     def _take_turn(self) -> None:
-        end = perf_counter() + _TURN
-        while self._due and perf_counter() < end:
+        begun = perf_counter()
+        while self._due:  # one call at least, however busy the machine
             if len(self._due) > 1:
                 self._timer.start(_PAUSE)  # before the call, which may fail
             self._call_first()
+            self._ended = perf_counter()
+            if self._ended - begun > _TURN:
+                break
 
     def _call_first(self) -> None:
         first = next(iter(self._due))

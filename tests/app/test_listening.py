@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 import shiboken6
+from closed_form import rectangle_document
 from PySide6.QtCore import QObject
 from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app import listening
 from meshmash_viewer.app.listening import catch_up, follow, later, listen, stop_listening
+from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.model.document import Document
 
@@ -61,3 +66,27 @@ def test_what_has_closed_is_not_called_for_what_was_said_before(calls) -> None:
     document.mesh_changed.emit()
     catch_up()
     assert calls == []
+
+
+def test_followers_are_called_once_a_frame_is_drawn(
+    qtbot: QtBot,
+    calls: list[str],
+    open_window: Callable[..., MainWindow],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    window = open_window(rectangle_document())
+    qtbot.waitUntil(lambda: window.scene.at_rest)
+    catch_up()
+    monkeypatch.setattr(listening, "_DELAY", 10**8)  # without a frame, never in this test
+    monkeypatch.setattr(listening, "_known", None)
+    follower, canvas = Follower(calls, "called"), window.scene.plotter
+    later(follower.show)
+    canvas.render()
+    qtbot.waitUntil(lambda: calls == ["called"])
+    later(follower.show)
+    with qtbot.waitSignal(canvas.frameSwapped):
+        canvas.render()
+    qtbot.wait(20)
+    assert calls == ["called"], "not again at the next frame of a drag"
+    catch_up()
+    assert calls == ["called", "called"]

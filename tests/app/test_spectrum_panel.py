@@ -239,3 +239,11 @@ def test_follows_the_theme_and_says_what_will_come(qtbot) -> None:
         assert panel.plot.backgroundBrush().color().name() == theme.palette().surface
     finally:
         theme.set_mode(before)
+
+
+def test_the_axes_stay_from_one_eigenfunction_to_the_next(panel: SpectrumPanel, document) -> None:
+    before = panel.plot.plotItem.vb.viewRange()
+    for index in (0, 60, 119):
+        document.display.change(Eigenfunctions, index=index)
+        panel.plot.grab()
+        assert panel.plot.plotItem.vb.viewRange() == before

@@ -17,7 +17,7 @@ from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_qu
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.spin import DecimalField
-from meshmash_viewer.app.listening import follow, later, listen
+from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.app.view.colors import color_table
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, reversed_map
@@ -90,7 +90,9 @@ class ColorSection(QWidget):
         self._unit = ""
         self._labelled = self._bright_low = False
         self._build()
-        follow(document.display.events, self.refresh)
+        events = document.display.events
+        colors = events.policies, events.diverging_colormap, events.sequential_colormap
+        follow((*colors, events.log_scales, events.kind), self.refresh)
         listen(document.spectrum_changed, self._forget)
         self.refresh()
 
@@ -196,7 +198,7 @@ class ColorSection(QWidget):
         self._unit = "" if field is None else field.unit
         self._labelled = field is not None and bool(field.labels)
         self._limits = None if field is None else limits
-        later(self.refresh)
+        self.refresh()
 
     def _forget(self) -> None:
         if self._document.spectrum is None:

@@ -48,8 +48,10 @@ class EigenvalueView:
             self.expected, self.weyl, self.multiplets, self.points, self.zeros, self.marker,
             self.current,
         )  # fmt: skip
+        for item in (self.weyl, self.multiplets, self.points, self.zeros):
+            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)  # the same for all indices
         # neurons have far more eigenvalues than Weyl's law, which must not set the scale
-        self.unbounded = (self.weyl, self.marker, self.multiplets)
+        self.unbounded = (self.weyl, self.marker, self.multiplets, self.current)
         self.dress()
 
     def dress(self) -> None:

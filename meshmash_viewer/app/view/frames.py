@@ -10,6 +10,7 @@ import numpy.typing as npt
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import hasten
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.mesh import Mesh
@@ -182,6 +183,7 @@ class Frames(QObject):
         if view is not None and drawing.view is not view:
             self.camera_moved.emit()
         self._canvas.draw()
+        hasten()
         measuring = self.software or self._measured <= MEASURED_FRAMES
         if measuring:
             window.WaitForCompletion()  # otherwise a graphics card is still drawing
