@@ -217,9 +217,9 @@ def test_terminated_parent_leaves_no_process() -> None:
     time.sleep(0.5)
     family = psutil.Process(process.pid).children(recursive=True)
     os.kill(process.pid, signal.SIGTERM)
-    process.join(10)
+    process.join(60)
     assert process.exitcode is not None
-    _, alive = psutil.wait_procs(family, timeout=10)
+    _, alive = psutil.wait_procs(family, timeout=60)
     assert not alive
 
 

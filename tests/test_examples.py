@@ -31,7 +31,7 @@ def test_an_example_makes_what_its_page_says(name: str, tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     wanted = set(re.findall(r"`(.*?)`", ROWS[name]))

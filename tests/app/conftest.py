@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PySide6.QtCore import QCoreApplication, QEvent
@@ -23,10 +24,29 @@ def qapp() -> QApplication:
     return application()
 
 
-@pytest.fixture(scope="session", autouse=True)
-def jobs_in_threads() -> None:
+class Waiting(QtBot):
+    """Waits at least two minutes for what is awaited: the machine may be slow and busy."""
+
+    def waitUntil(self, callback: Callable[[], bool | None], *, timeout: int = 0) -> None:
+        """Handle events until the condition holds."""
+        super().waitUntil(callback, timeout=max(timeout, 120_000))
+
+    def waitSignal(self, signal: Any, *, timeout: int = 0, **given: Any) -> Any:
+        """Handle events until the signal is emitted."""
+        return super().waitSignal(signal, timeout=max(timeout, 120_000), **given)
+
+
+@pytest.fixture
+def qtbot(qapp: QApplication, request: pytest.FixtureRequest) -> QtBot:
+    return Waiting(request)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def jobs_in_threads() -> Iterator[None]:
     """Run jobs in a thread: a process of its own for each window takes two seconds to start."""
     Worker.in_process = True
+    yield
+    Worker.in_process = False  # for the tests of other folders in the same process
 
 
 @pytest.fixture

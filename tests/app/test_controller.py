@@ -74,7 +74,7 @@ def test_latest_request_wins_and_none_waits_in_line(
     asked, limits = threading.Event(), Field.limits
 
     def slow(field: Field, *given: object) -> tuple[float, float]:
-        asked.wait(10.0)
+        asked.wait(60.0)
         return limits(field, *given)
 
     monkeypatch.setattr(Field, "limits", slow)
@@ -214,7 +214,7 @@ def test_what_takes_long_is_said_until_it_comes(
 
     def slow(request: FieldRequest, live: LiveFeatures) -> Field | None:
         if request.family.name == "hks":
-            leave.wait(10)
+            leave.wait(60)
         return compute(request, live)
 
     monkeypatch.setattr(controller_module, "compute_field", slow)

@@ -286,7 +286,7 @@ def test_profiles_are_read_no_longer_once_the_window_is_closed(
             return np.zeros((8, 10))
 
     reader.ask((Slow(), (3,)))
-    assert entered.wait(10)
+    assert entered.wait(60)
     window.close()
     assert reader.isFinished()
     window.deleteLater()

@@ -30,7 +30,7 @@ from meshmash_viewer.model.notices import Severity
 
 LEFT = Qt.MouseButton.LeftButton
 KEYS, CONTROL = Qt.Key, Qt.KeyboardModifier.ControlModifier
-PATIENCE = 60.0
+PATIENCE = 120.0
 
 #: What is done, with what, and how; ``until`` waits for what `Person` calls by that name.
 SESSIONS: dict[str, tuple[tuple[Any, ...], ...]] = {

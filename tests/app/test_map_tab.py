@@ -45,7 +45,7 @@ COLORS = np.array([[255, 0, 0, 0], [0, 255, 0, 0], [0, 0, 255, 0]])
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 120.0
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
         QTest.qWait(10)

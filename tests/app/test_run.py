@@ -65,7 +65,7 @@ print(window.loaded, elsewhere)
 
 def test_classes_of_qt_objects_are_defined_in_the_thread_of_the_interface() -> None:
     command = [sys.executable, "-c", _CLASSES]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
     assert done.stdout.split("\n")[0] == "True []"
 
 
@@ -146,7 +146,7 @@ def test_garbage_is_collected_in_the_interface_thread(tmp_path: Path) -> None:
     script = tmp_path / "littering.py"
     script.write_text(GARBAGE)
     done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.stdout == "ended\n", done.stderr
 
@@ -224,7 +224,7 @@ def test_a_window_closed_while_it_loads_ends_without_a_word(
     script = tmp_path / "closed.py"
     script.write_text(CLOSED_AT_ONCE.replace("FREE", str(free)))
     done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.stderr == ""
     assert done.returncode == 0
@@ -256,7 +256,7 @@ def test_a_window_that_is_to_end_before_its_loop_runs_ends_all_the_same(
     script = tmp_path / "ended.py"
     script.write_text(ENDED_BEFORE_IT_RUNS.replace("SIGNAL", name))
     done = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -293,7 +293,7 @@ def test_a_script_that_ends_leaves_no_process(tmp_path: Path) -> None:
         print(window.tasks.worker.process_id, window.tasks.worker.folder)
     """)
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 0, done.stderr
     pid, folder = done.stdout.split()
@@ -355,7 +355,7 @@ def test_in_somebody_elses_application_nothing_outside_the_window_changes(tmp_pa
         [sys.executable, "-c", GUEST],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
         env={**os.environ, "MESHMASH_CACHE": str(tmp_path)},
     )

@@ -65,7 +65,7 @@ def run(script: str, *arguments: str, **variables: str) -> list[str]:
         [sys.executable, "-c", textwrap.dedent(script), *arguments],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
         env={**os.environ, **variables},
     )

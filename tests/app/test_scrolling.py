@@ -56,7 +56,7 @@ def test_two_hundred_notches_in_a_row(
     turned = threading.Event()
 
     def counted(policy: SymmetricLimits, values: object, *others: object) -> tuple[float, float]:
-        turned.wait(10.0)  # slower than all notches
+        turned.wait(60.0)  # slower than all notches
         computed_in.append(threading.get_ident())
         seen.append(values)
         return limits(policy, values, *others)

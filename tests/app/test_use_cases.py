@@ -36,7 +36,7 @@ DEPTH = np.sin(0.01 * VERTICES[:, 0]) + 0.3 * np.cos(0.03 * VERTICES[:, 1] + 1.0
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 120.0
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
         QTest.qWait(10)

@@ -8,13 +8,13 @@ import os
 import socket
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
+import psutil
 import pytest
 from segment_layers import (
     SEGMENT,
@@ -127,10 +127,9 @@ def test_progress_and_seams_of_a_child_process(layers: dict[str, Path]) -> None:
 
 
 def test_cancel_ends_the_child_process(layers: dict[str, Path]) -> None:
-    began = time.monotonic()
     with pytest.raises(Cancelled):
         read(layers["fragments"], cancel=lambda: True)
-    assert time.monotonic() - began < 3.0
+    assert not psutil.Process().children()
 
 
 @pytest.mark.usefixtures("read_here")

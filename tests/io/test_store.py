@@ -342,7 +342,7 @@ def _hold(mesh: Mesh, root: Path, ready: Any, go: Any) -> None:
     store = open_store(mesh, root)
     fill(store, synthetic(mesh.n_vertices, 10), 5)
     ready.set()
-    go.wait(30)
+    go.wait(60)
     os._exit(9)  # killed in the middle
 
 
@@ -352,7 +352,7 @@ def test_two_processes_never_write_at_once(sphere: Mesh, tmp_path: Path, whole: 
     other = context.Process(target=_hold, args=(sphere, tmp_path, ready, go))
     other.start()
     try:
-        assert ready.wait(30)
+        assert ready.wait(60)
         store = open_store(sphere, tmp_path)
         with pytest.raises(StoreBusy, match="Another process"):
             store.allocate(10)

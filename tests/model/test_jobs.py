@@ -83,7 +83,7 @@ def test_stored_pairs_are_checked_while_the_mesh_is_measured(
         return find(*given, **options)
 
     def measured(mesh: Mesh) -> object:
-        assert checking.wait(20.0), "the pairs are checked only afterwards"
+        assert checking.wait(60.0), "the pairs are checked only afterwards"
         return health(mesh)
 
     DecomposeJob(sphere, PLAIN, Target("count", 8)).run(listener)

@@ -118,12 +118,16 @@ def test_one_job_at_a_time_in_one_warm_process(lasting: Window) -> None:
 
 
 @pytest.mark.parametrize("deaf", [False, True])
-def test_cancelling_asks_and_then_insists(lasting: Window, deaf: bool) -> None:
+def test_cancelling_asks_and_then_insists(
+    lasting: Window, deaf: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patience = 1.0 if deaf else 600.0  # the process may be slow to hear
+    monkeypatch.setattr("meshmash_viewer.model.worker._CANCEL_PATIENCE", patience)
     pid = lasting.run(EndlessJob(deaf), "sent")
     began = time.monotonic()
     lasting.worker.cancel()
     lasting.wait_for("cancelled")
-    assert (time.monotonic() - began >= 1.0) is deaf
+    assert not deaf or time.monotonic() - began >= patience
     assert lives(pid) is not deaf
     np.testing.assert_array_equal(lasting.run(DoubleJob(np.ones(2))), 2.0)
 

@@ -53,7 +53,7 @@ def nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
     before = set(psutil.Process().children(recursive=True))
     monkeypatch.setenv("STARTED_BY", str(tmp_path))
     yield
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
         left = {each for each in psutil.process_iter() if is_started(each, str(tmp_path))}
         left |= set(psutil.Process().children(recursive=True)) - before
@@ -91,7 +91,7 @@ def test_limits_hold_for_what_a_launcher_starts(
     began = time.monotonic()
     with pytest.raises(LimitExceeded, match=clause):
         read_guarded(reader, mesh_file, limits)
-    assert time.monotonic() - began < 25.0
+    assert time.monotonic() - began < 90.0
 
 
 def test_memory_is_limited_where_the_system_cannot(
@@ -141,7 +141,7 @@ child.wait()
 """
 
 
-def gone(found: psutil.Process, timeout: float = 5.0) -> bool:
+def gone(found: psutil.Process, timeout: float = 60.0) -> bool:
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
         if not found.is_running() or found.status() == psutil.STATUS_ZOMBIE:
@@ -158,7 +158,7 @@ def test_where_there_are_no_groups_the_tree_is_ended(monkeypatch: pytest.MonkeyP
     with monkeypatch.context() as patch:
         patch.setattr(sys, "platform", "win32")
         end_group(leader.pid, 1.0)
-    leader.wait(10)
+    leader.wait(60)
     assert gone(child)
 
 

@@ -36,7 +36,8 @@ def complaints() -> Iterator[vtkStringOutputWindow]:
 
 
 @pytest.fixture
-def scene(qtbot, complaints) -> Iterator[MeshView]:
+def scene(qtbot, complaints, monkeypatch: pytest.MonkeyPatch) -> Iterator[MeshView]:
+    monkeypatch.setattr(frames_module, "SLOW_FRAME", 1e9)  # as drawn on any machine
     window = QMainWindow()
     scene = MeshView(Document(), window)
     window.setCentralWidget(scene)
@@ -385,7 +386,7 @@ def test_the_mesh_alone_is_drawn_by_the_window_that_there_is(
 def test_slow_frames_get_a_stand_in_while_something_moves(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene.frames.rest.setInterval(1000)  # long enough to look at what moves
+    scene.frames.rest.setInterval(600_000)  # long enough to look at what moves
     monkeypatch.setattr(frames_module, "SLOW_FRAME", 0.0)
     monkeypatch.setattr(frames_module, "COARSE_VERTICES", 500)
     mesh = show(scene, shapes.icosphere(4), qtbot)
@@ -400,6 +401,7 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     wanted = mesh.vertices[drawing._coarse_mesh.representatives, 0].astype(np.float32)
     # it gets its part of the field in the first frame that it is in
     qtbot.waitUntil(lambda: np.array_equal(drawing.coarse.values, wanted), timeout=5000)
+    scene.frames.rest.start(1)
     qtbot.waitUntil(lambda: bool(drawing.surface.actor.GetVisibility()), timeout=5000)
     assert not drawing.coarse.actor.GetVisibility()
     qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
@@ -410,12 +412,13 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
 def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(frames_module, "SLOW_FRAME", 0.0)
     monkeypatch.setattr(frames_module, "COARSE_VERTICES", 500)
-    scene.frames.rest.setInterval(5000)  # long enough to look at what comes first
+    scene.frames.rest.setInterval(600_000)  # long enough to look at what comes first
     made, cluster = threading.Event(), frames_module.cluster_vertices
 
     def slowly(*arguments):
-        made.wait(20.0)
+        made.wait(60.0)
         return cluster(*arguments)
 
     monkeypatch.setattr(frames_module, "cluster_vertices", slowly)
@@ -433,6 +436,7 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     finally:
         made.set()
     qtbot.waitUntil(lambda: scene.frames.shows_stand_in, timeout=5000)
+    scene.frames.rest.start(1)
     qtbot.waitUntil(lambda: scene.at_rest, timeout=10_000)
 
 

@@ -106,7 +106,7 @@ def test_no_display_and_no_qt_are_needed(tmp_path: Path) -> None:
         env=surroundings,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
