@@ -30,13 +30,15 @@ PARTS = np.arange(N) % 3
 LABELS = (Label(0, "left", "#ff0000"), Label(1, "right", "#00ff80"), Label(2, "top", "#0000ff"))
 
 
-def gifti(path: Path, intent: str, values: np.ndarray, labels: bool = False) -> None:
+def gifti(
+    path: Path, intent: str, values: np.ndarray, labels: bool = False, alpha_of_0: float = 1.0
+) -> None:
     image = GiftiImage()
     if labels:
         image.labeltable = GiftiLabelTable()
         for given in LABELS:
             rgb = [int(given.color[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
-            label = GiftiLabel(given.key, *rgb, 1.0)
+            label = GiftiLabel(given.key, *rgb, 1.0 if given.key else alpha_of_0)
             label.label = given.name
             image.labeltable.labels.append(label)
     image.add_gifti_data_array(GiftiDataArray(values, intent=intent))
@@ -182,6 +184,14 @@ def write_label(path: Path, last: int) -> None:
     inside = [3, 8, last]
     rows = [f"{vertex} 0.0 0.0 0.0 0.0" for vertex in inside]
     path.write_text("\n".join(["#!ascii label", str(len(rows)), *rows]) + "\n")
+
+
+def test_the_transparent_label_0_of_workbench_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "parts.label.gii"
+    gifti(path, "NIFTI_INTENT_LABEL", PARTS.astype(np.int32), labels=True, alpha_of_0=0.0)
+    (found,) = read_maps(path, MESH)
+    assert found.labels == LABELS[1:]
+    assert np.array_equal(np.nan_to_num(found.values), PARTS)
 
 
 def test_a_label_is_the_vertices_that_it_names(tmp_path: Path) -> None:

@@ -92,6 +92,7 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
     table = tuple(
         Label(int(each.key), str(each.label), _hexadecimal(each.rgba))
         for each in image.labeltable.labels
+        if each.key != 0 or each.alpha != 0.0  # as Connectome Workbench has what has no label
     )
     for at, array in enumerate(image.darrays):
         intent = intent_codes.niistring[array.intent]
