@@ -628,6 +628,7 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     rest(window)
     assert text(window, "pair_told_label") == "by ZoomOut, 100\N{NO-BREAK SPACE}% mutual"
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
+    assert "the one by ZoomOut; the next are the nearest by" in text(window, "pair_match_note")
     check = part(window, QCheckBox, "pair_carry_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, 8))
     catch_up()

@@ -365,8 +365,10 @@ class PairPanel(QWidget):
         """What the numbers after the matches are."""
         if pair.comparison is None or not pair.first.pins.placed:
             return ""
-        feature = MATCHED_IN[pair.matched_in].short
-        return (
+        feature, found = MATCHED_IN[pair.matched_in].short, pair.comparison
+        told = "by index" if found.given else "by ZoomOut" if found.functional is not None else ""
+        best = f"The best match is the one {told}; the next are the nearest by {feature}. "
+        return (best if told else "") + (
             f"After each vertex: distance of its {feature} from that of"
             f" {pair.first.pins.placed[-1].title}, in units of the spread of each column."
         )
