@@ -12,7 +12,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import (
     Health,
     ambiguous_edges,
-    duplicate_faces,
     first_at_place,
     repair_mesh,
 )
@@ -163,7 +162,7 @@ _PARTS: dict[str, Callable[[Mesh], IntArray]] = {
     "nonmanifold_edges": lambda mesh: _ends((each := _edges(mesh)).keys[each.counts > 2], mesh),
     "ambiguous_edges": _ambiguous,
     "degenerate_faces": lambda mesh: mesh.faces[mesh.degenerate_faces],
-    "duplicate_faces": lambda mesh: mesh.faces[duplicate_faces(mesh)],
+    "duplicate_faces": lambda mesh: mesh.faces[mesh.duplicate_faces],
     "disagreeing_edges": lambda mesh: _ends(winding_of(mesh).one_way, mesh),
     "unreferenced_vertices": lambda mesh: mesh.unreferenced[:, np.newaxis],
     "seam_vertices": lambda mesh: _together(

@@ -13,7 +13,7 @@ from meshmash_viewer.arrays import FloatArray, IntArray, first_equal
 from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.numbering import FileNumbering
-from meshmash_viewer.surface.edges import duplicates, edges_of, join_seams, side_codes, winding_of
+from meshmash_viewer.surface.edges import edges_of, join_seams, side_codes, winding_of
 from meshmash_viewer.vertex_map import VertexMap
 
 #: Angle below which two faces leave an edge in one direction, above the rounding of coordinates.
@@ -108,7 +108,7 @@ def mesh_health(mesh: MeshLike) -> Health:
         nonmanifold_edges=len(shared),
         ambiguous_edges=len(ambiguous_edges(mesh.vertices, faces, codes >> 1, shared)),
         degenerate_faces=int(mesh.degenerate_faces.sum()),
-        duplicate_faces=int(duplicate_faces(mesh).sum()),
+        duplicate_faces=int(mesh.duplicate_faces.sum()),
         disagreeing_edges=winding.disagreeing_edges,
         reversed_faces=int(winding.reversed_faces.sum()),
         unreferenced_vertices=len(mesh.unreferenced),
@@ -176,11 +176,6 @@ def median_edge_length(mesh: MeshLike) -> float:
     mesh = as_mesh(mesh)
     corners = mesh.vertices[mesh.faces[mesh.distinct_corners]]
     return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
-
-
-def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
-    """Return a mask of the faces with the vertices of an earlier face, shape (m,)."""
-    return duplicates(mesh.faces)
 
 
 def ambiguous_edges(
@@ -332,7 +327,7 @@ REPAIRS: dict[str, Repair] = {
             "drop_duplicate_faces",
             "Drop duplicate faces",
             lambda health: health.duplicate_faces,
-            lambda mesh: _with_faces(mesh, ~duplicate_faces(mesh)),
+            lambda mesh: _with_faces(mesh, ~mesh.duplicate_faces),
         ),
         Repair(
             "orient_faces",

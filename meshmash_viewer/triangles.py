@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
+from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first_equal
 
 #: A component with less than this share of the area of the largest one is small, see
 #: `Triangles.small_components`.
@@ -108,6 +108,11 @@ class Triangles:
         rounding = 4.0 * np.finfo(np.float64).eps * np.abs(self.bounds).max()
         flat = 2.0 * self.face_areas <= (_FLAT * longest + rounding) * longest
         return np.asarray(~self.distinct_corners | flat)
+
+    @cached_property
+    def duplicate_faces(self) -> npt.NDArray[np.bool_]:
+        """Which faces have the three vertices of an earlier one, shape (m,)."""
+        return np.asarray(first_equal(np.sort(self.faces, axis=1)) != np.arange(self.n_faces))
 
     @cached_property
     def component_labels(self) -> IntArray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first_equal
+from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
 from meshmash_viewer.mesh import Mesh
 
 
@@ -102,11 +102,6 @@ def region_graph(vertices: FloatArray, faces: IntArray, values: npt.NDArray[Any]
     return np.asarray(nearest[np.unique(pairs, axis=0)])
 
 
-def duplicates(faces: IntArray) -> npt.NDArray[np.bool_]:
-    """Find faces with the same three vertices as an earlier one, shape (m,)."""
-    return np.asarray(first_equal(np.sort(faces, axis=1)) != np.arange(len(faces)))
-
-
 def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
     """Find the faces whose direction differs from that of their neighbours.
 
@@ -117,7 +112,7 @@ def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
     if edges is None:
         edges = edges_of(side_codes(mesh.faces[at], n))
     if edges.one_way.any() or (edges.counts > 2).any():
-        repeated = duplicates(mesh.faces[at])
+        repeated = mesh.duplicate_faces[at]
         if repeated.any():
             at = at[~repeated]
             edges = edges_of(side_codes(mesh.faces[at], n))
