@@ -154,6 +154,22 @@ def test_sums_of_the_graph_are_those_of_the_mesh(found: mv.CondensedHKS) -> None
 # Decimation -----------------------------------------------------------------------------------
 
 
+def test_a_domain_in_two_components_has_that_of_its_lowest_vertex() -> None:
+    small, large = shapes.icosphere(1), shapes.icosphere(2)
+    vertices = np.concatenate([small.vertices, large.vertices + 9.0])
+    mesh = Mesh(vertices, np.concatenate([small.faces, large.faces + small.n_vertices]))
+    nodes, _ = mv.condense_mesh_to_graph(mesh, np.zeros(mesh.n_vertices, dtype=int))
+    assert nodes["component_n_vertices"].tolist() == [small.n_vertices]
+
+
+def test_decimation_far_from_the_origin_is_as_exact() -> None:
+    pytest.importorskip("fast_simplification")
+    ball, away = shapes.icosphere(3), 4e6
+    simple, mapping = decimated(Mesh(ball.vertices + away, ball.faces), 0.5)
+    np.testing.assert_allclose(np.linalg.norm(simple.vertices - away, axis=1), 1.0, atol=0.1)
+    np.testing.assert_allclose(simple.vertices[mapping], ball.vertices + away, rtol=0.0, atol=0.4)
+
+
 def test_decimation_keeps_components_and_the_map_of_vertices(three_spheres: Mesh) -> None:
     simple, mapping = decimated(three_spheres, 0.5)
     assert simple.n_faces == pytest.approx(0.5 * three_spheres.n_faces, rel=0.02)

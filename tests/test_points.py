@@ -54,6 +54,27 @@ def test_nearest_vertices_are_those_of_brute_force() -> None:
     assert np.isnan(found.distances[~found.near]).all()
 
 
+def test_a_point_at_the_distance_is_near_and_a_stray_vertex_takes_none() -> None:
+    corners = np.array([[-3.0, -4.0, 0.0], [0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]])
+    faces = np.array([[1, 3, 2], [1, 2, 4], [2, 3, 4], [1, 4, 3]])
+    found = mv.project_points(mv.Mesh(corners, faces), corners[:1], 5.0)
+    assert (found.vertices.tolist(), found.distances.tolist()) == ([1], [5.0])
+
+
+def test_a_column_is_dropped_only_if_it_counts_the_rows() -> None:
+    places = dict(zip("xyz", np.eye(3), strict=True))
+    kept = mv.read_points({"Unnamed: 0": np.array([4, 5, 6]), **places})
+    assert kept.columns["Unnamed: 0"].tolist() == [4, 5, 6]
+    assert not mv.read_points({"Unnamed: 0": np.arange(3), **places}).columns
+
+
+def test_no_unit_is_named_that_few_points_would_be_near_in() -> None:
+    places = np.vstack([FAR.vertices[:20] / 1000.0, np.full((80, 3), -1e9)])
+    with pytest.raises(InputError) as fault:
+        mv.project_points(FAR, places)
+    assert "100 of 100 points lie outside the box of the mesh: check their unit" in str(fault.value)
+
+
 def test_vertices_are_those_of_the_file_after_a_repair() -> None:
     stray = np.vstack([[[9e3, 0.0, 0.0]], BALL.vertices])
     mesh = mv.Mesh(stray, BALL.faces + 1, "nm")
