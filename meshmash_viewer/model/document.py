@@ -61,6 +61,15 @@ class _Repaired:
     repairs: tuple[str, ...]
 
 
+@dataclass(eq=False)
+class _Undoing:
+    """The undo of a step that waits for a mesh, and how often it was requested."""
+
+    step: Step
+    job: ScaleJob
+    times: int = 1
+
+
 class Document(OpenMesh):
     """State of a window: the only copy of what its views display.
 
@@ -96,8 +105,8 @@ class Document(OpenMesh):
             self.selection.changed, self.solve.changed, self.work.changed, self.display.events,
         ):  # fmt: skip
             signal.connect(self.notices.review)
-        #: Whether a mesh is computed again that the last step needs to be undone.
-        self._undoing = False
+        #: A mesh is computed again that the last step needs to be undone.
+        self._undoing: _Undoing | None = None
         #: Whether a part is decomposed once it is there.
         self._computes_part = self._records_part = False
         #: The mesh before a repair after which the repaired one is decomposed.
@@ -179,7 +188,7 @@ class Document(OpenMesh):
             self._emit_all()
             self._announce_unit(before, "the coordinates keep their numbers")
         else:
-            self._rescale(self._settled().mesh, self.repairs, voxel, unit)
+            self.work.request(self._scaling(self._settled().mesh, self.repairs, voxel, unit))
 
     def repair(self, name: str, *, then_compute: bool = False) -> None:
         """Request a repair of `meshmash_viewer.health.REPAIRS`, and perhaps compute then."""
@@ -222,9 +231,8 @@ class Document(OpenMesh):
         assert shown is not None
         return shown.ready
 
-    def _rescale(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> None:
-        operator = self.solve.operator
-        self.work.request(ScaleJob(mesh, voxel, unit, self.path, operator, repairs))
+    def _scaling(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> ScaleJob:
+        return ScaleJob(mesh, voxel, unit, self.path, self.solve.operator, repairs)
 
     # -- history ----------------------------------------------------------------------------
 
@@ -253,8 +261,12 @@ class Document(OpenMesh):
     def _is_ready(self, shown: Shown | _Repaired | None) -> bool:
         """Whether a former mesh was kept; if not, request it, and undo when it comes."""
         if isinstance(shown, _Repaired) and self.mesh is not None:
-            self._undoing = True
-            self._rescale(shown.mesh, shown.repairs, self.mesh.voxel, self.mesh.unit)
+            if self._undoing is not None and self.work.job is not None:
+                self._undoing.times += 1  # instead of beginning again
+            else:
+                job = self._scaling(shown.mesh, shown.repairs, self.mesh.voxel, self.mesh.unit)
+                self._undoing = _Undoing(self.history.past[-1], job)
+                self.work.request(job)
             return False
         return True
 
@@ -306,7 +318,7 @@ class Document(OpenMesh):
         if ready.derived and self.ready is not None:
             self._accept_derived(replace(ready, source=self.ready.source), self.ready.mesh)
         else:
-            self._undoing = False
+            self._undoing = None
             self._file_mesh = ready.before[0] if ready.before else None
             self.maps.in_file = frozenset(each.name for each in ready.mesh.maps)
             self.maps.edited, self.maps.pending = frozenset(), ()
@@ -325,8 +337,8 @@ class Document(OpenMesh):
     def _accept_derived(self, ready: MeshReady, before: Mesh) -> None:
         """Show the open mesh with one repair more or less, or with another voxel size."""
         n_pins, unit = len(self.pins.placed), self.unit_text
-        if self._undoing:
-            self._undoing = False
+        undoing, self._undoing = self._undoing, None
+        if undoing is not None and undoing.job.repairs == ready.repairs:
             parts = {
                 "mesh": Shown(ready, ready.known),
                 "pins": followed_pins(self.pins.placed, before, ready.mesh),
@@ -335,8 +347,9 @@ class Document(OpenMesh):
                 "signs": frozenset(),
                 "rotation": (),
             }
-            self.history.complete(parts)
-            self.history.undo()
+            if self.history.complete(undoing.step, parts):
+                for _ in range(undoing.times):
+                    self.history.undo()
             return
         repaired = ready.repairs != self.repairs
         if repaired and not self.repairs:
@@ -433,7 +446,8 @@ class Document(OpenMesh):
         self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
 
     def _on_finished(self, job: JobState) -> None:
-        self._undoing = False
+        if self._undoing is not None and job.job is self._undoing.job:
+            self._undoing = None
         if isinstance(job.job, RepairJob):
             before, self._computes_after = self._computes_after, None
             if before is not None and self.ready is not before:

@@ -122,9 +122,12 @@ class History:
         self.started.emit()
         self.changed.emit()
 
-    def complete(self, state: Mapping[str, Any]) -> None:
-        """Set the state that undoing the last step restores."""
-        self.past = (*self.past[:-1], replace(self.past[-1], state=state))
+    def complete(self, step: Step, state: Mapping[str, Any]) -> bool:
+        """Set the state that undoing a step restores, and return whether it is the last one."""
+        last = self.past[-1:] == (step,)
+        done = replace(step, state=state)
+        self.past = tuple(done if each is step else each for each in self.past)
+        return last
 
     def amend(self, part: str, changed: Callable[[Any], Any]) -> None:
         """Replace the values that all steps have of a part."""

@@ -128,6 +128,34 @@ def test_the_largest_component_is_kept_and_computed_by_one_click(
     assert window.document.repairs == ()
 
 
+def test_keys_pressed_while_a_repair_is_undone_are_not_lost(
+    qtbot: QtBot, start: Callable[[], MainWindow], path: Path
+) -> None:
+    window = start()
+    read(qtbot, window, path)
+    for name in (DROP, LARGEST):
+        click_repair(qtbot, window, name)
+    window = start()
+    read(qtbot, window, path)
+    document, history = window.document, window.document.history
+    assert document.repairs == (DROP, LARGEST), "made again while the file was read"
+    document.pins.toggle(20)
+    assert len(history.past) == 3
+    shift = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
+    for keys, past, repairs in (
+        (Qt.KeyboardModifier.ControlModifier, 0, ()),
+        (shift, 3, (DROP, LARGEST)),
+    ):
+        window.setFocus()
+        for _ in range(4):
+            QTest.keyClick(window, Qt.Key.Key_Z, keys)
+        qtbot.waitUntil(lambda past=past: len(history.past) == past, timeout=PATIENCE)
+        rest(qtbot, window)
+        assert (len(history.past), len(history.future)) == (past, 3 - past)
+        assert document.repairs == repairs
+    assert [pin.vertex for pin in document.pins.placed] == [20]
+
+
 def test_what_is_shown_and_written_counts_as_the_file(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path, tmp_path: Path
 ) -> None:
