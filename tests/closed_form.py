@@ -68,8 +68,8 @@ def shown(qtbot: QtBot, widget: Widget, width: int, height: int) -> Widget:
     """A widget of this size on the screen."""
     qtbot.addWidget(widget)
     widget.resize(width, height)
-    widget.show()
-    qtbot.waitExposed(widget)
+    with qtbot.waitExposed(widget, timeout=120_000):
+        widget.show()
     return widget
 
 

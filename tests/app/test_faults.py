@@ -163,14 +163,15 @@ def test_exceptions_of_slots_and_threads_become_notices(
 
 
 def test_what_comes_at_every_frame_is_said_once(qtbot: QtBot, told: list[Notice]) -> None:
-    timer = QTimer(interval=1)
+    timer, frames = QTimer(interval=1), []
 
     def frame() -> None:
+        frames.append(1)
         raise ZeroDivisionError("in a frame")
 
     timer.timeout.connect(frame)
     timer.start()
-    QTest.qWait(300)
+    qtbot.waitUntil(lambda: len(frames) > 20)
     timer.stop()
     assert len(told) == 1
 
@@ -299,10 +300,13 @@ def test_a_closed_window_is_let_go(qtbot: QtBot, qapp: QApplication, sphere: Mes
     held = weakref.ref(window.document), weakref.ref(window)
     window.close()
     del window
-    QTest.qWait(20)
-    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-    gc.collect()
-    assert [each() for each in held] == [None, None]
+
+    def let_go() -> bool:
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        gc.collect()
+        return [each() for each in held] == [None, None]
+
+    qtbot.waitUntil(let_go)
 
 
 # -- the mouse -----------------------------------------------------------------------------------

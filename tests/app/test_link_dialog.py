@@ -29,8 +29,8 @@ LEFT = Qt.MouseButton.LeftButton
 def dialog(qtbot: QtBot) -> LinkDialog:
     made = LinkDialog()
     qtbot.addWidget(made)
-    made.show()
-    qtbot.waitExposed(made)
+    with qtbot.waitExposed(made, timeout=120_000):
+        made.show()
     return made
 
 

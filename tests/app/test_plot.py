@@ -54,8 +54,8 @@ def test_an_axis_is_labelled_in_a_unit_that_suits_its_range_upright(qtbot) -> No
     qtbot.addWidget(plot)
     plot.set_labels("Time t (nm²)", "λ (nm⁻²)")
     plot.plotItem.vb.setRange(xRange=(0.0, 2e8), yRange=(0.0, 2e-6), padding=0.0)
-    plot.show()
-    qtbot.waitExposed(plot)
+    with qtbot.waitExposed(plot, timeout=120_000):
+        plot.show()
     left, bottom = (plot.getAxis(side) for side in ("left", "bottom"))
     assert "λ (µm⁻²)" in left.labelString()
     assert "Time t (µm²)" in bottom.labelString()
@@ -81,8 +81,8 @@ def test_an_axis_of_thousands_of_indices_becomes_logarithmic(qtbot) -> None:
 def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:
     plot = Plot("plot", "A plot")
     qtbot.addWidget(plot)
-    plot.show()
-    qtbot.waitExposed(plot)
+    with qtbot.waitExposed(plot, timeout=120_000):
+        plot.show()
     curve = plot.plotItem.plot([0.0, 1.0], [0.0, 1.0])
     plot.paint_later()
     curve.setData([0.0, 1.0], [1.0, 0.0])
