@@ -96,6 +96,7 @@ class SecondView(QWidget):
         self.scene.movable_pins = True
         self.scene.pin_dragged.connect(pair.drag_second)
         self.scene.pin_dropped.connect(pair.drop_second)
+        self.scene.cut_handle.moved = pair.cut_second
         self.scene.stepped.connect(self._step)
         self.scene.camera_changed.connect(self._turned)
         self._first_scene.camera_changed.connect(self._turn_second)

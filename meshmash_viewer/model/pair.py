@@ -33,6 +33,7 @@ from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
+from meshmash_viewer.model.display import Cut
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.history import Step
@@ -42,6 +43,7 @@ from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.structures import brain_side
+from meshmash_viewer.surface.plane import Plane
 from meshmash_viewer.vertex_map import VertexMap
 
 #: How the cameras are linked, with its label; "free" is the absence of the other two.
@@ -148,7 +150,7 @@ class Pair:
         self._connections = [
             *((getattr(events, name), self._follow_display) for name in (
                 "fields", "kind", "policies", "log_scales", "diverging_colormap",
-                "sequential_colormap", "nodal_lines", "hide_small",
+                "sequential_colormap", "nodal_lines", "hide_small", "cut",
             )),
             (first.pins.changed, self._follow_first_pins),
             (first.spectrum_changed, self._follow_spectra),
@@ -215,6 +217,7 @@ class Pair:
         """Link the cameras, one of `CAMERAS`."""
         self.links = self.links - set(CAMERAS) | {how} - {"free"}
         self._by_side = False
+        self._apply_display()
         self.changed.emit()
 
     def set_links(self, links: Collection[str] | None) -> None:
@@ -231,6 +234,7 @@ class Pair:
         if self._by_side:
             how = "mirror" if sides == {"left", "right"} else "camera"
             self.links = self.links - set(CAMERAS) | {how}
+            self._apply_display()
         self._follow_spectra()
 
     def carry(self, on: bool) -> None:
@@ -509,6 +513,7 @@ class Pair:
 
     def _copy_display(self, *, everything: bool) -> None:
         mine, other, to = self.first.display, self.second.display, self.correspondence
+        other.cut = self._other_side(mine.cut)
         known = self.first.known
         if known is None:
             return
@@ -537,6 +542,17 @@ class Pair:
             other.diverging_colormap = mine.diverging_colormap
             other.sequential_colormap = mine.sequential_colormap
         other.nodal_lines, other.hide_small = mine.nodal_lines, mine.hide_small
+
+    def cut_second(self, plane: Plane) -> None:
+        """Cut both meshes where a plane cuts the second."""
+        if self.second.mesh is not None:
+            cut = Cut.at(plane, self.second.mesh.bounds)
+            self.first.display.cut = self._other_side(cut)
+
+    def _other_side(self, cut: Cut) -> Cut:
+        """Return the cut of the other mesh, which is looked at from the mirrored side if linked."""
+        x, y, z = cut.normal
+        return replace(cut, normal=(-x, y, z)) if self.cameras == "mirror" else cut
 
     def _follow_second(self) -> None:
         """Display maps on the first too, after one has been added to the second."""

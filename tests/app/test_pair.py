@@ -490,6 +490,46 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     assert window.document.pins.placed == ()
 
 
+def test_both_are_cut_and_the_handle_of_either_is_dragged(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second = beside(window, folder / "copy.npz", monkeypatch)
+    QTest.keyClick(window, Qt.Key.Key_Z)
+    window.actions_["cut_x"].trigger()
+    rest(window)
+    scenes, other = window.opening.scenes, second.scene
+
+    def planes() -> list[tuple[list[float], float]]:
+        catch_up()
+        cuts = [scene.renderer.cut for scene in scenes]
+        return [(cut.normal.tolist(), cut.level) for cut in cuts if cut is not None]
+
+    before = planes()
+    middle = COPY.bounds.mean(axis=0)
+    assert [normal for normal, _ in before] == [[1.0, 0.0, 0.0]] * 2
+    assert before[1][1] == pytest.approx(middle[0])
+    faces = displayed_surface(other.renderer).regular_faces
+    assert 0.3 < len(faces) / COPY.n_faces < 0.6
+    assert COPY.vertices[faces, 0].min() >= middle[0]
+    size = other.renderer.renderer.GetSize()
+    assert other.renderer.view is not None
+    x, up = other.renderer.view.to_pixels(middle, *size)[0, :2]
+    ball = QPoint(round(x), round(size[1] - up))
+    QTest.mousePress(other.plotter, LEFT, pos=ball)
+    QTest.mouseMove(other.plotter, ball + QPoint(20, 0))
+    QTest.mouseRelease(other.plotter, LEFT, pos=ball + QPoint(20, 0))
+    moved = [after - level for (_, after), (_, level) in zip(planes(), before, strict=True)]
+    assert min(moved) > 0.0
+    extents = [np.linalg.norm(np.ptp(mesh.bounds, axis=0)) for mesh in (FIRST, COPY)]
+    np.testing.assert_allclose(moved[0] / moved[1], extents[0] / extents[1])
+    window.actions_["undo"].trigger()
+    assert planes() == before
+    QTest.mouseClick(part(window, QPushButton, "pair_link_mirror"), LEFT)
+    assert [normal for normal, _ in planes()] == [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]
+    window.actions_["cut"].trigger()
+    assert planes() == []
+
+
 def test_a_stroke_on_the_second_says_that_the_first_is_selected_on(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -41,15 +41,16 @@ def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
 
     The field is its active scalars, named by its title, NaN where there is no value; ``user_dict``
     has ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the colours), ``"limits"`` and
-    ``"log_scale"``. `ValueError` is raised if no mesh is displayed, or no face of it.
+    ``"log_scale"``. Faces that are hidden, or with a vertex that is cut away, are left out.
+    `ValueError` is raised if no mesh is displayed, or no face of it.
     """
     if drawing.mesh is None:
         raise ValueError("No mesh is shown: open one first.")
     vertices, faces = drawing.mesh
-    if drawing.hidden is not None:
-        faces = faces[~drawing.hidden[faces].any(axis=1)]
+    if (away := drawing.away()) is not None:
+        faces = faces[~away[faces].any(axis=1)]
     if not len(faces):
-        raise InputError("All faces are hidden: show some first.")
+        raise InputError("All faces are hidden or cut away: show some first.")
     surface: pyvista.PolyData = mesh_to_poly((vertices, faces))
     if drawing.drawn_vertices is not drawing.mesh.vertices:
         surface.points = drawing.drawn_vertices
