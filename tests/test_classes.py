@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ import pytest
 import shapes
 
 import meshmash_viewer as mv
+from meshmash_viewer.learn import Classifier
 from meshmash_viewer.learn.diffusion import diffused
+from meshmash_viewer.model.classes import ClassesJob, ClassOptions
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.samples import labels_path, sample_path
 
@@ -45,7 +48,7 @@ def strokes(blob: mv.Mesh, truth: np.ndarray) -> mv.VertexMap:
     return mv.VertexMap("strokes", np.where(near, truth, 0), labels=LABELS)
 
 
-@pytest.fixture(scope="module", params=["forest", "logistic"])
+@pytest.fixture(scope="module", params=["ensemble", "forest", "logistic"])
 def model(request: pytest.FixtureRequest, blob: mv.Mesh, strokes: mv.VertexMap) -> mv.ClassModel:
     return mv.train_classes(blob, strokes, COLUMNS, request.param)
 
@@ -137,6 +140,25 @@ def test_one_stroke_alone_has_no_score(blob: mv.Mesh, truth: np.ndarray) -> None
     model = mv.train_classes(blob, mv.VertexMap("two", values, labels=LABELS), COLUMNS)
     assert model.scores is None
     assert "'bump' has 1 stroke" in model.unscored
+
+
+def test_an_ensemble_has_the_mean_probability_and_importance(
+    blob: mv.Mesh, strokes: mv.VertexMap
+) -> None:
+    known = COLUMNS.compute(blob)
+    kinds: tuple[Classifier, ...] = ("ensemble", "forest", "logistic")
+    models = [
+        mv.train_classes(blob, strokes, COLUMNS, kind, features=known, scored=False)
+        for kind in kinds
+    ]
+    first, *others = (
+        mv.predict_classes(blob, each, features=known).probabilities[0].values for each in models
+    )
+    np.testing.assert_allclose(first, np.mean(others, axis=0))
+    assert np.abs(others[0] - others[1]).max() > 0.1
+    np.testing.assert_allclose(
+        models[0].importance, np.mean([each.importance for each in models[1:]], axis=0)
+    )
 
 
 def test_smoothed_probabilities_are_kept_in_range(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
@@ -273,14 +295,28 @@ def dendrite_strokes(mesh: mv.Mesh, truth: mv.VertexMap, draw: int) -> mv.Vertex
     return mv.VertexMap("strokes", values, labels=truth.labels)
 
 
+@pytest.mark.parametrize(("n_classes", "n_maps"), [(8, 10), (9, 2)])
+def test_the_window_gets_no_probabilities_of_a_whole_parcellation(
+    blob: mv.Mesh, n_classes: int, n_maps: int
+) -> None:
+    parts = np.arange(blob.n_vertices) * n_classes // blob.n_vertices + 1
+    names = tuple(mv.Label(key, f"part {key}", "#4477aa") for key in range(1, n_classes + 1))
+    pairs = mv.solve(*mv.cotangent_laplacian(blob, robust=True), 20)
+    options = ClassOptions(kinds=("hks",), classifier="logistic")
+    job = ClassesJob(blob, mv.VertexMap("parts", parts, labels=names), pairs, options)
+    channel: Any = SimpleNamespace(report=lambda _: None, cancelled=lambda: False)
+    maps = job.run(channel).maps
+    assert (maps[0].name, maps[-1].name, len(maps)) == ("class", "uncertainty", n_maps)
+
+
 @pytest.mark.slow
 def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Trained on 2 % of the vertices of one dendrite, tested on another one.
 
-    Of 18 draws of strokes on three pairs of whole dendrites, F1 was 0.944 on average, 0.934 or more
-    in 17 and 0.926 in one, where all labels give 0.956 to 0.963.
+    Of the whole other dendrite F1 was 0.94 in the median of 20 draws, 0.930 or more in 18 and 0.922
+    at least, where all labels give 0.964.
     """
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "assets")
     make_samples = importlib.import_module("make_samples")
@@ -295,18 +331,16 @@ def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
 
     def trained(labels: mv.VertexMap) -> tuple[mv.ClassModel, float]:
         """A model, and its F1 on the other dendrite, weighted by area."""
-        model = mv.train_classes(
-            mesh, labels, columns, "logistic", features=known, scored=labels is not truth
-        )
+        model = mv.train_classes(mesh, labels, columns, features=known, scored=labels is not truth)
         return model, f1(
             other, wanted, mv.predict_classes(other, model, features=seen).labels.values
         )
 
     _, best = trained(truth)
     found = [trained(dendrite_strokes(mesh, truth, draw)) for draw in range(4)]
-    assert best - np.mean([score for _, score in found]) < 0.02
     for each, score in found:
-        assert score > 0.93
+        assert score > 0.94
+        assert best - score < 0.02
         assert each.scores is not None
         assert abs(each.scores.weighted_f1 - score) < 0.05
     model = found[0][0]

@@ -97,8 +97,8 @@ def add_training(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--classifier",
         choices=tuple(CLASSIFIERS),
-        default="forest",
-        help=f"default forest; {_listed(CLASSIFIERS)}",
+        default="ensemble",
+        help=f"default ensemble; {_listed(CLASSIFIERS)}",
     )
     about = "length over which probabilities are smoothed (unit), default 0"
     add_value(parser, "--smoothing", numbers.quantity(1), "L", about, default=0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.read import check_file
-from meshmash_viewer.learn import CLASSIFIERS, KINDS
+from meshmash_viewer.learn import KINDS
 from meshmash_viewer.learn.classes import ClassModel
 from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.learn.scores import ClassScores
@@ -203,10 +203,7 @@ def _check_versions(path: Path, card: dict[str, Any]) -> None:
 
 def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
     """Load the classifier, and check all that its compiled parts rely on."""
-    from sklearn.ensemble import ExtraTreesClassifier
-    from sklearn.linear_model import LogisticRegression
-    from sklearn.pipeline import Pipeline
-    from sklearn.preprocessing import StandardScaler
+    from sklearn.ensemble import VotingClassifier
     from skops import io
 
     if unknown := sorted(set(io.get_untrusted_types(file=path)) - {_CHECKED}):
@@ -215,21 +212,31 @@ def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
             " it is not loaded; get it from whom you trust, or train it again."
         )
     loaded = io.load(path, trusted=[_CHECKED])
-    sound = kind in CLASSIFIERS
-    if kind == "forest":
-        sound = type(loaded) is ExtraTreesClassifier and all(
-            _is_sound(each.tree_, n_columns, n_classes) for each in loaded.estimators_
-        )
-    elif sound:
-        steps = [StandardScaler, LogisticRegression]
-        sound = type(loaded) is Pipeline and [type(each) for _, each in loaded.steps] == steps
-    if not sound:
+    parts = [(kind, loaded)]
+    if kind == "ensemble" and type(loaded) is VotingClassifier and loaded.voting == "soft":
+        parts = list(zip(("forest", "logistic"), loaded.estimators_, strict=True))
+    if not all(_is_of_kind(each, name, n_columns, n_classes) for name, each in parts):
         raise ValueError(f"not a classifier of kind {kind}")
     if loaded.predict_proba(np.zeros((1, n_columns))).shape != (1, n_classes):
         raise ValueError("other classes than the card has")
     if not np.array_equal(loaded.classes_, np.arange(n_classes)):
         raise ValueError("classes in another order than the card has")
     return loaded
+
+
+def _is_of_kind(loaded: Any, kind: str, n_columns: int, n_classes: int) -> bool:
+    from sklearn.ensemble import ExtraTreesClassifier
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import Pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    if kind == "forest":
+        return type(loaded) is ExtraTreesClassifier and all(
+            _is_sound(each.tree_, n_columns, n_classes) for each in loaded.estimators_
+        )
+    if kind == "logistic" and type(loaded) is Pipeline:
+        return [type(each) for _, each in loaded.steps] == [StandardScaler, LogisticRegression]
+    return False
 
 
 def _is_sound(tree: Any, n_columns: int, n_classes: int) -> bool:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-Classifier = Literal["forest", "logistic"]
-#: Kinds of classifiers, and what they are.
+Classifier = Literal["ensemble", "forest", "logistic"]
+#: Kinds of classifiers, the default first, and what they are.
 CLASSIFIERS: dict[str, str] = {
+    "ensemble": "mean probability of the two others",
     "forest": "100 extremely randomized trees",
     "logistic": "logistic regression of standardized columns",
 }

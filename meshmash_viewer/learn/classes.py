@@ -40,15 +40,15 @@ class ClassModel:
     ----------
     classifier : estimator of scikit-learn
     kind : str
-        "forest" or "logistic".
+        "ensemble", "forest" or "logistic".
     columns : ClassColumns
         What it is applied to.
     classes : tuple of Label
         With their colours, in the order of the classifier.
     importance : ndarray, shape (f,)
         Share of each column in the decisions, of sum 1: the decrease of impurity in a forest, the
-        mean magnitude of the coefficients of a regression. Of columns that say the same, each
-        has a part.
+        mean magnitude of the coefficients of a regression, or the mean of both. Of columns that
+        say the same, each has a part.
     smoothing : float
         Length over which probabilities are smoothed, in the unit of the columns.
     meshes : tuple of dict
@@ -130,7 +130,7 @@ def train_classes(
     meshes: MeshLike | Sequence[MeshLike],
     labels: VertexMap | Sequence[VertexMap],
     columns: ClassColumns | str = "hks",
-    classifier: Classifier = "forest",
+    classifier: Classifier = "ensemble",
     *,
     smoothing: float = 0.0,
     pairs: Eigenpairs | Sequence[Eigenpairs | None] | None = None,
@@ -151,8 +151,9 @@ def train_classes(
     columns : ClassColumns or str
         What to learn from. Kinds alone, such as "hks" or "hks,curvature", are computed at the times
         that `ClassColumns.chosen` finds for the first mesh.
-    classifier : {"forest", "logistic"}
-        100 extremely randomized trees [1]_, or logistic regression of standardized columns.
+    classifier : {"ensemble", "forest", "logistic"}
+        100 extremely randomized trees [1]_, logistic regression of standardized columns, or by
+        default the mean of their probabilities, which depends least on the choice of strokes.
     smoothing : float
         Length over which probabilities are smoothed by diffusion, in the unit of the columns.
     pairs : Eigenpairs or sequence, optional

@@ -102,22 +102,32 @@ class Training:
         """Train on some of the labelled vertices."""
         check_cancelled(self.cancel)
         values, places = self.values[some], self.places[some]
+        if self.kind == "forest":
+            return self._forest(values, places, progress, n_trees)
         if self.kind == "logistic":
-            from sklearn.linear_model import LogisticRegression
-            from sklearn.pipeline import make_pipeline
-            from sklearn.preprocessing import StandardScaler
+            return _regression(values, places)
+        from sklearn.ensemble import VotingClassifier
+        from sklearn.preprocessing import LabelEncoder
 
-            # strokes are few, and neighbouring columns say nearly the same
-            regression = LogisticRegression(C=_PENALTY, class_weight="balanced", max_iter=1000)
-            return make_pipeline(StandardScaler(), regression).fit(
-                values.astype(np.float64), places
-            )
+        both = self._forest(values, places, progress, n_trees), _regression(values, places)
+        mean = VotingClassifier(list(zip(("forest", "logistic"), both, strict=True)), voting="soft")
+        mean.estimators_, mean.le_ = list(both), LabelEncoder().fit(places)  # trained already
+        mean.classes_ = mean.le_.classes_
+        return mean
+
+    def _forest(
+        self,
+        values: npt.NDArray[Any],
+        places: IntArray,
+        progress: ProgressCallback | None,
+        n_trees: int,
+    ) -> Any:
         from sklearn.ensemble import ExtraTreesClassifier
 
         forest = ExtraTreesClassifier(
             min_samples_leaf=2, random_state=0, n_jobs=-1, warm_start=True
         )
-        step = max(_AT_ONCE // len(some), 1)
+        step = max(_AT_ONCE // len(places), 1)
         for part in blocks(n_trees, step):
             check_cancelled(self.cancel)
             if progress is not None:
@@ -161,6 +171,16 @@ class Training:
         values[used] = probabilities(classifier, table.values[used], None, self.cancel)
         smooth = smoothed(mesh, values, self.smoothing, self.columns, self.cancel)
         return np.asarray(smooth.argmax(axis=1))
+
+
+def _regression(values: npt.NDArray[Any], places: IntArray) -> Any:
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    # strokes are few, and neighbouring columns say nearly the same
+    regression = LogisticRegression(C=_PENALTY, class_weight="balanced", max_iter=1000)
+    return make_pipeline(StandardScaler(), regression).fit(values.astype(np.float64), places)
 
 
 def _check_columns(values: FloatArray, names: Sequence[str], subject: str) -> None:
@@ -236,6 +256,10 @@ def smoothed(
 
 def importance_of(classifier: Any, kind: str) -> FloatArray:
     """Return the share of each column in the decisions, see `ClassModel`."""
+    if kind == "ensemble":
+        forest, regression = classifier.estimators_
+        both = importance_of(forest, "forest"), importance_of(regression, "logistic")
+        return np.asarray(np.mean(both, axis=0))
     if kind == "forest":
         return np.asarray(classifier.feature_importances_, dtype=np.float64)
     sizes = np.abs(classifier[-1].coef_).mean(axis=0)

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 #: Names of the maps of a prediction next to that of the classes.
 _PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
-
-
+#: Most classes whose probabilities become maps; those of a parcellation would fill the list.
+_MOST_PROBABILITIES = 8
 #: Most columns of a model, and most letters of the name of one.
 _MOST_COLUMNS, _MOST_LETTERS = 1000, 200
 
@@ -59,7 +59,7 @@ class ClassOptions(Parameters):
     kinds: tuple[str, ...] = parameter(
         tuple(KINDS)[-1:], Listing(Choice(KINDS), len(KINDS), into=tuple, different=True)
     )
-    classifier: Classifier = parameter("forest", Choice(CLASSIFIERS))
+    classifier: Classifier = parameter("ensemble", Choice(CLASSIFIERS))
     smoothing: float = parameter(0.0, Number(0.0))
 
 
@@ -168,7 +168,8 @@ class ClassesJob:
         found = predict_classes(
             self.mesh, model, features=features, progress=channel.report, cancel=channel.cancelled
         )
-        numbers = (*found.probabilities, found.uncertainty)
+        few = len(found.probabilities) <= _MOST_PROBABILITIES
+        numbers = (*(found.probabilities if few else ()), found.uncertainty)
         smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
         return model, (found.labels, *smaller)
 

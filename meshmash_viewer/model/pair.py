@@ -43,7 +43,7 @@ from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.structures import brain_side
-from meshmash_viewer.surface.plane import Plane
+from meshmash_viewer.surface.rays import Plane
 from meshmash_viewer.vertex_map import VertexMap
 
 #: How the cameras are linked, with its label; "free" is the absence of the other two.

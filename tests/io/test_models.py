@@ -32,7 +32,7 @@ def labels(blob: mv.Mesh) -> mv.VertexMap:
     return mv.VertexMap("part", np.where(blob.vertices[:, 0] > 0.5, 1, 2), labels=LABELS)
 
 
-@pytest.fixture(scope="module", params=["forest", "logistic"])
+@pytest.fixture(scope="module", params=["ensemble", "forest", "logistic"])
 def model(request: pytest.FixtureRequest, blob: mv.Mesh, labels: mv.VertexMap) -> mv.ClassModel:
     columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", kinds=("hks", "curvature"), n_times=6)
     return mv.train_classes(blob, labels, columns, request.param, smoothing=0.1)
@@ -118,7 +118,7 @@ def test_a_tree_that_leads_out_of_itself_is_refused(
     """Following it would read memory that is not its own."""
     columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", n_times=6)
     model = mv.train_classes(blob, labels, columns, scored=False)
-    tree = model.classifier.estimators_[7].tree_
+    tree = model.classifier.estimators_[0].estimators_[7].tree_
     state = tree.__getstate__()
     state["nodes"]["right_child"][0] = 10**9
     tree.__setstate__(state)

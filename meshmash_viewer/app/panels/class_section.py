@@ -20,7 +20,9 @@ from meshmash_viewer.learn import CLASSIFIERS, KINDS
 from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.document import Document
 
-_CLASSIFIERS = dict(zip(CLASSIFIERS, ("Random forest", "Logistic regression"), strict=True))
+_CLASSIFIERS = dict(
+    zip(CLASSIFIERS, ("Mean of both", "Random forest", "Logistic regression"), strict=True)
+)
 _SCORES = (
     "F1 weighs by area how many vertices of a class are found, and how many that are found are of"
     " it (1 is best). It is measured where whole strokes were left out of the training."
