@@ -21,6 +21,8 @@ MOST_LABELS = 512
 COLOR = re.compile("#[0-9a-fA-F]{6}")
 #: Largest range of numbers of labels for which a table of all of them is made.
 _TABLE = 2**16
+#: Numbers of labels below this are kept with four bytes, as each stroke of a brush keeps them all.
+_SMALL = 2**30
 #: Characters of a name.
 _LONGEST = 60
 #: Labels that a message names.
@@ -62,7 +64,7 @@ class VertexMap:
         Name of the map.
     values : array_like, shape (n,)
         Real numbers, or with `labels` whole ones. NaN where a vertex has none. Kept as float32 or
-        float64, with `labels` as int64, and read-only.
+        float64, with `labels` as int32, or int64 where a number needs that, and read-only.
     labels : tuple of Label
         Names of the numbers, if these are labels of parts of the surface. A vertex whose number
         has no label, such as 0, has no value. There may be labels without a vertex; repeated ones
@@ -88,7 +90,7 @@ class VertexMap:
     def __post_init__(self) -> None:
         name = printable(self.name, _LONGEST) or "map"
         object.__setattr__(self, "name", name)
-        values = _checked(np.asarray(self.values), name, bool(self.labels))
+        values = _checked(np.asarray(self.values), name, self.labels)
         if self.labels:
             first: dict[int, Label] = {}
             for label in self.labels:
@@ -229,7 +231,7 @@ def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[La
     return tuple(label for label in labels if label.key in used)
 
 
-def _checked(values: npt.NDArray[Any], name: str, labelled: bool) -> npt.NDArray[Any]:
+def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> npt.NDArray[Any]:
     """The values in a type that is kept."""
     if values.dtype.kind == "c":
         raise InputError(
@@ -239,12 +241,15 @@ def _checked(values: npt.NDArray[Any], name: str, labelled: bool) -> npt.NDArray
         raise InputError(f"Map {name!r} has text where numbers should be: leave it out.")
     if values.ndim != 1 or not len(values):
         raise InputError(f"Map {name!r} has shape {values.shape}: give one number a vertex.")
-    if labelled:
+    if labels:
         if values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
             raise InputError(f"Map {name!r} has labels that are no whole numbers: export it again.")
         # an array of another map, with other names, is shared
-        shared = values.dtype == np.int64 and values.flags.owndata and not values.flags.writeable
-        return values if shared else values.astype(np.int64)
+        keys = [label.key for label in labels]
+        largest = max(abs(int(each)) for each in (values.min(), values.max(), min(keys), max(keys)))
+        kind = np.dtype(np.int32 if largest < _SMALL else np.int64)
+        shared = values.dtype == kind and values.flags.owndata and not values.flags.writeable
+        return values if shared else values.astype(kind)
     kept = values.astype(values.dtype if values.dtype.name == "float32" else np.float64)
     infinite = np.flatnonzero(np.isinf(kept))
     if len(infinite):

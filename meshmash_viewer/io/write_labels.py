@@ -92,7 +92,7 @@ def write_labels(
     surface = as_mesh(mesh)
     known = surface.with_maps(labels).maps[-1]
     _check_labels(known)
-    numbers = np.where(np.isnan(known.shown), known.no_label, known.values)
+    numbers = np.where(np.isnan(known.shown), known.no_label, known.values).astype(np.int64)
     names, keys = [each.name for each in known.labels], [each.key for each in known.labels]
     colors = [each.color for each in known.labels]
     index = "vertex" if str(path).lower().endswith((".npz", ".ply")) else "row"

@@ -322,7 +322,7 @@ class Labels:
         self,
         what: str,
         labels: tuple[Label, ...] | None,
-        values: npt.NDArray[np.int64] | None = None,
+        values: npt.NDArray[np.integer] | None = None,
     ) -> None:
         changes: dict[str, Any] = {} if labels is None else {"labels": labels}
         if values is not None:

@@ -142,6 +142,16 @@ def test_a_brush_paints_what_is_visible_and_is_one_change(hand: Hand) -> None:
     assert "nm²" in count.text()
 
 
+@pytest.mark.parametrize("mode", ["brush", "value", "alike"])
+def test_a_small_window_has_all_commands_in_the_bar(mode: str, hand: Hand) -> None:
+    hand.window.resize(900, 600)
+    hand.choose(mode)
+    bar, commands = part(hand.window, "select_bar"), hand.window.actions_
+    for name in ("grow", "shrink", "fill", "invert", "clear"):
+        assert bar.widgetForAction(commands[f"{name}_selection"]).isVisible()
+    assert bar.widgetForAction(commands["cut"]).isVisible()
+
+
 def test_a_lasso_takes_the_visible_or_what_is_behind_too(hand: Hand) -> None:
     hand.choose("lasso")
     corners = [(-1.2, -1.2), (1.2, -1.2), (1.2, 1.2), (-1.2, 1.2)]

@@ -318,9 +318,8 @@ class LabelPanel(QWidget):
         mask = self._document.selection.mask
         if mask is None:
             return "Select vertices, then press the key of a label."
-        return (
-            f"{counted(int(np.count_nonzero(mask)), 'vertex')} selected: press the key of a label."
-        )
+        # as long as the other one, so that nothing below moves
+        return f"{counted(int(np.count_nonzero(mask)), 'vertex')} selected: press a label's key."
 
     def _refresh_buttons(self) -> None:
         n_chosen, selected = len(self.table.chosen), self._document.selection.mask is not None

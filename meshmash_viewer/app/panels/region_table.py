@@ -29,6 +29,8 @@ _NOT_SHOWN = ("label", "part")
 _FIRST = ("area", "neck_width", "volume", "extent")
 #: Most rows in view, their height, and the rows that the widths of columns suit.
 _MOST, _ROW, _LOOKED_AT = 7, 24, 100
+#: Largest width of the names; longer ones are in the tip.
+_NAME_WIDTH = 130
 
 
 class _Rows(QAbstractTableModel):
@@ -83,9 +85,12 @@ class _Rows(QAbstractTableModel):
         table, row, column = self.table, index.row(), index.column()
         roles = Qt.ItemDataRole
         if table is None or role not in (
-            roles.DisplayRole, roles.UserRole, roles.TextAlignmentRole, roles.DecorationRole
+            roles.DisplayRole, roles.UserRole, roles.TextAlignmentRole, roles.DecorationRole,
+            roles.ToolTipRole,
         ):  # fmt: skip
             return None
+        if role == roles.ToolTipRole:
+            return self._name(row)
         if role == roles.TextAlignmentRole:
             return _alignment(column)
         label = str(table["label"][row])
@@ -156,6 +161,7 @@ class RegionTable(QTableView):
             return
         self._rows.show_regions(table, labels)
         self.resizeColumnsToContents()
+        self.setColumnWidth(0, min(self.columnWidth(0), _NAME_WIDTH))
         shown, header = min(self._rows.rowCount(), _MOST), self.horizontalHeader().sizeHint()
         bar = self.horizontalScrollBar().sizeHint().height()
         self.setFixedHeight(header.height() + shown * _ROW + bar + 4)

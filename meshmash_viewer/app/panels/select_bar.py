@@ -19,14 +19,13 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.units import counted, format_quantity
 
-#: Commands at the end of the bar.
+#: Commands after the controls of the mode.
 _COMMANDS = (
     "grow_selection", "shrink_selection", "fill_selection", "invert_selection", "clear_selection",
+    "cut",
 )  # fmt: skip
 #: Milliseconds after a change until the selection is counted.
 _REST = 120
-#: What the label of the selection has room for, so that the commands rarely move.
-_LONGEST = " 888,888 vertices · 88.8 µm² "
 
 
 class SelectBar(QToolBar):
@@ -82,14 +81,12 @@ class SelectBar(QToolBar):
         }
         shown = dict.fromkeys(each for group in self._of_modes.values() for each in group)
         self._places: dict[QWidget, QAction] = {each: self.addWidget(each) for each in shown}
-        self.count_label = make.label("select_count", "What is selected", selectable=True)
-        self.count_label.setMinimumWidth(self.fontMetrics().horizontalAdvance(_LONGEST))
-        self.addWidget(self.count_label)
         self.addSeparator()
         for name in _COMMANDS:
             self.addAction(actions[name])
         self.addSeparator()
-        self.addAction(actions["cut"])
+        self.count_label = make.label("select_count", "What is selected", selectable=True)
+        self.addWidget(self.count_label)  # last, so that it moves no command
         tool.changed.connect(self._refresh)
         tool.changed.connect(self._count_soon)
         #: Counts after some moves of a stroke, not after each.
