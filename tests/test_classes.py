@@ -169,6 +169,22 @@ def test_smoothed_probabilities_are_kept_in_range(blob: mv.Mesh, strokes: mv.Ver
     assert 0.0 <= smooth.min() <= smooth.max() <= 1.0
     L, _ = mv.cotangent_laplacian(blob, robust=True)
     assert smooth @ L @ smooth < 0.5 * (rough @ L @ rough)
+    copy, there = shapes.moved_copy(blob, 1e-3)
+    moved = mv.predict_classes(mv.Mesh(copy.vertices, copy.faces, "µm"), model)
+    away = moved.probabilities[0].values[there] - smooth
+    assert np.median(np.abs(away)) < 1e-3, "over the same length"
+
+
+def test_classes_weigh_the_same_in_a_regression(blob: mv.Mesh) -> None:
+    known = COLUMNS.compute(blob)
+    noise = np.random.default_rng(8).standard_normal(known.values.shape)
+    values = np.where(np.arange(blob.n_vertices) < 60, 1, 2)
+    model = mv.train_classes(
+        blob, mv.VertexMap("rare", values, labels=LABELS), COLUMNS, "logistic",
+        features=mv.Features(noise, known.columns), scored=False,
+    )  # fmt: skip
+    found = mv.predict_classes(blob, model, features=mv.Features(noise, known.columns))
+    assert 0.25 < found.probabilities[0].values[60:].mean() < 0.6, "and not 60 of 642"
 
 
 def test_diffusion_is_one_implicit_step() -> None:
@@ -307,6 +323,9 @@ def test_the_window_gets_no_probabilities_of_a_whole_parcellation(
     channel: Any = SimpleNamespace(report=lambda _: None, cancelled=lambda: False)
     maps = job.run(channel).maps
     assert (maps[0].name, maps[-1].name, len(maps)) == ("class", "uncertainty", n_maps)
+    if n_maps > 2:
+        largest = np.max([each.values for each in maps[1:-1]], axis=0)
+        np.testing.assert_allclose(maps[-1].values, 1.0 - largest, atol=1e-6)
 
 
 @pytest.mark.slow
