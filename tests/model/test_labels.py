@@ -117,6 +117,8 @@ def test_labels_are_hidden_shown_and_isolated(two: Document) -> None:
     labels.show([1], False)
     np.testing.assert_array_equal(two.hiding.mask, UP)
     assert label_sizes(MESH, known, two.hiding.mask).hidden.tolist() == [True, False]
+    partly = UP & (MESH.vertices[:, 0] > 0.0)
+    assert label_sizes(MESH, known, partly).hidden.tolist() == [False, False]
     labels.show([2], False)
     labels.show([1], True)
     np.testing.assert_array_equal(two.hiding.mask, RIGHT & ~UP)
@@ -243,6 +245,21 @@ def test_labels_cannot_be_more_than_colours(document: Document) -> None:
     texts = said(document)
     document.labels.new_label()
     assert "513 labels, and 512 can be distinguished" in texts[-1]
+
+
+def test_numbers_take_four_bytes_unless_one_is_large(two: Document) -> None:
+    labels = two.labels.current.labels
+    assert two.labels.current.values.dtype == np.int32
+    for number in (2**40, -(2**31)):
+        known = VertexMap("large", np.array([1, number, 2]), labels)
+        assert known.values.tolist() == [1, number, 2]
+        assert np.isnan(known.shown[1])
+    assert (
+        VertexMap("key", np.zeros(3, dtype=np.uint8), (Label(2**40, "a", "#000000"),))
+        .mask()
+        .tolist()
+        == [False] * 3
+    )
 
 
 def test_values_are_shared_and_never_written(two: Document) -> None:
