@@ -396,7 +396,7 @@ class Tour:
             for step in range(1, 9):
                 QTest.mouseMove(canvas, middle + QPoint(6 * step, 2 * step))
                 pause(40)
-            print(f"stand-in while it is turned: {window.scene.frames.shows_stand_in}")
+            print(f"stand-in while it is turned: {window.scene.renderer.shows_coarse}")
             self.shoot("turning")
             QTest.mouseRelease(canvas, LEFT, pos=middle + QPoint(48, 16))
             self.settle()

@@ -119,7 +119,7 @@ class Session:
         scene, drawing = self.window.scene, self.window.scene.renderer
         # where drawing is slow, nothing of the mesh is drawn before its stand-in is there
         drawn = drawing.surface and drawing.surface.actor.GetVisibility()
-        seen = scene.frames.shows_stand_in or drawn
+        seen = scene.renderer.shows_coarse or drawn
         if self.source.field is not None and scene.mesh is self.document.mesh and seen:
             self.note("field")
             family = self.source.field.request.family

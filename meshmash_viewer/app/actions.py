@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -14,12 +15,14 @@ from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 
 from meshmash_viewer.app.controls import icons
-from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.theme import Mode
 from meshmash_viewer.app.view.camera import view_label
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.triangles import SMALL
 
+#: How texts name keys, and a sequence that holds each.
+_MODIFIERS = {"Ctrl": "Ctrl+A", "Shift": "Shift+A", "Alt": "Alt+A"}
+_NAMES = {"PgDn": "PgDown", "PgUp": "PgUp", "Esc": "Esc"}
 #: Menus in their order.
 MENUS = ("File", "Edit", "View", "Select", "Field", "Inspect", "Help")
 
@@ -364,7 +367,24 @@ class Actions:
 
 #: Commands whose icon says enough where their text has no room, this one first.
 _BY_ICON = ("help", "flip", "nodal_lines", "reset_camera", "save_picture", "export", "play")
-_ROLES = {
-    "quit": QAction.MenuRole.QuitRole,
-    "about": QAction.MenuRole.AboutRole,
-}
+_ROLES = {"quit": QAction.MenuRole.QuitRole, "about": QAction.MenuRole.AboutRole}
+
+
+def native_keys(*sequences: QKeySequence | str) -> str:
+    """Write sequences of keys, in Qt's portable form if they are texts, with commas between."""
+    return ", ".join(_native(QKeySequence(each)) for each in sequences)
+
+
+def native_text(text: str) -> str:
+    """Write the keys in a text, "Ctrl + wheel" or "PgDn", as the operating system does."""
+    for name, sequence in _MODIFIERS.items():
+        native = _native(QKeySequence(sequence)).removesuffix("A").rstrip("+")
+        text = re.sub(rf"\b{name}(?= \+)", native, text)
+    for name, sequence in _NAMES.items():
+        native = _native(QKeySequence(sequence))
+        text = re.sub(rf"\b{name}\b", native, text)
+    return text
+
+
+def _native(sequence: QKeySequence) -> str:
+    return sequence.toString(QKeySequence.SequenceFormat.NativeText)

@@ -6,14 +6,7 @@ from functools import partial
 
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtGui import QIcon, QKeyEvent, QMouseEvent
-from PySide6.QtWidgets import (
-    QApplication,
-    QDockWidget,
-    QLabel,
-    QMainWindow,
-    QTabWidget,
-    QWidget,
-)
+from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QMainWindow, QTabWidget, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
@@ -38,7 +31,6 @@ class _Title(QWidget):
     """A title bar that ignores double clicks, which would let the panel float without a frame."""
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        """Keep it from the dock."""
         event.accept()
 
 

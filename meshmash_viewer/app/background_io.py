@@ -1,4 +1,4 @@
-"""Reading and writing of small files in a background thread."""
+"""Reading and writing of small files in a background thread, and notices of saved files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import shiboken6
-from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, QUrl, Signal
+from PySide6.QtGui import QDesktopServices
 
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.model.document import Document
@@ -20,6 +21,7 @@ Result = TypeVar("Result")
 
 #: Milliseconds after which reading is announced.
 _SLOW = 400
+SHOW_IN_FOLDER = "Show in folder"
 
 
 class BackgroundIO(QObject):
@@ -111,3 +113,22 @@ class BackgroundIO(QObject):
         self._waiting -= 1
         then(result)
         self._document.notices.review()
+
+
+def say_saved(document: Document, text: str, path: Path) -> None:
+    """Show that a file has been saved, with a button that shows its folder."""
+    document.notices.show(saved_notice(document, text, path))
+
+
+def saved_notice(
+    document: Document, text: str, path: Path, severity: Severity = Severity.INFORMATION
+) -> Notice:
+    """Return the notice of `say_saved`."""
+
+    def show_folder() -> None:
+        folder = path.absolute().parent
+        if not QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder))):
+            text = f"This system has no program that shows folders: the folder is {folder}."
+            document.notices.say(text, Severity.WARNING)
+
+    return Notice(text, severity, action=show_folder, button=SHOW_IN_FOLDER)

@@ -13,13 +13,12 @@ from PySide6.QtWidgets import QMainWindow, QMessageBox
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
-from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.background_io import BackgroundIO, say_saved
 from meshmash_viewer.app.controls.field_events import settle_typing
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.pin_commands import PinCommands
-from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.model import stepping
@@ -39,6 +38,8 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.select_tool import SelectTool
     from meshmash_viewer.app.view.mesh_view import MeshView
 
+#: Commands that are on or off as the attribute of the display is.
+_SHOWN = ("nodal_lines", "label_borders", "label_graph", "hide_small")
 #: Keys that a focused field uses itself.
 _OF_FIELDS = ("cancel", "undo", "redo")
 
@@ -77,10 +78,7 @@ class Commands:
         self._calls: dict[str, Callable[..., object]] = {
             "quit": window.close,
             "reset_layout": arrangement.reset,
-            "nodal_lines": partial(setattr, display, "nodal_lines"),
-            "label_borders": partial(setattr, display, "label_borders"),
-            "label_graph": partial(setattr, display, "label_graph"),
-            "hide_small": partial(setattr, display, "hide_small"),
+            **{name: partial(setattr, display, name) for name in _SHOWN},
             "play": partial(setattr, display, "playing"),
             "show_kind": partial(setattr, display, "kind"),
             "first": partial(stepping.go_to_start, document),
@@ -180,11 +178,9 @@ class Commands:
         request = request_of(document)
         if request is not None and not request.family.signed and not request.family.contoured:
             actions["nodal_lines"].setEnabled(False)
-        actions["nodal_lines"].setChecked(display.nodal_lines)
-        actions["label_borders"].setChecked(display.label_borders)
+        for name in _SHOWN:
+            actions[name].setChecked(getattr(display, name))
         actions["cut"].setChecked(display.cut.shown)
-        actions["label_graph"].setChecked(display.label_graph)
-        actions["hide_small"].setChecked(display.hide_small)
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:
             actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
@@ -308,10 +304,7 @@ class Commands:
 
     def full_screen(self, on: bool) -> None:
         """Toggle full screen."""
-        if on:
-            self._window.showFullScreen()
-        else:
-            self._window.showNormal()
+        (self._window.showFullScreen if on else self._window.showNormal)()
 
     # -- help ---------------------------------------------------------------------------------
 

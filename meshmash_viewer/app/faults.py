@@ -51,12 +51,7 @@ class FaultBoundary(QObject):
     def __exit__(self, *_: object) -> None:
         sys.excepthook, sys.unraisablehook, threading.excepthook = self._before
 
-    def _take(
-        self,
-        kind: object,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def _take(self, kind: object, fault: BaseException | None, trace: TracebackType | None) -> None:
         if fault is None or isinstance(fault, SystemExit):
             return
         if isinstance(fault, KeyboardInterrupt):

@@ -97,7 +97,6 @@ class LatestThread(QThread, Generic[Request]):
             )
 
     def run(self) -> None:
-        """Wait for requests and work on them."""
         while self._serve():
             pass
 

@@ -36,14 +36,13 @@ from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_events import FieldWheel, FocusKeys
-from meshmash_viewer.app.drop_areas import DropAreas
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.panels.label_table import given_to_label
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.scripted_window import ScriptedWindow
 from meshmash_viewer.app.settings import Settings
-from meshmash_viewer.app.stage import Stage
+from meshmash_viewer.app.stage import DropAreas, Stage
 from meshmash_viewer.app.status_bar import HoverLabel, StatusProgress
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.vertex_menu import close_menus

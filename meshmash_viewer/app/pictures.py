@@ -11,9 +11,8 @@ import numpy as np
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QDialog, QMainWindow
 
-from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.background_io import BackgroundIO, say_saved
 from meshmash_viewer.app.listening import later
-from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
@@ -65,7 +64,8 @@ class Pictures:
         options = None if before is None else before[2]
         dialog = FigureDialog(path, self._seen, self._window, options)
         if before is not None:
-            dialog.choose_ending(before[1].suffix)
+            combo = dialog.format_combo
+            combo.setCurrentIndex(combo.findData(before[1].suffix))
         ask(dialog, lambda: self._write_picture(dialog))
         for scene in self._scenes():
             scene.frames.stand_in_made.connect(dialog.look)

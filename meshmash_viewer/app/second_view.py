@@ -10,14 +10,13 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QToolButton, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.background_io import SHOW_IN_FOLDER, BackgroundIO
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
-from meshmash_viewer.app.saved import SHOW_IN_FOLDER
 from meshmash_viewer.app.stage import HeadLabel, render_head
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.vertex_menu import close_menus

@@ -32,16 +32,20 @@ Sink: TypeAlias = AbstractContextManager["Callable[[int, Picture, Caption | None
 
 
 @dataclass(eq=False)
-class _Run:
+class Run:
     """One series, of which one picture is in memory at a time."""
 
+    #: In no other window (`MeshRenderer.twin`).
     drawing: MeshRenderer
+    #: Of each picture, in pixels.
     size: tuple[int, int]
     shots: Sequence[Shot]
+    #: Colours, limits and lines, which must not be changed afterwards.
     display: Display
     sink: Sink
-    transparent: bool
-    picked: npt.NDArray[np.int64] | None
+    transparent: bool = False
+    #: See `compute_shot`.
+    picked: npt.NDArray[np.int64] | None = None
     stopped: bool = False
     #: Picture and caption that the thread waits for.
     answer: Future[tuple[Picture, Caption | None]] = field(default_factory=Future)
@@ -65,7 +69,7 @@ class SeriesPainter(QObject):
         super().__init__(parent)
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
-        self._runs: list[_Run] = []
+        self._runs: list[Run] = []
         queued = Qt.ConnectionType.QueuedConnection
         self._due.connect(self._draw, queued)
         self._took.connect(self._say_drawn, queued)
@@ -76,24 +80,8 @@ class SeriesPainter(QObject):
         """Whether a series is being drawn."""
         return bool(self._runs)
 
-    def start(
-        self,
-        drawing: MeshRenderer,
-        size: tuple[int, int],
-        shots: Sequence[Shot],
-        display: Display,
-        sink: Sink,
-        *,
-        transparent: bool = False,
-        picked: npt.NDArray[np.int64] | None = None,
-    ) -> None:
-        """Draw a series, after those requested before.
-
-        `drawing` must be in no other window (`MeshRenderer.twin`); `size` of each picture is in
-        pixels; `display` has colours, limits and lines, and must not be changed afterwards. For
-        `picked` see `compute_shot`.
-        """
-        run = _Run(drawing, size, shots, display, sink, transparent, picked)
+    def start(self, run: Run) -> None:
+        """Draw a series, after those requested before."""
         self._runs.append(run)
         self._pool.start(lambda: self._work(run))
 
@@ -116,7 +104,7 @@ class SeriesPainter(QObject):
             QCoreApplication.sendPostedEvents(self)
             time.sleep(0.002)
 
-    def _work(self, run: _Run) -> None:
+    def _work(self, run: Run) -> None:
         """Draw one series, in the thread."""
         from meshmash_viewer.app.view.series import compute_shot
 
@@ -142,7 +130,7 @@ class SeriesPainter(QObject):
     # -- in the interface thread --------------------------------------------------------------
 
     @Slot(object, object, object)
-    def _draw(self, run: _Run, shot: Shot, found: Field | None) -> None:
+    def _draw(self, run: Run, shot: Shot, found: Field | None) -> None:
         from meshmash_viewer.app.view.picture import OffScreen
         from meshmash_viewer.app.view.series import show_shot
 
@@ -157,12 +145,12 @@ class SeriesPainter(QObject):
             run.answer.set_exception(fault)
 
     @Slot(object, int, object)
-    def _say_drawn(self, run: _Run, at: int, made: object) -> None:
+    def _say_drawn(self, run: Run, at: int, made: object) -> None:
         if not run.stopped:
             self.drawn.emit(at, made)
 
     @Slot(object, object)
-    def _end(self, run: _Run, fault: Exception | None) -> None:
+    def _end(self, run: Run, fault: Exception | None) -> None:
         if run.stopped:
             return
         self._runs.remove(run)
@@ -173,7 +161,7 @@ class SeriesPainter(QObject):
             self.failed.emit(failure_of(fault, "Drawing pictures"))
 
 
-def _close(run: _Run) -> None:
+def _close(run: Run) -> None:
     if run.window is not None:
         run.window.close()
         run.window = None

@@ -239,11 +239,8 @@ def shape_writer(document: Document, path: Path) -> Callable[[], None]:
     """A function that saves the current reconstruction, without a vibration."""
     spectrum, shape = document.spectrum, document.display.shape
     assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  one is shown
-    mesh, operator, repairs = (
-        spectrum.mesh,
-        spectrum.operator or document.solve.operator,
-        document.repairs,
-    )
+    mesh, operator = spectrum.mesh, spectrum.operator or document.solve.operator
+    repairs = document.repairs
     count = shape.within(len(spectrum))
     proof = "" if spectrum.certificate.method == "none" else spectrum.proof(mesh.unit)
 

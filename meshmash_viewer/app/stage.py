@@ -1,12 +1,12 @@
-"""The middle of the window: the welcome page or the render, with the message bar above it."""
+"""The middle of the window: the welcome page or the render, a message bar, and areas to drop on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QPaintEvent, QResizeEvent
+from PySide6.QtCore import QPoint, QRect, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -33,13 +33,14 @@ _RECENT_SHOWN = 5
 _MARGIN, _SIDE_BY_SIDE = 32, 300
 #: Height of the line over each render of a comparison.
 _HEAD = 27
+#: Of the corners of areas to drop on.
+_RADIUS = 12
 
 
 class HeadLabel(QLabel):
     """A name and a state in one line, which end in dots, and are the tooltip, where it is short."""
 
     def paintEvent(self, _event: QPaintEvent) -> None:
-        """Write as much as there is room for."""
         end = Qt.TextElideMode.ElideRight
         written = self.fontMetrics().elidedText(self.text(), end, self.width())
         self.setToolTip(self.text() if written != self.text() else "")
@@ -61,8 +62,8 @@ def render_head(label: QLabel, *buttons: QWidget) -> QWidget:
 class Stage(QWidget):
     """Shows the welcome page or the render, with the message bar above."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setObjectName("stage")
         self.setMinimumSize(280, 240)
         # Without an OpenGL widget, the window would be recreated, and flicker, when the render is
@@ -198,7 +199,6 @@ class Welcome(QScrollArea):
         self._icon.setPixmap(icons.pixmap("mesh", theme.palette().accent, 44))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Fit the buttons and the paths to the width."""
         super().resizeEvent(event)
         self._fit()
 
@@ -210,3 +210,57 @@ class Welcome(QScrollArea):
         for button, text in self._links:
             elided = self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideMiddle, width - 16)
             button.setText(elided)
+
+
+class DropAreas(QWidget):
+    """One area, or two side by side, of which that under the pointer is highlighted."""
+
+    def __init__(self, window: QWidget) -> None:
+        super().__init__(window)
+        self._window = window
+        theme.named(self, "drop_areas")
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._texts: tuple[str, ...] = ()
+        self._middle, self._chosen = 0, 0
+        self.hide()
+
+    def show_texts(self, texts: tuple[str, ...], middle: int) -> None:
+        """Cover the window; `middle` is where the second area begins, in pixels."""
+        self._texts, self._middle = texts, middle
+        self.setAccessibleName(", ".join(texts))
+        self.setGeometry(self._window.rect())
+        self.show()
+        self.raise_()
+
+    def point_at(self, place: QPoint) -> int:
+        """Highlight the area under a position of the window, and return its number."""
+        self._chosen = int(len(self._texts) > 1 and place.x() > self._middle)
+        self.update()
+        return self._chosen
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter, colors = QPainter(self), theme.palette()
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        font = self.font()
+        font.setPointSizeF(1.3 * font.pointSizeF())
+        font.setBold(True)
+        painter.setFont(font)
+        room = self.rect().adjusted(theme.MARGIN, theme.MARGIN, -theme.MARGIN, -theme.MARGIN)
+        areas = [room]
+        if len(self._texts) > 1:
+            areas = [QRect(room), QRect(room)]
+            areas[0].setRight(self._middle - theme.GAP // 2)
+            areas[1].setLeft(self._middle + theme.GAP // 2)
+        for at, (area, text) in enumerate(zip(areas, self._texts, strict=True)):
+            chosen = at == self._chosen
+            ground = QColor(colors.selection if chosen else colors.surface)
+            ground.setAlphaF(0.92)
+            painter.setBrush(ground)
+            style = Qt.PenStyle.SolidLine if chosen else Qt.PenStyle.DashLine
+            painter.setPen(QPen(QColor(colors.accent if chosen else colors.muted), 2.0, style))
+            painter.drawRoundedRect(area, _RADIUS, _RADIUS)
+            painter.setPen(QColor(colors.text))
+            within = area.adjusted(theme.MARGIN, 0, -theme.MARGIN, 0)
+            flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWrapAnywhere
+            painter.drawText(within, flags, text)
+        painter.end()

@@ -257,10 +257,7 @@ def _read(path: Path, unit: str, channel: Channel) -> tuple[Mesh, str]:
     voxel, name = parse_unit(unit)
     scaled = voxel != NO_VOXEL
     numbers = read_mesh(
-        path,
-        "none" if scaled else unit or None,
-        progress=channel.report,
-        cancel=channel.cancelled,
+        path, "none" if scaled else unit or None, progress=channel.report, cancel=channel.cancelled
     )
     if not scaled:
         return numbers, numbers.content_hash
@@ -279,11 +276,7 @@ def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
 
 
 def _inspect(
-    mesh: Mesh,
-    operator: OperatorOptions,
-    channel: Channel,
-    *,
-    path: Path | None = None,
+    mesh: Mesh, operator: OperatorOptions, channel: Channel, *, path: Path | None = None
 ) -> MeshReady:
     """Measure a mesh, and look up its eigenpairs in the store, meanwhile.
 

@@ -49,11 +49,7 @@ from meshmash_viewer.vertex_map import VertexMap
 #: How the cameras are linked, with its label; "free" is the absence of the other two.
 CAMERAS = {"camera": "Linked", "mirror": "Mirrored", "free": "Free"}
 #: What else can be linked, with its label.
-LINKS = {
-    "kind": "Family",
-    "position": "Index, time, band",
-    "colors": "Colours and limits",
-}
+LINKS = {"kind": "Family", "position": "Index, time, band", "colors": "Colours and limits"}
 #: Features by which vertices are matched: those with many columns and no required parameter.
 MATCHED_IN: dict[str, type[BankFamily]] = {
     name: family
@@ -148,7 +144,7 @@ class Pair:
         self._keep_second()
         events = first.display.events
         self._connections = [
-            *((getattr(events, name), self._follow_display) for name in (
+            *((getattr(events, name), self._apply_display) for name in (
                 "fields", "kind", "policies", "log_scales", "diverging_colormap",
                 "sequential_colormap", "nodal_lines", "hide_small", "cut",
             )),
@@ -502,9 +498,6 @@ class Pair:
             self.second.solve.target = self.first.solve.target
         if not self.second.solve.is_computed:
             self.second.solve.compute()
-
-    def _follow_display(self) -> None:
-        self._apply_display()
 
     def _apply_display(self, *, everything: bool = False) -> None:
         """Apply what has changed of the display of the first to the second, as far as linked."""

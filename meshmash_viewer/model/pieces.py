@@ -22,12 +22,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MapGrew, Written
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.weyl import (
-    TOLERANCE,
-    Target,
-    Translation,
-    weyl_eigenvalue,
-)
+from meshmash_viewer.spectral.weyl import TOLERANCE, Target, Translation, weyl_eigenvalue
 from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.split.stitching import seam_sentence

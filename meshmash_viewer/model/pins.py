@@ -83,7 +83,8 @@ class Pins:
     def change(self, label: str, vertex: int, /, **attributes: Any) -> None:
         """Change attributes of the pin of a vertex as one change, if there is one."""
         if pin_at(self.placed, vertex) is not None:
-            self.set(label, changed_pins(self.placed, vertex, **attributes))
+            of = (replace(p, **attributes) if p.vertex == vertex else p for p in self.placed)
+            self.set(label, of)
 
     def toggle(self, vertex: int, number: int = 0) -> None:
         """Pin a vertex under a number, by default the lowest free one, or remove its pin.
@@ -134,11 +135,6 @@ def free_number(pins: Sequence[Pin], wanted: int = 0) -> int:
     if wanted >= 1 and wanted not in taken:
         return wanted
     return next(number for number in count(1) if number not in taken)
-
-
-def changed_pins(pins: Iterable[Pin], vertex: int, /, **attributes: Any) -> tuple[Pin, ...]:
-    """Return pins with other attributes of the one of a vertex."""
-    return tuple(replace(pin, **attributes) if pin.vertex == vertex else pin for pin in pins)
 
 
 def same_vertex(before: Mesh, now: Mesh, vertex: int) -> int | None:

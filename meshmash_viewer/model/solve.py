@@ -105,8 +105,7 @@ class Solve:
     def expected_seconds(self, target: Target) -> float:
         """Estimate the seconds that a decomposition of the open mesh takes."""
         pairs = self.translation().count(target)[0]
-        n_vertices = self.n_vertices
-        return decomposition_seconds(n_vertices, pairs, self.seconds_rate)
+        return decomposition_seconds(self.n_vertices, pairs, self.seconds_rate)
 
     def expected_of(self, job: Job) -> float | None:
         """Return the seconds that a job is expected to take; None if that is not estimated."""

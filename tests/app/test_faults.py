@@ -25,7 +25,7 @@ import meshmash_viewer
 from meshmash_viewer.app import run
 from meshmash_viewer.app.faults import FaultBoundary
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.series_painter import SeriesPainter
+from meshmash_viewer.app.series_painter import Run, SeriesPainter
 from meshmash_viewer.app.view import mesh_view
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.app.view.series import Shot
@@ -247,7 +247,7 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(
     painter.drawn.connect(lambda at, _: drawn.append(at))
     display = shown.document.display
     for drawing in (twin, shown.scene.renderer.twin()):
-        painter.start(drawing, (64, 48), [Shot()], display, nullcontext(lambda *_: None))
+        painter.start(Run(drawing, (64, 48), [Shot()], display, nullcontext(lambda *_: None)))
     qtbot.waitUntil(lambda: not painter.busy, timeout=PATIENCE)
     assert len(failures) == 1
     assert "ZeroDivisionError" in failures[0].text

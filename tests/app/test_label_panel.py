@@ -217,15 +217,15 @@ def test_a_label_is_hidden_and_shown(labelled: MainWindow, qtbot: QtBot) -> None
     np.testing.assert_array_equal(document.hiding.mask, UP)
     shown = table(labelled).model().index(0, SHOWN)
     assert shown.data(Qt.ItemDataRole.AccessibleTextRole).startswith("Hidden")
-    assert "borders" not in labelled.scene.renderer.marks, "no edge is between two shown faces"
+    assert "borders" not in labelled.scene.renderer.overlays, "no edge is between two shown faces"
     click(labelled, 0, SHOWN)
     rest(labelled, qtbot)
     assert document.hiding.mask is None
     assert shown.data(Qt.ItemDataRole.AccessibleTextRole).startswith("Shown")
-    assert "borders" in labelled.scene.renderer.marks
+    assert "borders" in labelled.scene.renderer.overlays
     document.set_unit("µm")
     rest(labelled, qtbot)
-    assert "borders" in labelled.scene.renderer.marks, "drawn anew with the mesh"
+    assert "borders" in labelled.scene.renderer.overlays, "drawn anew with the mesh"
     document.history.undo()
     document.history.undo()
     np.testing.assert_array_equal(document.hiding.mask, UP)

@@ -535,8 +535,9 @@ def test_a_stroke_on_the_second_says_that_the_first_is_selected_on(
 ) -> None:
     second = beside(window, folder / "copy.npz", monkeypatch)
     wait_for(lambda: second.scene.can_pick)
-    camera, at = second.scene.camera(), second.scene.rect().center()
     window.actions_["select"].trigger()
+    window.wait(60.0)  # the bar of the tool takes room, which the mesh is fitted to
+    camera, at = second.scene.camera(), second.scene.rect().center()
     QTest.mousePress(second.scene.plotter, LEFT, pos=at)
     QTest.mouseMove(second.scene.plotter, at + QPoint(40, 0))
     QTest.mouseRelease(second.scene.plotter, LEFT, pos=at + QPoint(40, 0))

@@ -15,10 +15,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app import keys
-from meshmash_viewer.app.actions import COMMANDS
+from meshmash_viewer.app import actions
+from meshmash_viewer.app.actions import COMMANDS, native_keys, native_text
 from meshmash_viewer.app.dialogs.help_dialog import HelpDialog
-from meshmash_viewer.app.keys import native_keys, native_text
 from meshmash_viewer.app.main_window import MainWindow
 
 PATIENCE = 60_000
@@ -34,7 +33,7 @@ def as_on_macos(sequence: QKeySequence) -> str:
 
 @pytest.fixture
 def macos(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(keys, "_native", as_on_macos)
+    monkeypatch.setattr(actions, "_native", as_on_macos)
 
 
 # Names of keys --------------------------------------------------------------------------------
@@ -56,7 +55,7 @@ def test_keys_in_texts_have_their_native_names(
     text: str, on_macos: str, monkeypatch: pytest.MonkeyPatch, qapp: QApplication
 ) -> None:
     assert native_text(text).replace("PgDown", "PgDn") == text
-    monkeypatch.setattr(keys, "_native", as_on_macos)
+    monkeypatch.setattr(actions, "_native", as_on_macos)
     assert native_text(text) == on_macos
 
 

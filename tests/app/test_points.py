@@ -276,7 +276,7 @@ def test_pictures_have_the_points_and_their_legend(
     color_by(opened, "type", qtbot)
     drawing = opened.scene.renderer.twin()
     panel = seen_of(drawing)
-    assert panel.legend is not None
+    assert panel.around.legend is not None
     figure = compose_figure([drawing], FigureOptions())
     texts = [each.get_text() for each in figure.texts]
     assert {"type", "excitatory", "inhibitory"} <= set(texts)

@@ -249,7 +249,7 @@ def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> 
     assert hand.tool.range == (-np.inf, np.inf)
     assert typed.text().startswith("–")
     hand.choose("brush")
-    assert scene.renderer.bar_range is None
+    assert scene.renderer.annotations.bar_range is None
 
 
 def test_the_connected_part_of_a_label(hand: Hand) -> None:

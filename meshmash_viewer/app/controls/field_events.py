@@ -130,7 +130,6 @@ class FieldWheel(QObject):
                     area.viewport().installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Keep the wheel from fields without the focus."""
         if event.type() == QEvent.Type.FocusIn:
             self._scrolled, self._turned = None, 0
         if not (isinstance(event, QWheelEvent) and isinstance(watched, QWidget)):

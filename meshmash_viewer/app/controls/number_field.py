@@ -139,17 +139,14 @@ class NumberField(QAbstractSpinBox):
     # -- what Qt asks of a spin box -----------------------------------------------------------
 
     def sizeHint(self) -> QSize:
-        """As wide as a line of text."""
         return QSize(140, super().sizeHint().height())
 
     def stepEnabled(self) -> QAbstractSpinBox.StepEnabledFlag:
-        """Both ways, where it has steps and a number to begin at."""
         flag = self.StepEnabledFlag
         can = self._step is not None and self._value is not None
         return flag.StepUpEnabled | flag.StepDownEnabled if can else flag.StepNone
 
     def stepBy(self, steps: int) -> None:
-        """Some steps on or back, within bounds."""
         if self._step is not None and self._value is not None:
             self._take(self._within(self._step(self._value, steps)))
             self._before = self._value
@@ -158,7 +155,6 @@ class NumberField(QAbstractSpinBox):
             self.selectAll()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the wheel to the panel where there are no steps."""
         if self._step is None:
             event.ignore()
         else:

@@ -69,7 +69,6 @@ class _Typed(_Spin):
         return QValidator.State.Acceptable, text, at
 
     def valueFromText(self, text: str) -> Any:
-        """The number that was typed."""
         return self._read(text)
 
     def fixup(self, text: str) -> str:
@@ -84,7 +83,6 @@ class _Typed(_Spin):
         return text
 
     def focusInEvent(self, event: QFocusEvent) -> None:
-        """Begin with what is there."""
         self._before = None
         super().focusInEvent(event)
 

@@ -26,9 +26,9 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.actions import COMMANDS, MOUSE_HELP, Actions
+from meshmash_viewer.app.actions import COMMANDS, MOUSE_HELP, Actions, native_keys, native_text
+from meshmash_viewer.app.controls.field_events import scroll_area
 from meshmash_viewer.app.controls.layout import column
-from meshmash_viewer.app.keys import native_keys, native_text
 
 #: Other words by which commands are looked for.
 SYNONYMS = {
@@ -276,10 +276,8 @@ def _go_to(control: QWidget, dock: QDockWidget) -> None:
 
 
 def _give_focus(control: QWidget) -> None:
-    area = control.parentWidget()
-    while area is not None and not isinstance(area, QScrollArea):
-        area = area.parentWidget()
-    if area is not None:
+    area = scroll_area(control)
+    if isinstance(area, QScrollArea):
         area.ensureWidgetVisible(control)
     control.setFocus(Qt.FocusReason.ShortcutFocusReason)
     if isinstance(control, QLineEdit):

@@ -252,11 +252,6 @@ class ExportDialog(SaveDialog):
     def _used(self) -> Eigenpairs:
         return self._spectrum.first(self.pairs_spin.value())
 
-    @property
-    def _n_rows(self) -> int:
-        mesh = self._mesh
-        return mesh.n_file_vertices if self.whole_check.isChecked() else mesh.n_vertices
-
     # -- building and refreshing ----------------------------------------------------------
 
     def _label(self, name: str, accessible: str, lines: int) -> QLabel:
@@ -348,7 +343,8 @@ class ExportDialog(SaveDialog):
                 self.table.selectRow(at)
 
     def _refresh(self) -> None:
-        n, unit = self._n_rows, self._mesh.unit
+        mesh, unit = self._mesh, self._mesh.unit
+        n = mesh.n_file_vertices if self.whole_check.isChecked() else mesh.n_vertices
         try:
             columns, about = self._columns()
         except InputError as fault:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -204,13 +205,8 @@ class FigureDialog(SheetDialog):
     @property
     def options(self) -> FigureOptions:
         """The current choices; InputError if they do not go together."""
-        return FigureOptions(
-            width_mm=float(self.width_spin.value()),
-            dpi=int(self.dpi_combo.currentData()),
-            font_points=float(self.font_spin.value()),
-            background=self.background_combo.currentData(),
-            **{name: check.isChecked() for name, check in self.checks.items()},
-        )
+        shown: dict[str, Any] = {name: check.isChecked() for name, check in self.checks.items()}
+        return replace(super().options, font_points=float(self.font_spin.value()), **shown)
 
     @property
     def panels(self) -> Sequence[Panel]:
@@ -223,17 +219,12 @@ class FigureDialog(SheetDialog):
             self._frames = self._seen()
             self._change()
 
-    def choose_ending(self, ending: str) -> None:
-        """Choose the format with an ending."""
-        self.format_combo.setCurrentIndex(self.format_combo.findData(ending))
-
     @property
     def idle(self) -> bool:
         """Whether the preview shows the present choices."""
         return not self._painter.working
 
     def done(self, result: int) -> None:
-        """Draw no more previews, and close."""
         self._painter.close()
         super().done(result)
 
@@ -248,7 +239,9 @@ class FigureDialog(SheetDialog):
 
     def _take(self, _request: _Preview, drawn: _Drawn | Exception) -> None:
         if isinstance(drawn, InputError):
-            self._show_fault(drawn)
+            self.preview.setText(str(drawn))
+            self.size_label.clear()
+            self.accept_button.setEnabled(False)
         elif isinstance(drawn, Exception):
             raise drawn
         else:
@@ -258,12 +251,6 @@ class FigureDialog(SheetDialog):
             mm = " × ".join(f"{round(side, 1):g}" for side in drawn.size)
             pixels = " × ".join(f"{round(side / MM * dpi):,}" for side in drawn.size)
             self.size_label.setText(f"{mm} mm, {pixels} pixels")
-
-    def _show_fault(self, fault: InputError) -> None:
-        """Say why there is no picture."""
-        self.preview.setText(str(fault))
-        self.size_label.clear()
-        self.accept_button.setEnabled(False)
 
 
 class _PreviewLabel(QLabel):
@@ -280,7 +267,6 @@ class _PreviewLabel(QLabel):
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
 
     def sizeHint(self) -> QSize:
-        """As large as it may be without the picture."""
         return QSize(400, 360)
 
     def show_pixels(self, pixels: npt.NDArray[np.uint8]) -> None:
@@ -299,7 +285,6 @@ class _PreviewLabel(QLabel):
         self.setPixmap(shown)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Request a preview of another size."""
         super().resizeEvent(event)
         self.resized.emit()
 

@@ -10,13 +10,7 @@ from typing import Any
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QIcon, QImage, QKeyEvent, QPixmap
-from PySide6.QtWidgets import (
-    QLabel,
-    QListView,
-    QListWidget,
-    QListWidgetItem,
-    QWidget,
-)
+from PySide6.QtWidgets import QLabel, QListView, QListWidget, QListWidgetItem, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
@@ -25,7 +19,7 @@ from meshmash_viewer.app.controls.field_events import FieldWheel
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.dialogs.series import SeriesDialog
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.series_painter import Picture
+from meshmash_viewer.app.series_painter import Picture, Run
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.contact_sheet import ContactSheet
 from meshmash_viewer.app.view.figure import FigureOptions
@@ -170,15 +164,8 @@ class GalleryDialog(SeriesDialog):
         ratio = self.devicePixelRatioF()
         pixels = round(size.width() * ratio), round(size.height() * ratio)
         drawing.view = series_view(drawing, pixels, self._pixels_on_screen)
-        self._draft_painter.start(
-            drawing,
-            pixels,
-            shots,
-            replace(display),
-            contextlib.nullcontext(_image),
-            transparent=True,
-            picked=picked,
-        )
+        sink = contextlib.nullcontext(_image)
+        self._draft_painter.start(Run(drawing, pixels, shots, replace(display), sink, True, picked))
         self._mark()
 
     def _show_draft(self, at: int, made: object) -> None:
@@ -250,7 +237,6 @@ class GalleryDialog(SeriesDialog):
         self.saved.emit(self._path)
 
     def done(self, result: int) -> None:
-        """Stop drawing, and close."""
         theme.notifier().changed.disconnect(self._draw_draft)
         super().done(result)
 
@@ -304,7 +290,6 @@ class _Thumbnails(QListWidget):
             item.setIcon(icon)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Return displays the current thumbnail."""
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.currentItem():
             self.itemActivated.emit(self.currentItem())
         else:

@@ -21,10 +21,9 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP
+from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP, native_keys, native_text
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
-from meshmash_viewer.app.keys import native_keys, native_text
 from meshmash_viewer.folders import page_file
 from meshmash_viewer.model.failure import versions
 

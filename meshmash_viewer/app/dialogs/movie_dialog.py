@@ -18,7 +18,7 @@ from meshmash_viewer.app.controls.spin import DecimalField, WholeField
 from meshmash_viewer.app.dialogs.files import FormatDialog
 from meshmash_viewer.app.dialogs.series import SeriesDialog
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.series_painter import Picture
+from meshmash_viewer.app.series_painter import Picture, Run
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
@@ -230,7 +230,8 @@ class MovieDialog(SeriesDialog, FormatDialog):
         first, display = shots[:_MEASURED], replace(self._document.display)
         sink = _estimate(self.ending, rate, len(first), len(shots))
         self._draft_painter.stop()
-        self._draft_painter.start(drawing, self.frame_size, first, display, sink, picked=picked)
+        run = Run(drawing, self.frame_size, first, display, sink, picked=picked)
+        self._draft_painter.start(run)
 
     def _show_draft(self, _at: int, made: object) -> None:
         if isinstance(made, int):

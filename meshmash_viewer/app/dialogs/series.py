@@ -17,7 +17,7 @@ from meshmash_viewer.app.controls.facts import keep_room, show_quietly
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.controls.spin import WholeField
 from meshmash_viewer.app.listening import stop_listening
-from meshmash_viewer.app.series_painter import SeriesPainter, Sink
+from meshmash_viewer.app.series_painter import Run, SeriesPainter, Sink
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.series import Shot, shots_of
@@ -137,7 +137,7 @@ class SeriesDialog(QDialog):
         self.remark_label.clear()
         self._show_saving(True)
         display = replace(self._document.display)
-        self._painter.start(drawing, size, shots, display, sink, transparent=transparent)
+        self._painter.start(Run(drawing, size, shots, display, sink, transparent))
 
     def _show_progress(self, at: int, _made: object) -> None:
         self.progress_bar.setValue(at + 1)
@@ -147,7 +147,6 @@ class SeriesDialog(QDialog):
         self.remark_label.setText(failure.text)
 
     def done(self, result: int) -> None:
-        """Stop drawing, and close."""
         stop_listening(self)
         self._delay.stop()
         for painter in (self._painter, self._draft_painter):

@@ -281,7 +281,6 @@ class HealthTable(QWidget):
         self._place_label.setText(text)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Wait for the thread."""
         super().closeEvent(event)
         if self._thread is not None:
             self._thread.close()

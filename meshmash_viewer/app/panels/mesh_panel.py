@@ -17,12 +17,12 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.actions import native_keys
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.compute_button import written_cost
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
-from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
@@ -89,19 +89,18 @@ class MeshPanel(QWidget):
         self.setLayout(column((scroll,), make.line(), self._build_foot(), spacing=0))
         self._content.installEventFilter(self)
 
-        follow(document.mesh_changed, self._refresh_facts)
-        follow(document.solve.changed, self._refresh_operator)
-        follow(document.history.changed, self._refresh_undo)
-        signals = document.mesh_changed, document.solve.changed, document.spectrum_changed
-        follow(signals, self._refresh_cost)
-        follow((*signals, document.work.changed), self._refresh_job)
-        follow((*signals, document.selection.changed, document.work.changed), self._refresh_part)
-        self._refresh_facts()
-        self._refresh_part()
-        self._refresh_operator()
-        self._refresh_undo()
-        self._refresh_cost()
-        self._refresh_job()
+        work, solve = document.work.changed, document.solve.changed
+        signals = document.mesh_changed, solve, document.spectrum_changed
+        for each, refresh in (
+            (document.mesh_changed, self._refresh_facts),
+            (solve, self._refresh_operator),
+            (document.history.changed, self._refresh_undo),
+            (signals, self._refresh_cost),
+            ((*signals, work), self._refresh_job),
+            ((*signals, document.selection.changed, work), self._refresh_part),
+        ):
+            follow(each, refresh)
+            refresh()
         self._fit()
 
     def _fit(self) -> None:
@@ -141,11 +140,9 @@ class MeshPanel(QWidget):
 
     def _refresh_undo(self) -> None:
         steps = self._document.undo_repair_steps
-        later = counted(steps - 1, "later change")
-        self.undo_button.setText(
-            f"Undo repair and {steps - 1} more" if steps > 1 else "Undo repair"
-        )
-        self.undo_button.setToolTip(f"Undo the last repair and {later}" if steps > 1 else "")
+        later, more = counted(steps - 1, "later change"), steps > 1
+        self.undo_button.setText("Undo repair" + (f" and {steps - 1} more" if more else ""))
+        self.undo_button.setToolTip(f"Undo the last repair and {later}" if more else "")
         self.undo_button.setVisible(steps > 0)
 
     def _refresh_facts(self) -> None:

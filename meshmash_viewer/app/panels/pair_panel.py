@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -102,13 +103,15 @@ class PairPanel(QWidget):
         self.saver = PlotSaver(self.plot, self._document, self._numbers, self._dress)
         self.legend = make.label("pair_legend", role="muted", wordWrap=True)
         self.feature_combo = make.combo(
-            "pair_feature_combo", "Feature in which vertices are matched", self._choose_feature,
+            "pair_feature_combo", "Feature in which vertices are matched",
+            self._call(lambda pair, name: setattr(pair, "matched_in", name)),
             {name: family.short for name, family in MATCHED_IN.items()},
         )  # fmt: skip
         self.refine_check = make.check(
             "Refined by ZoomOut", "pair_refine_check",
             "Match vertices by a functional map, refined with more and more eigenfunctions",
-            self._refine, tip="Pins that you set on both meshes are its landmarks",
+            self._call(lambda pair, on: setattr(pair, "refined", on)),
+            tip="Pins that you set on both meshes are its landmarks",
         )  # fmt: skip
         #: The functional map, where vertices are matched by one.
         self.matrix = MatrixView("pair_matrix_plot")
@@ -117,7 +120,7 @@ class PairPanel(QWidget):
         self.carry_check = make.check(
             "Colours of the first, by the match", "pair_carry_check",
             "Show the colours of the first mesh on the second, each vertex as its match",
-            self._carry,
+            self._call(Pair.carry),
         )  # fmt: skip
         self.save_button = make.button(
             "Export match…", "pair_save_button", "Save the match of all vertices", self._save
@@ -131,17 +134,23 @@ class PairPanel(QWidget):
             make.button(
                 f"To {name}", f"carry_to_{name}_button",
                 f"Carry maps and labels to the {name} mesh, with the score of each vertex",
-                partial(self._carry_maps, name),
+                self._call(lambda pair, *_, name=name: carry_maps(pair, to_first=name == "first")),
             )
             for name in ("second", "first")
         ]  # fmt: skip
         self.links = {
-            name: make.check(text, f"pair_link_{name}", f"Link: {text}", partial(self._link, name))
+            name: make.check(
+                text,
+                f"pair_link_{name}",
+                f"Link: {text}",
+                self._call(lambda pair, on, name=name: pair.link(name, on)),
+            )
             for name, text in LINKS.items()
         }
         self.undo_button = make.button(
             "Undo repair", "second_undo_repair_button",
-            "Undo the last repair of the second mesh", self._undo, role="link",
+            "Undo the last repair of the second mesh",
+            self._call(lambda pair, *_: pair.second.undo_repair()), role="link",
         )  # fmt: skip
         keep_room(self.undo_button)
         self.map_button = make.button(
@@ -158,7 +167,7 @@ class PairPanel(QWidget):
         self._unit_combo: UnitCombo | None = None
         self._second = QVBoxLayout()
         self.cameras = make.Segments("pair_link", "Cameras of both meshes", CAMERAS)
-        self.cameras.chosen.connect(self._link_cameras)
+        self.cameras.chosen.connect(self._call(Pair.link_cameras))
         self.content = QWidget()
         self.content.setLayout(
             column(
@@ -202,25 +211,14 @@ class PairPanel(QWidget):
 
     # -- from the person ----------------------------------------------------------------------
 
-    def _carry(self, on: bool) -> None:
-        if self._pair is not None:
-            self._pair.carry(on)
+    def _call(self, act: Callable[..., object]) -> Callable[..., None]:
+        """A slot that calls a function with the pair, if there is one, and what is emitted."""
 
-    def _carry_maps(self, name: str, _checked: bool = False) -> None:
-        if self._pair is not None:
-            carry_maps(self._pair, to_first=name == "first")
+        def slot(*given: Any) -> None:
+            if self._pair is not None:
+                act(self._pair, *given)
 
-    def _link(self, name: str, on: bool) -> None:
-        if self._pair is not None:
-            self._pair.link(name, on)
-
-    def _link_cameras(self, how: str) -> None:
-        if self._pair is not None:
-            self._pair.link_cameras(how)
-
-    def _undo(self) -> None:
-        if self._pair is not None:
-            self._pair.second.undo_repair()
+        return slot
 
     def _keep_largest(self) -> None:
         """Keep the largest component of each mesh, and compute anew."""
@@ -229,14 +227,6 @@ class PairPanel(QWidget):
                 if document.ready is not None and document.ready.health.n_components > 1:
                     first = document is self._pair.first
                     document.repair("keep_largest_component", then_compute=first)
-
-    def _choose_feature(self, name: str) -> None:
-        if self._pair is not None:
-            self._pair.matched_in = name
-
-    def _refine(self, on: bool) -> None:
-        if self._pair is not None:
-            self._pair.refined = on
 
     def _save(self) -> None:
         path = ask_to_save(self, self._document, "match", "match.npz", "Tables", WRITERS)

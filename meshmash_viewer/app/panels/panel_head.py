@@ -50,7 +50,6 @@ class PanelHead(QWidget):
             room = room - wanted if fits or not label.text() else 0
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Make the most of the room there is."""
         super().resizeEvent(event)
         self.fit()
 

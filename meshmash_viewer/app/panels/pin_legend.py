@@ -87,7 +87,6 @@ class PinLegend(QScrollArea):
             theme.change_role(row, "pointed" if pin.vertex == vertex else "")
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Emit the pin under the pointer, and clicks on it."""
         if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
             entered = event.type() == QEvent.Type.Enter
             for (pin, _), row in self._rows.items():

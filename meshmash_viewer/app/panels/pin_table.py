@@ -172,19 +172,16 @@ class PinTable(QTableView):
             self.edit(self._rows.index(row, NAME))
 
     def leaveEvent(self, event: Any) -> None:
-        """Note that the pointer is outside."""
         super().leaveEvent(event)
         self.pointed.emit(-1)
 
     def keyPressEvent(self, event: Any) -> None:
-        """Edit the name by the edit key in any column."""
         if event.key() == Qt.Key.Key_F2:
             self.edit_name(self.chosen)
         else:
             super().keyPressEvent(event)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
-        """Request the menu of the pin at the pointer."""
         at = self.viewport().mapFromGlobal(event.globalPos())
         self.menu_requested.emit(self._vertex_of(self.indexAt(at)), event.globalPos())
 

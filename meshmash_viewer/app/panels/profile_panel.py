@@ -98,10 +98,7 @@ class ProfilePanel(PlotPanel):
 
     def _build(self) -> None:
         self.view_choice = make.combo(
-            "profile_view",
-            "What the profiles show",
-            self._show_view,
-            _VIEWS,
+            "profile_view", "What the profiles show", self._show_view, _VIEWS
         )
         tip = "They miss more than 1 % for want of eigenpairs"
         self.missing_label = make.label("profile_missing_label", role="muted", tip=tip)
@@ -131,7 +128,6 @@ class ProfilePanel(PlotPanel):
             each.menu_requested.connect(self.menu_requested)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave the plot most of a narrow panel."""
         super().resizeEvent(event)
         self.legend.set_short(self.width() < _NARROW)
 

@@ -68,7 +68,7 @@ class SpectrumPanel(PlotPanel):
     # -- from the person --------------------------------------------------------------------
 
     def _set_log(self, on: bool) -> None:
-        self._log[self._scale_key()] = on
+        self._log[self.view.family.name] = on
         self._refresh_spectrum()
         self.plot.show_all()
 
@@ -83,9 +83,6 @@ class SpectrumPanel(PlotPanel):
             self._read(None)
 
     # -- from the model ---------------------------------------------------------------------
-
-    def _scale_key(self) -> str:
-        return self.view.family.name
 
     def _follow_kind(self) -> None:
         family = self._document.display.response_family
@@ -119,20 +116,21 @@ class SpectrumPanel(PlotPanel):
     def _refresh_spectrum(self) -> None:
         self._show_what_is_there()
         bottom, left = self.view.labels()
-        log = self._log[self._scale_key()]
+        log = self._log[self.view.family.name]
         show_quietly(self.log_check, log)
         self.view.log = log
         responses = self._shown == "responses"
         self.plot.set_log(log and responses, log and not responses)
         self.plot.set_labels(bottom, left)
         self.plot.set_whole(not responses)
-        self.plot.set_decades(self.view.family.response_decades if responses else 0)
+        decades = self.view.family.response_decades if responses else 0
+        self.plot.getAxis("left").decades = decades
         self.view.refresh_spectrum()
-        self._drawn_scale = self._scale_key()
+        self._drawn_scale = self.view.family.name
         self._describe()
 
     def _refresh_current(self) -> None:
-        if self._scale_key() != self._drawn_scale:
+        if self.view.family.name != self._drawn_scale:
             self._refresh_spectrum()
             self.plot.show_all()
         else:

@@ -46,7 +46,6 @@ class UnitCombo(QComboBox):
         self.refresh()
 
     def focusInEvent(self, event: QFocusEvent) -> None:
-        """Note whether a click gives the focus."""
         self._clicked_in = event.reason() == Qt.FocusReason.MouseFocusReason
         super().focusInEvent(event)
 

@@ -55,7 +55,6 @@ class EigenvalueView:
         self.dress()
 
     def dress(self) -> None:
-        """Apply the colours of the theme."""
         colors = theme.palette()
         self.expected.setPen(None)
         self.weyl.setPen(dashed(colors.reference, 1.5))

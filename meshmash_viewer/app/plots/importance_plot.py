@@ -95,7 +95,6 @@ class ImportancePlot(Plot):
         return f"{said} ({format_number(learned.importance[at], 2)})".replace(" ", "&nbsp;")
 
     def dress(self) -> None:
-        """Apply the colours of the theme."""
         super().dress()
         for kind, curve in self._curves.items():
             shade = _color(kind)

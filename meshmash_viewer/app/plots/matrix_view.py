@@ -37,7 +37,6 @@ class MatrixView(Plot):
         self.show_all()
 
     def dress(self) -> None:
-        """Apply the colours of the theme."""
         super().dress()
         palette = theme.palette()
         colors = palette.series[0], palette.surface, palette.series[1]

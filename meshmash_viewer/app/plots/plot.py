@@ -22,9 +22,10 @@ from PySide6.QtGui import (
     QResizeEvent,
     QWheelEvent,
 )
-from PySide6.QtWidgets import QScrollArea, QToolButton
+from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.field_events import scroll_area
 from meshmash_viewer.app.controls.scale_marks import power_text
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.units import engineering, minus, named_quantity, superscript
@@ -125,7 +126,6 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         self.decades = 0
 
     def resizeEvent(self, event: Any = None) -> None:
-        """Put the label of the left axis over it, upright."""
         super().resizeEvent(event)
         if self.orientation == "left" and self.label is not None:
             self.label.setRotation(0.0)
@@ -151,12 +151,10 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         self._updateLabel()
 
     def labelString(self) -> str:
-        """Name and unit in the style of the axis, as rich text."""
         style = ";".join(f"{name}: {value}" for name, value in self.labelStyle.items())
         return f"<span style='{style}'>{named_quantity(self.labelText, self.labelUnits)}</span>"
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
-        """Labels of ticks, None for a tick without."""
         if self.decades and not self.logMode:
             powers = [self.decades * (value - 1.0) for value in values]
             return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else None for p in powers]
@@ -228,10 +226,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         """Zoom, or leave the wheel to a panel that scrolls unless the plot has the focus."""
-        panel = self.parentWidget()
-        while panel is not None and not isinstance(panel, QScrollArea):
-            panel = panel.parentWidget()
-        if panel is None or self.hasFocus():
+        if scroll_area(self) is None or self.hasFocus():
             super().wheelEvent(event)
         else:
             event.ignore()
@@ -266,12 +261,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         """Set whether the ticks of the bottom axis are integers."""
         self.getAxis("bottom").whole = whole
 
-    def set_decades(self, decades: int) -> None:
-        """Set the number of powers of ten from 0 to 1 on the left axis; 0 for a linear axis."""
-        self.getAxis("left").decades = decades
-
     def dress(self) -> None:
-        """Apply the colours of the theme."""
         self.setBackground(theme.palette().surface)
         self._dress_axes()
 
@@ -317,13 +307,11 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         return QPointF(self.mapFromScene(self.plotItem.vb.mapViewToScene(QPointF(x, y))))
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
-        """Keep the button in the lower left corner."""
         super().resizeEvent(event)
         if event is not None:  # None when pyqtgraph calls it, before there is a button
             self.fit_button.move(0, self.height() - self.fit_button.sizeHint().height())
 
     def leaveEvent(self, event: object) -> None:
-        """Emit NaN, since the pointer has left."""
         self.hovered.emit(math.nan, math.nan)
         super().leaveEvent(event)
 

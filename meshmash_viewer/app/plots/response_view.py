@@ -66,7 +66,6 @@ class ResponseView:
         self.dress()
 
     def dress(self) -> None:
-        """Apply the colours of the theme."""
         colors = theme.palette()
         self.rug.setPen(solid(colors.reference, 1.0, 0.8))
         for item, name in zip(self.series, colors.series[:1] + colors.series[2:], strict=False):

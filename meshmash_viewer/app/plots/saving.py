@@ -23,9 +23,9 @@ from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsItem, QMenu
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background_io import say_saved
 from meshmash_viewer.app.dialogs.files import FormatDialog
 from meshmash_viewer.app.plots.plot import Plot, Series, scaled_pens
-from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.links import folder_of

@@ -8,16 +8,11 @@ from functools import partial
 from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.actions import native_text
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import (
-    Facts,
-    note,
-    show_note,
-    show_quietly,
-)
+from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.step_slider import StepSlider
-from meshmash_viewer.app.keys import native_text
 from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, format_eigenvalue
@@ -108,7 +103,6 @@ class EigenfunctionTab(FamilyTab):
         self.angle_label.setText(f"{degrees}°")
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         spectrum, display = self._document.spectrum, self._document.display
         last = max(0 if spectrum is None else len(spectrum) - 1, 0)
         chosen = display[Eigenfunctions]

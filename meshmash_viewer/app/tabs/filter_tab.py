@@ -131,7 +131,6 @@ class FilterTab(FamilyTab):
         self.fault.setText(complaint or _HINT)
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         chosen, spectrum = self._chosen, self._document.scaled_spectrum
         named = next((name for name, text in READY.items() if text == chosen.text), _OWN)
         self.combo.setCurrentText(named)

@@ -317,7 +317,6 @@ class FamilyForm(FamilyTab):
         self._change(**clipped, **{self.family.counted: count})
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         chosen, spectrum = self._document.display[self.family], self._document.scaled_spectrum
         count, (one, _) = getattr(chosen, self.family.counted), self.family.nouns
         index = min(getattr(chosen, self.position), count - 1) if self.stepped else 0

@@ -9,12 +9,12 @@ from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background_io import say_saved
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.dialogs.files import ask_for_maps
 from meshmash_viewer.app.listening import later
-from meshmash_viewer.app.saved import say_saved
 from meshmash_viewer.app.tabs.filter_parameters import FilterParameters
 from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.errors import InputError
@@ -42,10 +42,7 @@ _FACTS = {
     "map_mean_label": "Mean by area",
     "map_count_label": "Vertices",
 }
-_SHARES = {
-    "map_residual_label": "Residual",
-    "map_share_label": "Energy in them",
-}
+_SHARES = {"map_residual_label": "Residual", "map_share_label": "Energy in them"}
 #: Lines of the list of maps that are in view, and of the labels.
 _LINES, _LABEL_LINES = 6, 8
 
@@ -193,7 +190,6 @@ class MapTab(FamilyTab):
             later(self.refresh)
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         spectrum = self._document.known
         if spectrum is None:
             return

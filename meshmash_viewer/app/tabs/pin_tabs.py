@@ -137,7 +137,6 @@ class DistanceTab(PinChooser):
         )
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         chosen = self._document.display[Distances]
         self.title.setText(f"Distance from {self._show_pin(chosen.vertex)}")
         self.measure_combo.setCurrentIndex(self.measure_combo.findData(chosen.measure))
@@ -207,7 +206,6 @@ class SimilarityTab(PinChooser):
         )
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         display = self._document.display
         chosen = display[Similarity]
         self.title.setText(f"Similar to {self._show_pin(chosen.vertex)}")

@@ -29,13 +29,7 @@ from meshmash_viewer.app.view.colors import (
     rgb,
 )
 from meshmash_viewer.app.view.points import PointLegend
-from meshmash_viewer.app.view.text import (
-    bar_labels,
-    fitted,
-    scale_bar_text,
-    set_style,
-    text_size,
-)
+from meshmash_viewer.app.view.text import bar_labels, fitted, scale_bar_text, set_style, text_size
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.units import round_length
@@ -57,7 +51,7 @@ _FORMULA, _FORMULA_FROM = 18, 360
 #: Distance of the origin of the axes from the corner, and length of an axis.
 _ORIGIN, _AXIS = 46, 26
 #: Colours of the x, y and z axis, which differ in brightness too.
-_AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
+AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 #: Rim of a pin, and background of its number.
 _DARK = "#14181d"
 #: Width in points at which the name of a pin is truncated.
@@ -215,11 +209,9 @@ class Annotations:
         self._unit, self._pins, self._legend = unit, pins, legend
 
     def Initialize(self, _item: vtkPythonItem) -> bool:
-        """Prepare nothing."""
         return True
 
     def Paint(self, _item: vtkPythonItem, context: vtkContext2D) -> bool:
-        """Paint a frame."""
         if self._view is not None:
             painter = _Painter(context, self._page)
             if self._caption is not None:
@@ -330,7 +322,7 @@ class _Painter:
             return
         for axis in np.argsort(view.axes[2]):
             x, y = view.axes[:2, axis]
-            self._arrow(_AXIS_COLORS[axis], _ORIGIN, _ORIGIN, _AXIS * x, _AXIS * y)
+            self._arrow(AXIS_COLORS[axis], _ORIGIN, _ORIGIN, _AXIS * x, _AXIS * y)
             if np.hypot(x, y) > 0.25:  # otherwise the label would cover the others
                 x, y = _ORIGIN + 1.3 * _AXIS * x, _ORIGIN + 1.3 * _AXIS * y
                 ink = self._theme.ink

@@ -87,6 +87,25 @@ class FigureOptions:
 
 
 @dataclass(frozen=True, eq=False)
+class Around:
+    """What is drawn around a mesh."""
+
+    caption: Caption | None
+    pins: Sequence[Pin]
+    unit: str
+    #: Of the render.
+    theme: RenderTheme
+    #: Of the points over the mesh.
+    legend: PointLegend | None
+
+    @property
+    def bar(self) -> Caption | None:
+        """The caption, if there is a colour bar: colours of labels have none."""
+        caption = self.caption
+        return caption if caption is not None and isinstance(caption.colormap, str) else None
+
+
+@dataclass(frozen=True, eq=False)
 class Panel:
     """What a figure shows of one mesh."""
 
@@ -96,19 +115,7 @@ class Panel:
     image: npt.NDArray[np.uint8]
     #: Height over width.
     shape: float
-    caption: Caption | None
-    pins: Sequence[Pin]
-    unit: str
-    #: Of the render.
-    theme: RenderTheme
-    #: Of the points over the mesh.
-    legend: PointLegend | None = None
-
-    @property
-    def bar(self) -> Caption | None:
-        """The caption, if there is a colour bar: colours of labels have none."""
-        caption = self.caption
-        return caption if caption is not None and isinstance(caption.colormap, str) else None
+    around: Around
 
     def in_box(self, box: Box) -> View:
         """The view for a picture of a box, where `half_size` is of the smaller side."""
@@ -118,18 +125,12 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame of a mesh alone, and what is drawn around it."""
+    """A frame of a mesh alone."""
 
     #: Shape (height, width, 4), with premultiplied alpha, see `OffScreen.draw`.
     pixels: npt.NDArray[np.uint8]
     view: View
-    caption: Caption | None
-    pins: Sequence[Pin]
-    unit: str
-    #: Of the render.
-    theme: RenderTheme
-    #: Of the points over the mesh.
-    legend: PointLegend | None = None
+    around: Around
 
 
 def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
@@ -137,8 +138,8 @@ def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
     assert drawing.view is not None
     assert drawing.mesh is not None
     caption, pins = drawing.shown_caption, drawing.placed_pins()
-    legend = None if drawing.points is None else drawing.points.legend
-    return Frame(pixels, drawing.view, caption, pins, drawing.mesh.unit, drawing.theme, legend)
+    around = Around(caption, pins, drawing.mesh.unit, drawing.theme, drawing.legend)
+    return Frame(pixels, drawing.view, around)
 
 
 @dataclass(frozen=True)
@@ -186,11 +187,7 @@ def panel_of(frame: Frame) -> Panel:
         replace(view, focus=view.from_pixels(*middle, wide, high), half_size=half),
         picture[top:foot, left:right],
         float((foot - top) / (right - left)),
-        frame.caption,
-        frame.pins,
-        frame.unit,
-        frame.theme,
-        frame.legend,
+        frame.around,
     )
 
 
@@ -228,7 +225,7 @@ def compose(panels: Sequence[Panel], options: FigureOptions) -> Figure:
     high = places[0].part.height
     figure = Figure(figsize=(options.width_mm / MM, high / MM), dpi=options.dpi)
     themed = options.background == "window"
-    theme, font = panels[0].theme, options.font_points / POINTS * MM
+    theme, font = panels[0].around.theme, options.font_points / POINTS * MM
     ink, ground = (theme.ink, theme.background_top) if themed else (LIGHT.ink, "#ffffff")
     page = Page(figure, options.width_mm, high, font, ink, ground)
     if themed:
@@ -271,13 +268,14 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     """
     font = options.font_points / POINTS * MM
     across, edge = options.width_mm / len(panels), 0.4 * font
-    barred = [panel.bar for panel in panels if panel.bar is not None and options.color_bar]
-    legends = [panel.legend for panel in panels if panel.legend is not None and options.color_bar]
+    around = [panel.around for panel in panels]
+    barred = [each.bar for each in around if each.bar is not None and options.color_bar]
+    legends = [each.legend for each in around if each.legend is not None and options.color_bar]
     aside = font * max((*map(bar_width, barred), *map(legend_width, legends)), default=0.0)
     wide = across - 2.0 * edge - aside
     if wide < 5.0:
         raise InputError("The text leaves no room for the mesh: choose a wider figure.")
-    lines = [_lines(panel.caption, font, across - 2.0 * edge, options) for panel in panels]
+    lines = [_lines(each.caption, font, across - 2.0 * edge, options) for each in around]
     above = 0.5 * font + max(sum(line.space for line in each) for each in lines)
     foot = font * (4.2 if options.axes else 2.6 if options.scale_bar else 0.5)
     widths = [2.0 * panel.view.half_size for panel in panels]
@@ -308,19 +306,19 @@ def _lines(
 
 def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions) -> None:
     """Draw a panel, with its annotations."""
-    image, part, font = place.image, place.part, page.font
+    image, part, font, around = place.image, place.part, page.font, panel.around
     view, right = panel.in_box(image), part.left + part.width
     # a preview has other pixels than the page
     page.axes(image).imshow(panel.image, aspect="auto", interpolation="antialiased")
     page.lines(place.lines, part.left, place.top)
-    room, legend = place.room, panel.legend if options.color_bar else None
+    room, legend = place.room, around.legend if options.color_bar else None
     if legend is not None:
         low = page.legend(legend, right - font * legend_width(legend), room.below)
         room = Box(room.left, low, room.width, max(room.below + room.height - low, 8.0 * font))
-    if options.color_bar and panel.bar is not None:
-        page.bar(panel.bar, right - font * bar_width(panel.bar), room)
+    if options.color_bar and around.bar is not None:
+        page.bar(around.bar, right - font * bar_width(around.bar), room)
     if options.pins:
-        page.pins(panel.pins, view, image)
+        page.pins(around.pins, view, image)
     if options.axes:
         page.directions(view.axes, (part.left, 0.4 * font))
     if options.scale_bar:
@@ -328,7 +326,7 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
         length = round_length(0.25 * part.width * millimetre)
         long, up = length / millimetre, 0.8 * font
         page.line([(right - long, up), (right, up)], page.ink, 0.2)
-        text = scale_bar_text(length, panel.unit)
+        text = scale_bar_text(length, around.unit)
         # a text longer than the bar ends where the page does
         middle = min(right - 0.5 * long, right - 0.5 * font * text_width(text))
         page.text(middle, up + 0.9 * font, text, ha="center")

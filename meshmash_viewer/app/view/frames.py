@@ -86,11 +86,6 @@ class Frames(QObject):
         """Whether the full mesh is drawn, and no stand-in is being made."""
         return not self.rest.isActive() and not self._coarsening.working
 
-    @property
-    def shows_stand_in(self) -> bool:
-        """Whether the last frame showed the stand-in rather than the full mesh."""
-        return self._drawing.shows_coarse
-
     def small_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None] | None:
         """A copy of the drawing for thumbnails; of a large mesh a coarse one without its field.
 
@@ -111,7 +106,7 @@ class Frames(QObject):
         if self.slow and self._large and drawing.coarse is None:
             self._request_stand_in()
             return None
-        before, faults = drawing.shows_coarse, drawing.marks.get("faults")
+        before, faults = drawing.shows_coarse, drawing.overlays.get("faults")
         drawing.show_coarse(self.slow)
         drawing.annotated = False
         drawing.leave_background()

@@ -124,7 +124,7 @@ class CutHandle:
 
 
 class BarHandles:
-    """Moves the ends of `MeshRenderer.bar_range`, shares of the colour bar."""
+    """Moves the ends of `Annotations.bar_range`, shares of the colour bar."""
 
     def __init__(self, drawing: MeshRenderer) -> None:
         self._drawing = drawing
@@ -137,7 +137,7 @@ class BarHandles:
         """Take hold of the nearer handle, and move it to a position in pixels at the bar."""
         page, caption = self._drawing.page, self._drawing.caption
         place = None if caption is None else bar_place(caption, page)
-        ends = self._drawing.bar_range
+        ends = self._drawing.annotations.bar_range
         if place is None or ends is None:
             return False
         across, share = x / page.scale - place.left, (y / page.scale - place.below) / place.tall
@@ -151,7 +151,11 @@ class BarHandles:
 
     def drag(self, _x: float, y: float) -> None:
         """Move the handle, as far as the other one."""
-        page, caption, ends = self._drawing.page, self._drawing.caption, self._drawing.bar_range
+        page, caption, ends = (
+            self._drawing.page,
+            self._drawing.caption,
+            self._drawing.annotations.bar_range,
+        )
         place = None if caption is None else bar_place(caption, page)
         if place is None or ends is None:
             return

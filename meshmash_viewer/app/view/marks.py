@@ -1,8 +1,8 @@
-"""Marked points, edges and faces over the surface."""
+"""What is drawn over the surface, at its vertices: marked points, edges and faces."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +10,13 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPlane, vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkPolyDataMapper
+from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkMapper, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.colors import rgb
 from meshmash_viewer.arrays import IntArray
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.points import PointLegend
 
 #: Widths in points of points, of the corners of edges and faces, which are seen where these are
 #: smaller than a pixel, and of nodes of a graph.
@@ -41,7 +44,38 @@ BORDERS = (Layer(-8.0, 0.4, "#ffffff", 3.6), Layer(-12.0, 1.0, "#14181d", 1.8))
 GRAPH = (Layer(-1e6, 1.0, "#ffffff", 2.4), Layer(-1e6, 1.0, "#14181d", 1.2))
 
 
-class Marks:
+class Overlay:
+    """What is drawn over the surface, by an `actor`, in a window of its own for each copy."""
+
+    actor: Any
+    _mappers: list[vtkMapper]
+    #: What its colours mean.
+    legend: PointLegend | None = None
+
+    def move(self, drawn: npt.NDArray[np.float32]) -> None:
+        """Follow the displayed vertices, shape (n, 3)."""
+        raise NotImplementedError
+
+    def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+        """Follow which vertices are hidden, as far as that concerns it."""
+
+    def cut(self, plane: vtkPlane | None) -> None:
+        """Leave out what is on the negative side of a plane; None to draw all."""
+        for mapper in self._mappers:
+            mapper.RemoveAllClippingPlanes()
+            if plane is not None:
+                mapper.AddClippingPlane(plane)
+
+    def set_scale(self, scale: float) -> None:
+        """Set the number of pixels per point."""
+        raise NotImplementedError
+
+    def copy(self) -> Overlay:
+        """The same for another window."""
+        raise NotImplementedError
+
+
+class Marks(Overlay):
     """Draws points, edges or faces, given by their vertices: shape (k, 1), (k, 2) or (k, 3).
 
     Of a face the sides are drawn, too, so that one without area is visible; of faults and graphs
@@ -50,13 +84,12 @@ class Marks:
 
     def __init__(self, parts: IntArray, layers: tuple[Layer, ...] = FAULTS) -> None:
         self.parts, self._layers = parts, layers
-        #: Vertices whose positions `move` takes.
-        self.vertices, numbers = np.unique(parts, return_inverse=True)
+        self._vertices, numbers = np.unique(parts, return_inverse=True)
         numbers = numbers.reshape(parts.shape)
         self._data = vtkPolyData()
         self._data.SetPoints(vtkPoints())
         if layers is not BORDERS:
-            self._data.SetVerts(_cells(np.arange(len(self.vertices))[:, np.newaxis]))
+            self._data.SetVerts(_cells(np.arange(len(self._vertices))[:, np.newaxis]))
         if parts.shape[1] == 2:
             self._data.SetLines(_cells(numbers))
         elif parts.shape[1] == 3:
@@ -73,23 +106,13 @@ class Marks:
             self.actor.AddPart(each)
 
     def copy(self) -> Marks:
-        """The same marks for another window."""
         return Marks(self.parts, self._layers)
 
-    def move(self, points: npt.NDArray[np.float32]) -> None:
-        """Draw `vertices` at positions of shape (len(vertices), 3)."""
-        self._data.GetPoints().SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
+    def move(self, drawn: npt.NDArray[np.float32]) -> None:
+        self._data.GetPoints().SetData(numpy_to_vtk(drawn[self._vertices], deep=True))
         self._data.Modified()
 
-    def cut(self, plane: vtkPlane | None) -> None:
-        """Leave out what is on the negative side of a plane; None to draw all."""
-        for mapper in self._mappers:
-            mapper.RemoveAllClippingPlanes()
-            if plane is not None:
-                mapper.AddClippingPlane(plane)
-
     def set_scale(self, scale: float) -> None:
-        """Set the number of pixels per point."""
         for look, layer in zip(self._looks, self._layers, strict=True):
             look.SetLineWidth(layer.width * scale)
             look.SetPointSize(self._point * scale)

@@ -10,20 +10,14 @@ import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.vtkCommonDataModel import vtkPlane
-from vtkmodules.vtkRenderingCore import (
-    vtkActor,
-    vtkCamera,
-    vtkLight,
-    vtkProp,
-    vtkRenderer,
-)
+from vtkmodules.vtkRenderingCore import vtkActor, vtkCamera, vtkLight, vtkProp, vtkRenderer
 
 from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
 from meshmash_viewer.app.view.camera import View, fitted_view
 from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
-from meshmash_viewer.app.view.marks import Marks
-from meshmash_viewer.app.view.points import PointCloud
+from meshmash_viewer.app.view.marks import Overlay
+from meshmash_viewer.app.view.points import PointCloud, PointLegend
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
@@ -57,8 +51,8 @@ class MeshRenderer:
             self.renderer.AddLight(light)
         self.renderer.GetActiveCamera().ParallelProjectionOn()
         self.annotations = Annotations()
-        self._overlay = self.annotations.new_actor()
-        self.renderer.AddViewProp(self._overlay)
+        self._annotated = self.annotations.new_actor()
+        self.renderer.AddViewProp(self._annotated)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
@@ -92,10 +86,8 @@ class MeshRenderer:
         #: The points of `drawn` that it has.
         self._coarse_points: npt.NDArray[np.float32] | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
-        #: Marks by what they are of.
-        self.marks: dict[str, Marks] = {}
-        #: Points of a table.
-        self.points: PointCloud | None = None
+        #: What is drawn over the surface, by what it is of: faults, borders, graph, points.
+        self.overlays: dict[str, Overlay] = {}
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
@@ -126,9 +118,8 @@ class MeshRenderer:
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
         """Draw a mesh with normals of shape (n, 3), or none, without field and pins."""
-        for of in tuple(self.marks):
-            self.set_marks(None, of)
-        self.set_points(None)
+        for of in tuple(self.overlays):
+            self.set_overlay(None, of)
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
@@ -150,8 +141,8 @@ class MeshRenderer:
             return
         self.hidden = hidden
         self.surface.hide(hidden)
-        if self.points is not None:
-            self.points.hide(hidden)
+        for overlay in self.overlays.values():
+            overlay.hide(hidden)
         geometry = geometry_of(self.mesh)
         self.sample = geometry.sample  # stays where nothing is visible
         if hidden is not None and len(visible := np.flatnonzero(self.mesh.referenced & ~hidden)):
@@ -167,20 +158,15 @@ class MeshRenderer:
     def set_cut(self, plane: Plane | None) -> None:
         """Cut the mesh at a plane of its coordinates; None draws all of it."""
         self.cut = plane
-        for marks in self.marks.values():
-            self._cut_marks(marks)
-        if self.points is not None:
-            self._cut_marks(self.points)
+        for overlay in self.overlays.values():
+            self._cut_overlay(overlay)
 
-    def _cut_marks(self, marks: Marks | PointCloud) -> None:
-        cut = self.cut
-        if cut is None:
-            marks.cut(None)
-            return
-        plane = vtkPlane()
-        plane.SetNormal(*cut.normal)
-        plane.SetOrigin(*(cut.level * cut.normal))
-        marks.cut(plane)
+    def _cut_overlay(self, overlay: Overlay) -> None:
+        cut, plane = self.cut, None if self.cut is None else vtkPlane()
+        if cut is not None and plane is not None:
+            plane.SetNormal(*cut.normal)
+            plane.SetOrigin(*(cut.level * cut.normal))
+        overlay.cut(plane)
 
     @property
     def _local_cut(self) -> Plane | None:
@@ -212,9 +198,7 @@ class MeshRenderer:
         return self.picker.hidden(vertex, self.view.axes[2], cut)
 
     def move(
-        self,
-        points: npt.NDArray[np.float32] | None,
-        normals: npt.NDArray[np.float32] | None = None,
+        self, points: npt.NDArray[np.float32] | None, normals: npt.NDArray[np.float32] | None = None
     ) -> None:
         """Draw the vertices at other positions, and drop `picker`.
 
@@ -232,7 +216,8 @@ class MeshRenderer:
                 normals = self.normals if self.moved is None else self.moved[1]
             self.moved = (points, normals)
             self.surface.move(points, normals)
-        self._place_marks()
+        for overlay in self.overlays.values():
+            overlay.move(self.drawn[0])
         self.picker = None
         # vertices may move beyond the mesh, and must not be clipped
         room = 0.0 if points is None else 0.3 * np.ptp(geometry.bounds, axis=0).max()
@@ -316,11 +301,6 @@ class MeshRenderer:
             surface.dress(self.caption)
 
     @property
-    def bar_range(self) -> tuple[float, float] | None:
-        """Shares of the colour bar at which it has handles; None for none."""
-        return self.annotations.bar_range
-
-    @property
     def shown_caption(self) -> Caption | None:
         """The caption with the shape, or the text `awaited` while a field is being computed."""
         if self.caption is None:
@@ -332,38 +312,31 @@ class MeshRenderer:
         """Mark vertices: index, colour and label of each."""
         self._pins = tuple(pins)
 
-    def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
-        """Draw marks over the surface, in place of those of the same before."""
-        if of in self.marks:
-            self.renderer.RemoveActor(self.marks.pop(of).actor)
-        if marks is not None:
-            self.marks[of] = marks
-            marks.actor.SetPosition(*self.centre)
-            self._place_marks()
-            self._cut_marks(marks)
-            self.renderer.AddActor(marks.actor)
+    def set_overlay(self, overlay: Overlay | None, of: str) -> None:
+        """Draw something over the surface, in place of what there was of the same before."""
+        if of in self.overlays:
+            self.renderer.RemoveActor(self.overlays.pop(of).actor)
+        if overlay is not None:
+            overlay.move(self.drawn[0])
+            overlay.hide(self.hidden)
+            self._add_overlay(overlay, of, self.centre)
 
-    def _place_marks(self) -> None:
-        for marks in self.marks.values():
-            marks.move(self.drawn[0][marks.vertices])
-        if self.points is not None:
-            self.points.move(self.drawn[0])
+    def _add_overlay(self, overlay: Overlay, of: str, centre: npt.NDArray[np.float64]) -> None:
+        self.overlays[of] = overlay
+        overlay.actor.SetPosition(*centre)
+        self._cut_overlay(overlay)
+        self.renderer.AddActor(overlay.actor)
 
-    def set_points(self, points: PointCloud | None) -> None:
-        """Draw points of the displayed mesh, in place of those before."""
-        if self.points is not None:
-            self.renderer.RemoveActor(self.points.actor)
-        self.points = None
-        if points is not None:
-            points.move(self.drawn[0])
-            points.hide(self.hidden)
-            self._add_points(points, self.centre)
+    @property
+    def points(self) -> PointCloud | None:
+        """The points of a table."""
+        points = self.overlays.get("points")
+        return points if isinstance(points, PointCloud) else None
 
-    def _add_points(self, points: PointCloud, centre: npt.NDArray[np.float64]) -> None:
-        self.points = points
-        points.actor.SetPosition(*centre)
-        self._cut_marks(points)
-        self.renderer.AddActor(points.actor)
+    @property
+    def legend(self) -> PointLegend | None:
+        """What the colours of the points mean."""
+        return None if self.points is None else self.points.legend
 
     # -- camera and frame -------------------------------------------------------------------
 
@@ -384,16 +357,14 @@ class MeshRenderer:
         if self.view is not None:
             for surface in self._surfaces:
                 surface.set_scale(scale)
-            for marks in self.marks.values():
-                marks.set_scale(scale)
-            if self.points is not None:
-                self.points.set_scale(scale)
+            for overlay in self.overlays.values():
+                overlay.set_scale(scale)
             self._place_camera(self.view, width, height)
         page = self.page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         view = self.view if self.annotated else None
-        legend = None if self.points is None else self.points.legend
-        self.annotations.show(page, view, self.shown_caption, unit, self.placed_pins(), legend)
+        pins = self.placed_pins()
+        self.annotations.show(page, view, self.shown_caption, unit, pins, self.legend)
 
     def _write_coarse(self) -> None:
         """Give the stand-in the values and positions of its vertices."""
@@ -465,13 +436,9 @@ class MeshRenderer:
 
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that scripts have added."""
-        ours = {
-            id(self._overlay),
-            id(self.handle),
-            *(id(surface.actor) for surface in self._surfaces),
-        }
-        ours |= {id(marks.actor) for marks in self.marks.values()}
-        ours |= {id(self.points.actor)} if self.points is not None else set()
+        ours = {id(self._annotated), id(self.handle)}
+        ours |= {id(surface.actor) for surface in self._surfaces}
+        ours |= {id(overlay.actor) for overlay in self.overlays.values()}
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)
@@ -518,11 +485,9 @@ class MeshRenderer:
             other.surface.write(self.surface.values)
             other.surface.dress(self.caption)
             other.caption = self.caption
-        for of, marks in self.marks.items():
+        for of, overlay in self.overlays.items():
             if of != "faults":  # which are no part of a picture
-                other.set_marks(marks.copy(), of)
-        if self.points is not None:
-            other._add_points(self.points.copy(), self.centre)
+                other.set_overlay(overlay.copy(), of)
         return other
 
     def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:
@@ -536,7 +501,7 @@ class MeshRenderer:
         other.set_hidden(None if self.hidden is None else self.hidden[picked])
         other.view, other.cut = self.view, self.cut
         if self.points is not None:
-            other._add_points(self.points.copy(), self.centre)
+            other._add_overlay(self.points.copy(), "points", self.centre)
         return other, picked
 
 

@@ -246,7 +246,7 @@ class MeshView(QWidget):
 
     def set_bar_range(self, ends: tuple[float, float] | None) -> None:
         """Draw handles at two shares of the colour bar, or none."""
-        if ends != self.renderer.bar_range:
+        if ends != self.renderer.annotations.bar_range:
             self.renderer.annotations.bar_range = ends
             self._moves()
 
@@ -385,16 +385,12 @@ class MeshView(QWidget):
         pinned = self.pin_at(x, y)
         if pinned >= 0:
             return pinned
-        at, cloud = self._drawn_point_at(x, y), self._cloud
+        at, cloud = self._drawn_point_at(x, y), self.renderer.points
         return self.vertex_at(x, y) if at < 0 or cloud is None else int(cloud.vertices[at])
-
-    @property
-    def _cloud(self) -> PointCloud | None:
-        return self.renderer.points
 
     def _drawn_point_at(self, x: float, y: float) -> int:
         """Place among the drawn points of the one at a position, -1 for none or a hidden one."""
-        drawing, cloud = self.renderer, self._cloud
+        drawing, cloud = self.renderer, self.renderer.points
         if cloud is None or drawing.view is None or drawing.picker is None:
             return -1
         size = self.plotter.pixels()
@@ -513,14 +509,14 @@ class MeshView(QWidget):
             self._set_view(view.zoomed(factor, x, y, width, height))
 
     def _hover(self) -> None:
-        inside, point = self.plotter.pointer, -1
+        inside, cloud, point = self.plotter.pointer, self.renderer.points, -1
         if inside is None or self.plotter.dragging:
             self._set_hovered(-1)
         else:
             self._set_hovered(self.pinned_or_at(inside.x(), inside.y()))
             point = self._drawn_point_at(inside.x(), inside.y())
-        if self._cloud is not None and point >= 0:
-            point = int(self._cloud.rows[point])
+        if cloud is not None and point >= 0:
+            point = int(cloud.rows[point])
         if point != self._hovered_point:
             self._hovered_point = point
             self.point_hovered.emit(point)
@@ -598,12 +594,12 @@ class MeshView(QWidget):
 
     def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
         """Draw marks over the surface, or none; those of something else stay."""
-        self.renderer.set_marks(marks, of)
+        self.renderer.set_overlay(marks, of)
         self.plotter.render()
 
     def set_points(self, points: PointCloud | None) -> None:
         """Draw points of the displayed mesh, or none."""
-        self.renderer.set_points(points)
+        self.renderer.set_overlay(points, "points")
         self.plotter.render()
 
     def _centre_on(self, at: QPointF) -> None:

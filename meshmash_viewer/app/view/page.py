@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.app.view.annotations import Caption, Pin
+from meshmash_viewer.app.view.annotations import AXIS_COLORS, Caption, Pin
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table
 from meshmash_viewer.app.view.points import PointLegend
@@ -25,7 +25,6 @@ MM, POINTS = 25.4, 72.0
 _BAR, _GAP, _AROUND = 1.2, 0.5, 1.2
 #: Most labels of a colour bar.
 _MOST = 7
-_AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 _CELLS = 128
 
 
@@ -224,7 +223,7 @@ class Page:
         at = np.asarray(corner) - least + 0.45 * self.font
         for axis in np.argsort(axes[2]):
             across, along = length * axes[:2, axis]
-            self.line([at, (at[0] + across, at[1] + along)], _AXIS_COLORS[axis], 0.18)
+            self.line([at, (at[0] + across, at[1] + along)], AXIS_COLORS[axis], 0.18)
             if np.hypot(across, along) > 0.25 * length:
                 end = at[0] + 1.35 * across, at[1] + 1.35 * along
                 self.text(*end, "xyz"[axis], 0.9, ha="center")

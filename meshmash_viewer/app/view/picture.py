@@ -87,18 +87,9 @@ def new_drawing(
         values = np.asarray(values, dtype=np.float32)
         limits = _limits(values, limits)
         beyond = beyond_limits(limits, extremes_of(values))
-        low, high, logarithmic = limits
-        caption = Caption(
-            title,
-            quantity,
-            unit,
-            low,
-            high,
-            colormap,
-            logarithmic=logarithmic,
-            beyond=beyond,
-            formula=formula,
-        )
+        low, high, log = limits
+        shown = title, quantity, unit, low, high, colormap
+        caption = Caption(*shown, logarithmic=log, beyond=beyond, formula=formula)
         drawing.set_field(values, caption)
     return drawing
 

@@ -10,11 +10,12 @@ import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPlane, vtkPolyData
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import NAN_COLOR, color_table, rgb
+from meshmash_viewer.app.view.marks import Overlay
 from meshmash_viewer.features.points import ProjectedPoints
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.units import distinct_digits, format_number
@@ -86,7 +87,7 @@ def _bytes(color: str) -> npt.NDArray[np.uint8]:
     return np.array([round(255 * share) for share in rgb(color)], dtype=np.uint8)
 
 
-class PointCloud:
+class PointCloud(Overlay):
     """Draws points that have a vertex, at their places, which follow that of the vertex."""
 
     def __init__(
@@ -107,10 +108,10 @@ class PointCloud:
         self._data = vtkPolyData()
         self._data.SetPoints(vtkPoints())
         self._data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colors), deep=True))
-        self.actor = self._new_actor()
+        self._make_actor()
         self.hide(None)
 
-    def _new_actor(self) -> vtkActor:
+    def _make_actor(self) -> None:
         mapper = vtkPolyDataMapper()
         mapper.SetInputData(self._data)
         mapper.SetResolveCoincidentTopologyToPolygonOffset()
@@ -119,24 +120,21 @@ class PointCloud:
         actor.SetMapper(mapper)
         actor.PickableOff()
         actor.GetProperty().SetRenderPointsAsSpheres(True)
-        return actor
+        self.actor, self._mappers = actor, [mapper]
 
     def copy(self) -> PointCloud:
-        """The same points for another window, which share the data."""
         other = object.__new__(PointCloud)
-        other.__dict__.update(self.__dict__)
-        other.actor = self._new_actor()
+        other.__dict__.update(self.__dict__)  # they share the data
+        other._make_actor()
         return other
 
     def move(self, drawn: npt.NDArray[np.float32]) -> None:
-        """Follow the displayed vertices, shape (n, 3)."""
         self._places = np.ascontiguousarray(drawn[self.vertices] + self._away)
         self._data.GetPoints().SetData(numpy_to_vtk(self._places, deep=True))
         self._data.Modified()
         self._pixels = None, self._places
 
     def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
-        """Leave out the points of hidden vertices."""
         shown = np.ones(len(self.rows), dtype=bool) if hidden is None else ~hidden[self.vertices]
         self._visible = np.flatnonzero(shown)
         cells = vtkCellArray()
@@ -144,15 +142,7 @@ class PointCloud:
         self._data.SetVerts(cells)
         self._data.Modified()
 
-    def cut(self, plane: vtkPlane | None) -> None:
-        """Leave out what is on the negative side of a plane; None to draw all."""
-        mapper = self.actor.GetMapper()
-        mapper.RemoveAllClippingPlanes()
-        if plane is not None:
-            mapper.AddClippingPlane(plane)
-
     def set_scale(self, scale: float) -> None:
-        """Set the number of pixels per point."""
         self.actor.GetProperty().SetPointSize(self.size * scale)
 
     def near(

@@ -104,7 +104,6 @@ class RenderWidget(QtInteractor):
         return window
 
     def sizeHint(self) -> QSize:
-        """Preferred size."""
         return QSize(800, 600)
 
     def pixels(self) -> tuple[int, int, float]:
@@ -194,17 +193,14 @@ class RenderWidget(QtInteractor):
         return done
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Draw a frame of the new size."""
         super().resizeEvent(event)
         self.resized.emit()
         self.render()
 
     def enterEvent(self, event: QEnterEvent) -> None:
-        """Note the position of the pointer."""
         self._point_at(event.position())
 
     def leaveEvent(self, event: QEvent) -> None:
-        """Note that the pointer is outside."""
         self._point_at(None)
 
     def _point_at(self, at: QPointF | None) -> None:
@@ -231,12 +227,10 @@ class RenderWidget(QtInteractor):
             self.stroke_begun.emit(event.position(), event.modifiers())
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        """Begin the second click of a double click, or a drag."""
         self.mousePressEvent(event)
         self._double = True
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Continue a drag, or note the position of the pointer."""
         at = event.position()
         if self.pressed is None:
             self._point_at(at)
@@ -271,7 +265,6 @@ class RenderWidget(QtInteractor):
         self.dragged.emit(how, delta.x(), -delta.y())
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """End a drag, or emit a click."""
         if event.button() != self._button or self.pressed is None:
             return
         pressed, self.pressed = self.pressed, None
@@ -296,7 +289,6 @@ class RenderWidget(QtInteractor):
             self.drag_ended.emit()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Zoom, or step with Ctrl."""
         # with Alt (on some systems) or Shift the wheel reports the other axis
         angle = event.angleDelta().y() or event.angleDelta().x()
         if event.modifiers() & Qt.KeyboardModifier.ControlModifier:
@@ -322,7 +314,6 @@ class RenderWidget(QtInteractor):
         event.ignore()
 
     def keyReleaseEvent(self, event: QKeyEvent) -> None:
-        """Pass keys on to the window."""
         event.ignore()
 
 
@@ -354,7 +345,6 @@ class Outline(QWidget):
         self.show_line([QPointF(*each) for each in np.stack([x, y], axis=1).tolist()])
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw a white line with dark edges."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         for color, width in (("#14181d", 3.5), ("#ffffff", 1.5)):
@@ -382,7 +372,6 @@ class Ring(QWidget):
         self.show()
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw a white ring with dark edges."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         middle, radius = QPointF(self.rect().center()) + QPointF(0.5, 0.5), self.OUTER - 1.5

@@ -56,10 +56,7 @@ def shots_of(
 
 
 def compute_shot(
-    shot: Shot,
-    display: Display,
-    live: LiveFeatures,
-    picked: npt.NDArray[np.int64] | None = None,
+    shot: Shot, display: Display, live: LiveFeatures, picked: npt.NDArray[np.int64] | None = None
 ) -> Field | None:
     """Compute the field of a shot, by the direct sum if there is one; in any thread.
 

@@ -429,13 +429,13 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
         scene.set_field(field(mesh.vertices[:, 2]), (-1.0, 1.0), "RdBu_r")
         drawing = scene.renderer
         qtbot.waitUntil(lambda: drawing.caption is not None, timeout=5000)
-        assert not scene.frames.shows_stand_in
+        assert not scene.renderer.shows_coarse
         frame = on_screen(scene)
         red, _, blue = np.moveaxis(frame[150:330, 230:410].astype(int), 2, 0)
         assert (np.abs(red - blue) > 40).mean() > 0.5
     finally:
         made.set()
-    qtbot.waitUntil(lambda: scene.frames.shows_stand_in, timeout=5000)
+    qtbot.waitUntil(lambda: scene.renderer.shows_coarse, timeout=5000)
     scene.frames.rest.start(1)
     qtbot.waitUntil(lambda: scene.at_rest, timeout=10_000)
 
