@@ -218,7 +218,7 @@ def test_figures_are_the_librarys(
         else f"all {len(wanted.functions.indices)} are matched"
     )
     np.testing.assert_array_equal(found.functions.indices, wanted.functions.indices)
-    told = text(window, "pair_told_label")
+    told = text(window, "pair_match_label")
     if name == "other":
         assert told == "by index: same faces"
         assert found.functions.determined[:10].all()
@@ -667,7 +667,7 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     QTest.mouseClick(refine, LEFT, pos=QPoint(8, 8))
     wait_for(lambda: opened.pair.comparison is not None)
     rest(window)
-    assert text(window, "pair_told_label") == "by ZoomOut, 100\N{NO-BREAK SPACE}% mutual"
+    assert text(window, "pair_match_label") == "by ZoomOut, 100\N{NO-BREAK SPACE}% mutual"
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     assert "the one by ZoomOut; the next are the nearest by" in text(window, "pair_match_note")
     check = part(window, QCheckBox, "pair_carry_check")
@@ -826,7 +826,7 @@ def test_a_second_mesh_of_ten_vertices_is_compared(
 ) -> None:
     opened = beside(window, folder / "ten.npz", monkeypatch)
     assert len(opened.pair.comparison.spectra[0]) <= 10
-    assert text(window, "pair_told_label").startswith("by features")
+    assert text(window, "pair_match_label").startswith("by features")
 
 
 @pytest.mark.slow

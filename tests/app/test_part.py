@@ -154,7 +154,7 @@ def test_a_part_is_compared_by_index_and_says_that_the_second_is_whole(
     np.savez(path, vertices=document.mesh.vertices * [1, 1.2, 1.5], faces=document.mesh.faces)
     solved.opening.open_second(path, unit="nm")
     qtbot.waitUntil(part(solved, "carry_to_second_button").isEnabled, timeout=PATIENCE)
-    assert part(solved, "pair_told_label").text() == "by index: same faces"
+    assert part(solved, "pair_match_label").text() == "by index: same faces"
     assert "the first is computed on the mask of" in part(solved, "pair_remark").text().lower()
     click(solved, "carry_to_second_button")
     second = solved.opening.second_view.document

@@ -34,7 +34,7 @@ from meshmash_viewer.units import format_number, format_share
 _FIGURES = {
     "pair_distance_label": "Spectral distance",
     "pair_compared_label": "Eigenvalues",
-    "pair_told_label": "Vertices",
+    "pair_match_label": "Vertices",
     "pair_functions_label": "Eigenfunctions",
     "pair_function_label": "This one",
 }
@@ -289,7 +289,7 @@ class PairPanel(QWidget):
             figures |= {
                 "pair_distance_label": _written_distance(found),
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
-                "pair_told_label": "by index: same faces" if found.given else _written_match(found),
+                "pair_match_label": _written_match(found),
                 "pair_functions_label": _written_functions(found.functions),
             }
             shown = self._document.display.family
@@ -356,9 +356,9 @@ class PairPanel(QWidget):
         if pair.comparison is None or not pair.first.pins.placed:
             return ""
         feature, found = MATCHED_IN[pair.matched_in].short, pair.comparison
-        told = "by index" if found.given else "by ZoomOut" if found.functional is not None else ""
-        best = f"The best match is the one {told}; the next are the nearest by {feature}. "
-        return (best if told else "") + (
+        way = "by index" if found.given else "by ZoomOut" if found.functional is not None else ""
+        best = f"The best match is the one {way}; the next are the nearest by {feature}. "
+        return (best if way else "") + (
             f"After each vertex: distance of its {feature} from that of"
             f" {pair.first.pins.placed[-1].title}, in units of the spread of each column."
         )
@@ -407,6 +407,8 @@ def _written_distance(found: Comparison) -> str:
 
 def _written_match(found: Comparison) -> str:
     """How vertices are matched, and how many of them mutually."""
+    if found.given:
+        return "by index: same faces"
     how = "by features" if found.functional is None else "by ZoomOut"
     return f"{how}, {format_share(found.mutual_share)} mutual"
 

@@ -199,7 +199,7 @@ class MapTab(FamilyTab):
         self.title.setText(resolved.chosen)
         facts, known = {}, resolved.vertex_map(spectrum)
         if known is not None:
-            facts = _told(self._of_part(known), resolved.mean(spectrum), known.n_vertices)
+            facts = _map_facts(self._of_part(known), resolved.mean(spectrum), known.n_vertices)
         self.facts.show_values(facts)
         self._refresh_pairs(spectrum, resolved)
         self._refresh_labels(resolved.describe(spectrum, self._document.unit).labels)
@@ -289,7 +289,7 @@ def _show_lines(shown: QListWidget, most: int) -> None:
     shown.setFixedHeight(line * min(max(shown.count(), 1), most) + 6)
 
 
-def _told(shown: VertexMap, mean: float, n_vertices: int) -> dict[str, str]:
+def _map_facts(shown: VertexMap, mean: float, n_vertices: int) -> dict[str, str]:
     """Describe a map, or a part of one of more vertices."""
     of = "" if shown.n_values == n_vertices else f" of {n_vertices:,}"
     count = {"map_count_label": f"{shown.n_values:,}{of}"}
