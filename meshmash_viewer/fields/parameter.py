@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.quantities import parse_quantity, parse_whole
+from meshmash_viewer.quantities import parse_number, parse_quantity, parse_whole
 
 #: Largest index or count, a 32-bit integer as in the fields of the window.
 MOST_INDEX = 2**31 - 1
@@ -226,6 +226,17 @@ def in_order(taken: Mapping[str, Any], low: str, high: str, value: object) -> No
         raise Refused(f"an object with {low} below {high}", value)
 
 
+def _read_number(kind: Number, text: str) -> float:
+    """Convert the text of an option; `InputError` is raised if it is not a number in bounds."""
+    value = parse_number(text)
+    try:
+        return kind(value)
+    except Refused as refused:
+        raise InputError(
+            f"the value is {refused.expected}, not {printable(text, _SHOWN)}."
+        ) from None
+
+
 # -- declarations -----------------------------------------------------------------------------
 
 
@@ -281,7 +292,7 @@ class Parameter:
         kind = self.kind.kind if isinstance(self.kind, Listing) else self.kind
         if isinstance(kind, Whole):
             return partial(parse_whole, least=kind.least, most=kind.most, noun="the value")
-        return str
+        return partial(_read_number, kind) if isinstance(kind, Number) else str
 
     def check(self, value: object) -> Any:
         """Convert a value from JSON, or raise `Refused`."""

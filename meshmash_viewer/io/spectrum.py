@@ -114,7 +114,7 @@ def _longest(
     damage = ", ".join(store.damage for store in stores if store.damage)
     if damage:
         damage = f"Damaged on the disk, in the stored spectrum of this mesh: {damage}."
-        damage += " Only that is computed again."
+        damage += " Computing them again keeps the others."
     return longest, damage, source
 
 
