@@ -126,7 +126,10 @@ def grouped(value: float, digits: int = 4) -> str:
 
     For tables: in a field it could be read as 98.1 as well.
     """
-    return re.sub(r"(?<=\d\d)\d{3}(?=\.|$)", r",\g<0>", format_number(value, digits))
+    whole, point, fraction = format_number(value, digits).partition(".")
+    if len(whole) > len("1234"):
+        whole = re.sub(r"(?<=\d)(?=(\d{3})+$)", ",", whole)
+    return whole + point + fraction
 
 
 def minus(text: str) -> str:

@@ -90,6 +90,13 @@ def test_volumes_of_closed_parts() -> None:
     assert inward["volume"][0] == pytest.approx(-SPHERE.volume, rel=1e-9)
 
 
+def test_a_flat_region_has_no_volume() -> None:
+    """Rounding would give one of 1e-17 or so."""
+    corners = [[0, 0, 0], [3, 0, 0.3], [3, 7, 0.4], [0, 7, 0.1]]
+    flat = turned(trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).subdivide().subdivide())
+    assert mv.regions(flat, np.ones(len(flat.vertices), bool))["volume"].tolist() == [0.0]
+
+
 def test_fans_close_a_cut_exactly_where_it_is_flat() -> None:
     """A part of the cylinder between two rings is a prism."""
     capsule = turned(CAPSULE)

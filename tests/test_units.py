@@ -106,7 +106,7 @@ def test_numbers_are_written_out_where_that_is_short(value: float, digits: int, 
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(64_005.0, "64,000"), (-640_050.0, "−640,000"), (6400.0, "6400"), (0.12345, "0.123")],
+    [(64_005.0, "64,000"), (-640_050.0, "−640,000"), (6400.0, "6400"), (0.0029712, "0.00297")],
 )
 def test_numbers_of_tables_have_separators(value: float, text: str) -> None:
     assert grouped(value, 3) == text

@@ -18,7 +18,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
-from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.selection import How, combined
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.masks import Mask, filled
@@ -358,7 +358,8 @@ class SelectTool(QObject):
         """Whether distances can be found; if not, say so."""
         if self.prepared:
             return True
-        self._say("The brush is being prepared for this mesh: try again in a moment.")
+        text = "The brush is being prepared for this mesh: try again in a moment."
+        self._document.notices.show(Notice(text, holds=lambda: not self.prepared))
         return False
 
     def _show_circle(self) -> None:
@@ -380,6 +381,7 @@ class SelectTool(QObject):
             raise made
         if self._document.is_shown(mesh):
             self._geodesics = mesh, made
+            self._document.notices.review()
             self.changed.emit()
 
     def _run(self, work: _Work, how: How, label: str, nothing: str = "") -> None:

@@ -291,11 +291,15 @@ def test_another_set_is_chosen_and_displayed(labelled: MainWindow, qtbot: QtBot)
     press(labelled, "label_new_set_button")
     combo = part(labelled, "label_set_combo")
     assert (combo.count(), combo.currentText()) == (2, "labels 2")
+    labelled.document.labels.new_label()
+    catch_up()
+    table(labelled).selectRow(0)
     combo.setFocus()
     QTest.keyClick(combo, Qt.Key.Key_Up)
     rest(labelled, qtbot)
     assert labelled.document.labels.current.name == "labels"
     assert labelled.controller.field.title == "labels"
+    assert not table(labelled).selectionModel().hasSelection()
     assert texts(labelled)[0][2] == f"{UP.sum():,}"
 
 

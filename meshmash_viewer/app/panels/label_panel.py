@@ -270,8 +270,9 @@ class LabelPanel(QWidget):
         for button in (self.new_set_button, self.open_button):
             button.setEnabled(mesh is not None)
         shown_labels = () if known is None else known.labels
-        if shown_labels != self.table.labels:
-            self.table.show_labels(shown_labels)
+        name = "" if known is None else known.name
+        if (name, shown_labels) != self.table.shown:
+            self.table.show_labels(shown_labels, name)
             self._measured = None
         show_quietly(self.borders_check, self._document.display.label_borders)
         if mesh is None or known is None:

@@ -173,6 +173,7 @@ class LabelTable(QTableView):
         theme.named(self, "label_table", "Labels of the set", role="dense")
         self._document = document
         self._rows = _Rows(document)
+        self._set_name = ""
         self.setModel(self._rows)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
@@ -205,9 +206,11 @@ class LabelTable(QTableView):
         rows = sorted(index.row() for index in self.selectionModel().selectedRows())
         return [self._rows.labels[row].key for row in rows]
 
-    def show_labels(self, labels: tuple[Label, ...]) -> None:
-        """Show the labels of a set; the same ones stay chosen, and new ones are."""
+    def show_labels(self, labels: tuple[Label, ...], name: str) -> None:
+        """Show the labels of a set; in the set of before, chosen ones and a new one are chosen."""
         before, chosen = {each.key for each in self._rows.labels}, set(self.chosen)
+        if name != self._set_name:
+            before, chosen, self._set_name = set(), set(), name
         self._rows.show_labels(labels)
         if before and len(new := {each.key for each in labels} - before) == 1:
             chosen = new
@@ -225,6 +228,11 @@ class LabelTable(QTableView):
     def show_sizes(self, sizes: LabelSizes) -> None:
         """Show the number of vertices and the area of each label."""
         self._rows.show_sizes(sizes)
+
+    @property
+    def shown(self) -> tuple[str, tuple[Label, ...]]:
+        """Name of the shown set, and its labels."""
+        return self._set_name, self.labels
 
     @property
     def labels(self) -> tuple[Label, ...]:

@@ -174,6 +174,7 @@ class MeshPanel(QWidget):
     def _build_part(self) -> QVBoxLayout:
         document = self._document
         self.part_label = make.label("part_label", "Vertices that are computed", role="muted")
+        self.part_label.setToolTip("Selected vertices without a selected face are left out.")
         self.selection_button = make.button(
             "Compute on the selection",
             "compute_selection_button",
