@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -132,7 +131,8 @@ class Training:
             check_cancelled(self.cancel)
             if progress is not None:
                 progress(Progress("training", part.start / n_trees, message="Training"))
-            forest.set_params(n_estimators=part.stop).fit(values, places)
+            with warnings.catch_warnings():  # which threads of the forest may leave changed
+                forest.set_params(n_estimators=part.stop).fit(values, places)
         return forest.set_params(warm_start=False, n_jobs=1)
 
     def scores(self, progress: ProgressCallback | None) -> tuple[ClassScores | None, str]:
@@ -216,22 +216,16 @@ def probabilities(
 ) -> FloatArray:
     """Return the probability of each class, shape (n, c).
 
-    Blocks of vertices are predicted in threads: a forest that uses threads itself adds up its trees
-    in the order in which these end.
+    Without threads: a forest sets the filters of warnings, which are those of all threads, and adds
+    up its trees in the order in which threads of its own end.
     """
-    from joblib import cpu_count
-
-    def predicted(part: slice) -> FloatArray:
-        check_cancelled(cancel)
-        return np.asarray(classifier.predict_proba(values[part]), dtype=np.float64)
-
     found = []
-    with ThreadPoolExecutor(cpu_count()) as pool:
-        for block in pool.map(predicted, blocks(len(values), _BLOCK)):
-            found.append(block)
-            if progress is not None:
-                share = min(len(found) * _BLOCK / len(values), 1.0)
-                progress(Progress("prediction", share, message="Predicting"))
+    for part in blocks(len(values), _BLOCK):
+        check_cancelled(cancel)
+        found.append(np.asarray(classifier.predict_proba(values[part]), dtype=np.float64))
+        if progress is not None:
+            share = min(len(found) * _BLOCK / len(values), 1.0)
+            progress(Progress("prediction", share, message="Predicting"))
     return np.concatenate(found)
 
 
