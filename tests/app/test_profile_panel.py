@@ -160,6 +160,11 @@ def test_a_vertex_on_no_face_has_no_profile(panel: ProfilePanel, document, qtbot
     document.spectrum.rows[:, 9] = np.nan
     document.pins.toggle(9)
     assert len(curves(panel, document, qtbot)[9][0]) == 0
+    assert panel.empty.isVisible()
+    assert panel.empty.text().startswith("No pin has a value")
+    document.pins.toggle(5)
+    curves(panel, document, qtbot)
+    assert panel.plot.isVisible()
 
 
 def test_bands_are_counted_in_whole_numbers(panel: ProfilePanel, document, qtbot) -> None:

@@ -226,15 +226,19 @@ class ProfilePanel(PlotPanel):
         """Draw all profiles whose values are read, and request the others."""
         pins, spectrum = self._document.pins.placed[:MOST_SHOWN], self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
-        self._show_plot(there)
+        read = [self._values[pin.vertex] for pin in pins if pin.vertex in self._values]
+        valued = not read or any(np.isfinite(values).all() for values in read)
+        self._show_plot(there and valued)
         self.head.show_controls(bool(pins))
         if pins and self.table_check.isChecked():
             self._stack.setCurrentWidget(self.table)
-        self.empty.setText(
-            "Compute eigenpairs to see the profiles of the pinned vertices."
-            if pins and not there
-            else "Click a vertex on the render to compare its profile."
-        )
+        if pins and there:
+            text = "No pin has a value: they are on no face, or outside the part that is computed."
+        elif pins:
+            text = "Compute eigenpairs to see the profiles of the pinned vertices."
+        else:
+            text = "Click a vertex on the render to compare its profile."
+        self.empty.setText(text)
         for pin in [pin for pin in self._curves if pin not in pins or not there]:
             for item in self._curves.pop(pin):
                 self.plot.removeItem(item)
