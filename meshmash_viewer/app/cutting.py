@@ -52,6 +52,7 @@ class Cutting:
         mesh = self._document.mesh
         if mesh is not None:
             self._put(Plane(normal, float(normal @ mesh.bounds.mean(axis=0))))
+            self._document.history.end_gesture()  # a drag that follows is another change
 
     def _put(self, plane: Plane) -> None:
         mesh = self._document.mesh

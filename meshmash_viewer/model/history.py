@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import contextmanager
@@ -115,6 +116,11 @@ class History:
             self.past = (*self.past, Step(label, state, now))[-_MAX_STEPS:]
         self.future = ()
         self.changed.emit()
+
+    def end_gesture(self) -> None:
+        """Let the next change be a step of its own, however soon it comes."""
+        if self.past:
+            self.past = (*self.past[:-1], replace(self.past[-1], when=-math.inf))
 
     def start(self, *steps: Step) -> None:
         """Forget all changes; `steps` can be undone from now on."""

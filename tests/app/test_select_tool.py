@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -406,8 +405,7 @@ def test_the_handle_moves_and_turns_the_plane_and_is_one_change(
     assert plane.normal.tolist() == [1.0, 0.0, 0.0]
     assert abs(plane.level - 0.5) < 0.02
     assert not hand.chosen.any()
-    history = hand.document.history  # in which the next drag is another change
-    history.past = (*history.past[:-1], replace(history.past[-1], when=-np.inf))
+    hand.document.history.end_gesture()
     ball, length, turn = pole + QPoint(size // 2, 0), size // 3, np.radians(30.0)
     below = QPoint(-round(length * np.cos(turn)), round(length * np.sin(turn)))
     hand.drag(ball - QPoint(length, 0), ball + below / 2, ball + below)  # on the side cut away

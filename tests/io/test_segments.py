@@ -127,9 +127,10 @@ def test_progress_and_seams_of_a_child_process(layers: dict[str, Path]) -> None:
 
 
 def test_cancel_ends_the_child_process(layers: dict[str, Path]) -> None:
+    before = set(psutil.Process().children())
     with pytest.raises(Cancelled):
         read(layers["fragments"], cancel=lambda: True)
-    assert not psutil.Process().children()
+    assert set(psutil.Process().children()) <= before
 
 
 @pytest.mark.usefixtures("read_here")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QComboBox
+from PySide6.QtWidgets import QComboBox, QLineEdit
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import follow
@@ -22,6 +22,9 @@ class UnitCombo(QComboBox):
 
     def __init__(self, document: Document, *, second: bool = False) -> None:
         super().__init__(editable=True, insertPolicy=QComboBox.InsertPolicy.NoInsert)
+        # PySide6 may know that of Qt as an object of the same address that is gone
+        self._edit = edit = QLineEdit()
+        self.setLineEdit(edit)
         prefix, whose = ("second_", " of the second mesh") if second else ("", "")
         theme.named(
             self,
@@ -35,9 +38,6 @@ class UnitCombo(QComboBox):
         self.addItems([*(unit or "none" for unit in LENGTH_UNITS), "8 nm", "4 × 4 × 40 nm"])
         # of "m" it would make "mm"
         self.setCompleter(None)  # type: ignore[arg-type]  # as documented
-        edit = self.lineEdit()
-        assert edit is not None  # the list is editable
-        self._edit = edit
         edit.installEventFilter(self)
         edit.editingFinished.connect(self._choose)
         edit.textEdited.connect(self._begin)

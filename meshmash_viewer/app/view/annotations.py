@@ -28,7 +28,7 @@ from meshmash_viewer.app.view.colors import (
     color_table,
     rgb,
 )
-from meshmash_viewer.app.view.points import PointLegend
+from meshmash_viewer.app.view.marks import PointLegend
 from meshmash_viewer.app.view.text import bar_labels, fitted, scale_bar_text, set_style, text_size
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits

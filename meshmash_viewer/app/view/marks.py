@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +15,6 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkMapper, vtkPol
 
 from meshmash_viewer.app.view.colors import rgb
 from meshmash_viewer.arrays import IntArray
-
-if TYPE_CHECKING:
-    from meshmash_viewer.app.view.points import PointLegend
 
 #: Widths in points of points, of the corners of edges and faces, which are seen where these are
 #: smaller than a pixel, and of nodes of a graph.
@@ -42,6 +40,15 @@ BORDERS = (Layer(-8.0, 0.4, "#ffffff", 3.6), Layer(-12.0, 1.0, "#14181d", 1.8))
 #: Graph of regions, seen through the mesh. Both are opaque: so far in front they have one depth,
 #: where the second covers the first, but a translucent first one would cover it in turn.
 GRAPH = (Layer(-1e6, 1.0, "#ffffff", 2.4), Layer(-1e6, 1.0, "#14181d", 1.2))
+
+
+@dataclass(frozen=True)
+class PointLegend:
+    """Colours "#rrggbb" of points with what they mean, from above; shades if `graded`."""
+
+    title: str
+    rows: tuple[tuple[str, str], ...]
+    graded: bool = False
 
 
 class Overlay:

@@ -16,8 +16,8 @@ from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin
 from meshmash_viewer.app.view.camera import View, fitted_view
 from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
-from meshmash_viewer.app.view.marks import Overlay
-from meshmash_viewer.app.view.points import PointCloud, PointLegend
+from meshmash_viewer.app.view.marks import Overlay, PointLegend
+from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import NAN_COLOR, color_table, rgb
-from meshmash_viewer.app.view.marks import Overlay
+from meshmash_viewer.app.view.marks import Overlay, PointLegend
 from meshmash_viewer.features.points import ProjectedPoints
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.units import distinct_digits, format_number
@@ -27,15 +26,6 @@ _COLORS = "plasma"
 _FRONT = -4e4
 #: Smallest distance in points within which the pointer is at one.
 _NEAR = 5.0
-
-
-@dataclass(frozen=True)
-class PointLegend:
-    """Colours "#rrggbb" of points with what they mean, from above; shades if `graded`."""
-
-    title: str
-    rows: tuple[tuple[str, str], ...]
-    graded: bool = False
 
 
 def point_colors(
