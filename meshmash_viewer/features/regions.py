@@ -222,8 +222,9 @@ def regions(
         "vertices": np.bincount(of_row, minlength=k),
         "area": area,
     }
-    volume, columns["loops"] = _volumes(surface, rows, centroids)
+    volume, loops = _volumes(surface, rows, centroids)
     columns["volume"] = np.where(np.abs(volume) < 1e-12 * area**1.5, 0.0, volume)  # flat ones
+    columns["loops"] = loops
     columns["extent"] = _extents(points - centroids[of_row], weights, of_row, k)
     if neck:
         columns["neck_width"] = neck_widths(surface, rows, k)
