@@ -334,8 +334,8 @@ def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
 ) -> None:
     """Trained on 2 % of the vertices of one dendrite, tested on another one.
 
-    Of the whole other dendrite F1 was 0.94 in the median of 20 draws, 0.930 or more in 18 and 0.922
-    at least, where all labels give 0.964.
+    By regression. Of 20 draws on a pair of whole dendrites F1 was 0.937 in the median and 0.920 at
+    least, where all labels give 0.957.
     """
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "assets")
     make_samples = importlib.import_module("make_samples")
@@ -350,16 +350,18 @@ def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
 
     def trained(labels: mv.VertexMap) -> tuple[mv.ClassModel, float]:
         """A model, and its F1 on the other dendrite, weighted by area."""
-        model = mv.train_classes(mesh, labels, columns, features=known, scored=labels is not truth)
+        model = mv.train_classes(
+            mesh, labels, columns, "logistic", features=known, scored=labels is not truth
+        )
         return model, f1(
             other, wanted, mv.predict_classes(other, model, features=seen).labels.values
         )
 
     _, best = trained(truth)
     found = [trained(dendrite_strokes(mesh, truth, draw)) for draw in range(4)]
-    assert best - np.mean([score for _, score in found]) < 0.03
+    assert best - np.mean([score for _, score in found]) < 0.02
     for each, score in found:
-        assert score > 0.92
+        assert score > 0.93
         assert each.scores is not None
         assert abs(each.scores.weighted_f1 - score) < 0.05
     model = found[0][0]

@@ -148,8 +148,8 @@ def test_the_empty_window_says_what_to_do(window: MainWindow) -> None:
 
 def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
     window = MainWindow(fresh=True, deferred=True)
-    window.show()
-    qtbot.waitExposed(window)
+    with qtbot.waitExposed(window):
+        window.show()
     assert not window.loaded
     assert window.stage.welcome.isVisible()
     window.load()

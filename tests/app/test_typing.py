@@ -158,8 +158,8 @@ def test_return_in_a_panel_that_floats_gives_the_keys_back(
 ) -> None:
     open_file("ball")
     dock = part(window, "mesh_dock")
-    dock.setFloating(True)
-    qtbot.waitExposed(dock)
+    with qtbot.waitExposed(dock):
+        dock.setFloating(True)
     dock.activateWindow()
     qtbot.waitUntil(dock.isActiveWindow, timeout=PATIENCE)
     type_in(window, "target_count_spin", "30")
