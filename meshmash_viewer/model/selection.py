@@ -10,7 +10,7 @@ from psygnal import Signal
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.history import History
 from meshmash_viewer.model.open_mesh import OpenMesh
-from meshmash_viewer.surface.masks import Mask, filled, grown, shrunk
+from meshmash_viewer.surface.masks import Mask, grown, shrunk
 
 #: How vertices change the selection: they are selected alone, in addition, or no longer.
 How: TypeAlias = Literal["replace", "add", "remove"]
@@ -120,11 +120,6 @@ class Selection(MaskOfMesh):
         if (mesh := self._opened.mesh) is not None:
             rest = mesh.referenced if self.mask is None else mesh.referenced & ~self.mask
             self.set(rest, "inversion of the selection")
-
-    def fill_holes(self) -> None:
-        """Select what the selection encloses, see `surface.masks.filled`."""
-        if self._opened.mesh is not None and self.mask is not None:
-            self.set(filled(self._opened.mesh, self.mask), "filling of holes")
 
     def clear(self) -> None:
         """Select nothing."""
