@@ -78,7 +78,7 @@ class _Mask(Text):
         return text
 
 
-class _Beside(Listing):
+class _FileNames(Listing):
     """Names of files; older sessions have one name, "" for none."""
 
     def __call__(self, value: object) -> Any:
@@ -174,7 +174,7 @@ class Session(Parameters):
     #: The points, as `PointSet.plain` writes them, whose path is relative as `mesh_path` is.
     points: dict[str, Any] = parameter(dict, _POINTS)
     #: Names of files next to this one with maps that are in no other.
-    kept_maps: list[str] = parameter(list, _Beside(Text(200), 1000))
+    kept_maps: list[str] = parameter(list, _FileNames(Text(200), 1000))
     #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
     file_indices: bool = True
     #: Position, focal point and so on in the mesh's coordinates; empty for the default view.
