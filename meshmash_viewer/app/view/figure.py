@@ -90,6 +90,8 @@ class FigureOptions:
 class Around:
     """What is drawn around a mesh."""
 
+    #: Of the mesh, for a figure of two.
+    name: str
     caption: Caption | None
     pins: Sequence[Pin]
     unit: str
@@ -138,7 +140,8 @@ def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
     assert drawing.view is not None
     assert drawing.mesh is not None
     caption, pins = drawing.shown_caption, drawing.placed_pins()
-    around = Around(caption, pins, drawing.mesh.unit, drawing.theme, drawing.legend)
+    mesh = drawing.mesh
+    around = Around(mesh.name, caption, pins, mesh.unit, drawing.theme, drawing.legend)
     return Frame(pixels, drawing.view, around)
 
 
@@ -275,7 +278,8 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     wide = across - 2.0 * edge - aside
     if wide < 5.0:
         raise InputError("The text leaves no room for the mesh: choose a wider figure.")
-    lines = [_lines(each.caption, font, across - 2.0 * edge, options) for each in around]
+    named = len(panels) > 1
+    lines = [_lines(each, font, across - 2.0 * edge, options, named=named) for each in around]
     above = 0.5 * font + max(sum(line.space for line in each) for each in lines)
     foot = font * (4.2 if options.axes else 2.6 if options.scale_bar else 0.5)
     widths = [2.0 * panel.view.half_size for panel in panels]
@@ -293,14 +297,16 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
 
 
 def _lines(
-    caption: Caption | None, font: float, width: float, options: FigureOptions
+    around: Around, font: float, width: float, options: FigureOptions, *, named: bool
 ) -> list[Line]:
-    """Lines of title, formula and quantity, `width` in mm."""
+    """Lines of name, title, formula and quantity, `width` in mm."""
+    caption = around.caption
     if caption is None or not options.title:
         return []
+    name = Line(around.name if named else "", font, 1.4 * font)
     title = Line(caption.title, 1.2 * font, 1.7 * font, bold=True)
     formula = Line(caption.formula, 0.9 * font, 1.4 * font)
-    lines = title, formula, Line(caption.quantity, font, 1.5 * font)
+    lines = name, title, formula, Line(caption.quantity, font, 1.5 * font)
     return [part for line in lines if line.text for part in wrapped(line, width)]
 
 

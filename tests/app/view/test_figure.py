@@ -105,7 +105,7 @@ def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Pat
     for name in ("lh.pial.very_long_name_of_a_subject_that_has_no_spaces", "Right"):
         ball = shapes.icosphere(3, radius=40.0)
         made = new_drawing(
-            Mesh(ball.vertices * [0.6, 1.0, 0.7], ball.faces, unit="mm"),
+            Mesh(ball.vertices * [0.6, 1.0, 0.7], ball.faces, "mm", f"mesh of {name[:2]}"),
             -1e-7 * ball.vertices[:, 0], title=f"{name} $hemisphere$",
             quantity="Heat kernel signature at the longest time, t = 1.25×10⁵ mm², up to λ₉₉",
             unit="mm⁻²",
@@ -129,7 +129,8 @@ def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Pat
     (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf)
     assert float(box[0]) / 72.0 * 25.4 == pytest.approx(85.0, abs=0.01)
     assert float(box[1]) / 72.0 * 600.0 == pytest.approx(picture.height, abs=1.0)
-    assert "$hemisphere$" in pdf_text(tmp_path / "a.pdf")
+    text = pdf_text(tmp_path / "a.pdf")
+    assert all(name in text for name in ("$hemisphere$", "mesh of lh", "mesh of Ri"))
     # what a preview shows is what is saved
     preview = picture_of(figure, 100.0)
     assert preview.shape[0] / preview.shape[1] == pytest.approx(
