@@ -48,6 +48,21 @@ def structure_of_file(name: str) -> str:
     return _SHORT[found[0]] if found else ""
 
 
+def unstated_structure(file: str, structure: str) -> str:
+    """Return a remark on a GIFTI file of a mesh without a structure; "" for others.
+
+    Examples
+    --------
+    >>> unstated_structure("hks.func.gii", "")
+    'hks.func.gii states no brain structure, which Connectome Workbench needs'
+    >>> unstated_structure("hks.func.gii", "CortexLeft"), unstated_structure("hks.csv", "")
+    ('', '')
+    """
+    if structure or not file.lower().endswith(".gii"):
+        return ""
+    return f"{file} states no brain structure, which Connectome Workbench needs"
+
+
 #: Parts of file names that say that a surface is one of a brain.
 _BRAIN_WORDS = frozenset(
     ["pial", "white", "inflated", "midthickness", "cortex", "hemi", "hemisphere", "brain"]

@@ -49,6 +49,11 @@ def test_labels_and_maps_of_one_mesh_are_carried_to_others(
     near = np.abs(found["features"][there, 1] - first.vertices[:, 0]) < 1e-6
     assert near.mean() > 0.95
     assert (found["features"][:, 2] >= 0.0).all()
+    # what Workbench needs, and how to give it
+    told = "states no brain structure, which Connectome Workbench needs: give --structure."
+    for more, expected in (((), True), (("--structure", "left"), False)):
+        assert main([*arguments, *more, "-o", "B.func.gii"]) == 0
+        assert (f"B.func.gii {told}" in capsys.readouterr().err) == expected
     # the names and colours, in a file of labels
     assert main([*arguments, "-o", "B.annot"]) == 0
     carried = mv.read_labels("B.annot", mv.read_mesh("B.ply"))

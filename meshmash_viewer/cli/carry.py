@@ -12,7 +12,13 @@ import numpy as np
 from meshmash_viewer.cli.arguments import made_with
 from meshmash_viewer.cli.batch import Report, for_each, prepared, read, solved, with_maps
 from meshmash_viewer.cli.numbers import in_unit
-from meshmash_viewer.cli.outputs import check_map_outputs, folder_of, output_paths, write_maps
+from meshmash_viewer.cli.outputs import (
+    check_map_outputs,
+    folder_of,
+    output_paths,
+    output_remarks,
+    write_maps,
+)
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     check_comparable,
@@ -64,7 +70,7 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
             "same_vertices": matched.given,
             "mutual_share": matched.mutual_share,
             "median_score": float(np.nanmedian(matched.forth.scores)),
-            "remarks": comparison_remarks(mesh, first),
+            "remarks": comparison_remarks(mesh, first) + output_remarks(outputs[at], mesh),
             "seconds": round(time.perf_counter() - began, 3),
         }
         mutual = f"{format_share(matched.mutual_share)} of the vertices matched mutually"

@@ -25,7 +25,13 @@ from meshmash_viewer.cli.batch import (
     until_interrupted,
 )
 from meshmash_viewer.cli.numbers import in_unit
-from meshmash_viewer.cli.outputs import check_map_outputs, folder_of, output_paths, write_maps
+from meshmash_viewer.cli.outputs import (
+    check_map_outputs,
+    folder_of,
+    output_paths,
+    output_remarks,
+    write_maps,
+)
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.io.condensed import read_condensed_features
@@ -214,7 +220,7 @@ def _write_predicted(
         **pairs_report(pairs, mesh),
         "areas": areas,
         "mean_uncertainty": uncertain,
-        "remarks": [],
+        "remarks": output_remarks(path, mesh),
         "seconds": round(time.perf_counter() - began, 3),
     }
     said = ", ".join(f"{name} {format_share(area / mesh.area)}" for name, area in areas.items())

@@ -27,7 +27,7 @@ from meshmash_viewer.cli.batch import (
     with_maps,
 )
 from meshmash_viewer.cli.numbers import in_unit
-from meshmash_viewer.cli.outputs import folder_of, output_paths
+from meshmash_viewer.cli.outputs import folder_of, output_paths, output_remarks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
@@ -125,6 +125,7 @@ def _write_maps(raw: Mesh, path: Path, options: Namespace) -> Report:
         "kind": MAPS,
         "n_vertices": mesh.n_file_vertices if whole else mesh.n_vertices,
         "n_features": len(found.columns),
+        "remarks": output_remarks(path, mesh),
     }
     return report, f"{path}: {counted(len(found.columns), 'column')}"
 
@@ -153,6 +154,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
     assert results is not None
     made = made_with(options, family.export, target, report.get("proof", ""))
     write_results(path, results, mesh, raw if options.whole_mesh else None, pairs, made)
+    remarks += output_remarks(path, mesh)
     report["seconds"] = round(time.perf_counter() - began, 3)
     if pairs is None:
         return report, f"{path}: {counted(report['n_features'], 'column')}"

@@ -15,6 +15,7 @@ from meshmash_viewer.io.write import check_output
 from meshmash_viewer.io.write_labels import write_labels
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import maps_alone, write_results
+from meshmash_viewer.structures import unstated_structure
 from meshmash_viewer.vertex_map import VertexMap
 
 
@@ -86,6 +87,12 @@ def write_maps(
     if labels is None:
         raise InputError(f"{path} is a file of labels, and no map has any: choose another format.")
     write_labels(path, labels, mesh, about)
+
+
+def output_remarks(path: Path, mesh: Mesh) -> list[str]:
+    """Return what a file that was written lacks for other programs."""
+    structure = unstated_structure(path.name, mesh.structure)
+    return [f"{structure}: give --structure."] if structure else []
 
 
 def _of_labels(path: Path) -> bool:

@@ -20,6 +20,7 @@ from meshmash_viewer.model.results import Written
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.structures import unstated_structure
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
 from meshmash_viewer.work import Channel
@@ -134,16 +135,11 @@ class ExportJob:
             description = f"{description.rstrip(',')} at all {count} of the mesh file,"
         write_results(self.path, results, self.mesh, file_mesh, pairs, meta)
         repairs = f"Repaired before: {listed_repairs(self.repairs)}" if self.repairs else ""
-        stated = self.mesh.structure or not self.path.name.endswith((".func.gii", ".shape.gii"))
-        structure = "" if stated else _NO_STRUCTURE
+        structure = unstated_structure(self.path.name, self.mesh.structure)
+        if structure:
+            structure += ": name the file of the mesh lh.… or rh.…"
         remark = ". ".join(filter(None, (missing, repairs, structure)))
         return Written(self.path, description, remark, warns=bool(missing))
-
-
-#: Remark on a GIFTI file of a mesh whose brain structure is not known.
-_NO_STRUCTURE = (
-    "It states no brain structure, for Connectome Workbench: name the file of the mesh lh.… or rh.…"
-)
 
 
 def maps_alone(mesh: Mesh) -> Features:

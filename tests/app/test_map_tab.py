@@ -471,7 +471,7 @@ def test_a_sum_and_its_residual_are_kept_and_exported_alone(
     (column,) = nibabel.load(path).darrays
     np.testing.assert_allclose(column.data, field.values, rtol=1e-6)
     notice = window.stage.message_bar.notice
-    assert "It states no brain structure" in notice.text
+    assert "states no brain structure" in notice.text
     assert notice.severity is Severity.INFORMATION
     assert column.meta["Name"].startswith("depth")
     assert "30 pairs" in column.meta["Name"]
