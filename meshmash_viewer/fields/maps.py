@@ -66,7 +66,7 @@ VIEWS = {
     "pairs": "From pairs",
     "residual": "Residual",
     "filter": "Filtered",
-    "band": "Band",
+    "band": "Dominant band",
 }
 _FORMULAS = {
     "pairs": "Σ φ φᵀ M f",
@@ -214,16 +214,15 @@ class OwnMaps(Family):
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         quantity = self._quantity(spectrum, unit)
         caption = quantity if self.view in SUMS else self.chosen
+        view = "" if self.view in ("map", "pairs") else f", {VIEWS[self.view].lower()}"
+        title = self.chosen + view
         if self.view == "band":
-            title, labels = (
-                f"{self.chosen}, dominant band",
-                band_labels(spectrum.eigenvalues, unit),
-            )
+            labels = band_labels(spectrum.eigenvalues, unit)
             return Description(quantity, title, 0, caption=caption, labels=labels)
         if self.shown is None:
-            return Description(quantity, self.chosen, CURVATURES[self.chosen][0], caption=caption)
+            return Description(quantity, title, CURVATURES[self.chosen][0], caption=caption)
         labels = self.shown.labels if self.view == "map" else ()
-        return Description(quantity, self.chosen, 0, self.shown.unit, caption, labels)
+        return Description(quantity, title, 0, self.shown.unit, caption, labels)
 
     def _quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         known = self.map_spectrum(spectrum)

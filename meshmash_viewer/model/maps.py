@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 from psygnal import Signal
 
-from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.io.kept_maps import KeptMaps
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.history import History
 from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh, Shown
+from meshmash_viewer.model.pins import distinct_name
 from meshmash_viewer.model.results import MapGrew
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted, power_unit
@@ -109,6 +110,34 @@ class Maps:
             self._history.record(label, "mesh")
             self._take(mesh.with_changed_map(replace(changed, path="")))
             self._opened.spectrum_changed.emit()
+
+    def can_rename(self, name: str) -> bool:
+        """Whether a map has values, not labels, and is not of the mesh file, which names it."""
+        mesh = self._opened.mesh
+        named = [] if mesh is None else [each for each in mesh.maps if each.name == name]
+        return any(name not in self.in_file and not each.labels for each in named)
+
+    def rename(self, name: str, wanted: str) -> None:
+        """Name a map; a name that is taken gets a number. One of a file is kept as one made here.
+
+        Nothing changes if `can_rename` says so, or no name is left without blanks.
+        """
+        mesh, wanted = self._opened.mesh, distinct_name(wanted, ())
+        if mesh is None or not self.can_rename(name) or wanted in ("", name):
+            return
+        taken = {*(each.name for each in mesh.maps), *CURVATURES} - {name}
+        given = distinct_name(wanted, taken)
+        renamed = (
+            replace(each, name=given, path="") if each.name == name else each for each in mesh.maps
+        )
+        self._history.record("name of a map", "mesh")
+        self._take(mesh.with_only_maps(*renamed))
+        colors = dict(self._display[OwnMaps].colors).get(name, ())
+        if self.displayed == name or colors:
+            self.show(given, colors)
+        self._opened.spectrum_changed.emit()
+        if given != wanted:
+            self._notices.say(f"There is a map called {wanted} already: this one is {given}.")
 
     def exchange(self, label: str, names: Collection[str], maps: Sequence[VertexMap]) -> None:
         """Put maps in the place of others as one change, or without a label as part of the last."""

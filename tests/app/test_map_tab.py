@@ -18,11 +18,13 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFileDialog,
     QLabel,
+    QLineEdit,
     QListWidget,
     QPushButton,
     QSpinBox,
     QWidget,
 )
+from pytestqt.qtbot import QtBot
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.controls.step_slider import StepSlider
@@ -30,6 +32,7 @@ from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.app.tabs.filter_parameters import ParameterRow
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.model.notices import Severity
@@ -412,7 +415,7 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     assert part(window, QListWidget, "map_list").width() <= width, "a long name widens nothing"
     kept = document.mesh.maps[-1]
     assert names(window) == ["depth", kept.name, *CURVATURES]
-    assert kept.name.startswith("depth through x < c, c = ")
+    assert kept.name.startswith("depth, filtered through x < c, c = ")
     assert window.controller.field.title == kept.name
     dialog = ExportDialog(document, tmp_path, window)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
@@ -429,6 +432,61 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
     np.testing.assert_array_equal(field.values, kept.values)
     assert window.controller.field.colors(document.display) == field.colors(document.display)
+
+
+def test_a_kept_map_is_renamed_in_the_list(window: MainWindow) -> None:
+    document = window.document
+    QTest.mouseClick(part(window, QPushButton, "map_view_residual"), LEFT)
+    rest(window)
+    assert window.controller.field.title == "depth, residual"
+    wait_for(part(window, QPushButton, "map_keep_button").isEnabled)
+    QTest.mouseClick(part(window, QPushButton, "map_keep_button"), LEFT)
+    rest(window)
+    listed, kept = part(window, QListWidget, "map_list"), names(window)[1]
+
+    def rename(name: str) -> None:
+        QTest.keyClick(listed, Qt.Key.Key_F2)
+        editor = listed.findChild(QLineEdit)
+        QTest.keyClicks(editor, name)
+        QTest.keyClick(editor, Qt.Key.Key_Return)
+        wait_for(lambda: listed.findChild(QLineEdit) is None)
+        rest(window)
+
+    values = document.mesh.maps[-1].values
+    rename("sulci")
+    assert names(window) == ["depth", "sulci", *CURVATURES]
+    assert document.maps.displayed == "sulci"
+    assert window.controller.field.title == "sulci"
+    np.testing.assert_array_equal(document.mesh.map_named("sulci").values, values)
+    rename("depth")  # which is taken
+    assert names(window) == ["depth", "depth 2", *CURVATURES]
+    assert "There is a map called depth already" in window.stage.message_bar.notice.text
+    rename("  ")
+    assert names(window) == ["depth", "depth 2", *CURVATURES]
+    document.history.undo()
+    document.history.undo()
+    rest(window)
+    assert names(window) == ["depth", kept, *CURVATURES]
+    listed.setCurrentRow(2)
+    QTest.keyClick(listed, Qt.Key.Key_F2)
+    assert listed.findChild(QLineEdit) is None, "a curvature has its name"
+
+
+@pytest.mark.parametrize(("power", "wanted"), [(-2, (2.0 * np.pi / 500.0) ** 2), (2, 2.5e5)])
+def test_a_parameter_is_typed_as_the_length_that_it_means(
+    qtbot: QtBot, power: int, wanted: float
+) -> None:
+    row, given, said = ParameterRow("parameter"), [], []
+    qtbot.addWidget(row)
+    row.chosen.connect(lambda _name, value: given.append(value))
+    row.field.refused.connect(said.append)
+    row.show_parameter("c", 1.0, (1e-8, 1e8), power, "nm")
+    for text in ("0.5 µm", "0.5 mV"):
+        row.field.selectAll()
+        QTest.keyClicks(row.field, text)
+        QTest.keyClick(row.field, Qt.Key.Key_Return)
+    assert given == [pytest.approx(wanted)]
+    assert "unit that is not known" in said[-1]
 
 
 def test_what_is_kept_of_a_positive_map_has_its_colours(window: MainWindow) -> None:

@@ -14,7 +14,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.quantities import parse_number
+from meshmash_viewer.quantities import parse_number, parse_quantity
 from meshmash_viewer.units import NO_BREAK, engineering, format_number, format_range, plain_number
 
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
@@ -59,6 +59,8 @@ class NumberField(QAbstractSpinBox):
         self.bounds = -math.inf, math.inf
         #: What is wrong with a number, in one sentence; empty if it is taken.
         self.fault: Callable[[float], str] = lambda _number: ""
+        #: A unit of length, and the number that a length in it means; None if it means none.
+        self.from_length: tuple[str, Callable[[float], float]] | None = None
         #: Whether the event that is being handled, such as the press of a button, has led to a
         #: refusal.
         self.just_refused = False
@@ -183,7 +185,13 @@ class NumberField(QAbstractSpinBox):
 
     def _typed(self) -> float:
         """The number that is typed; `InputError` says why it is none."""
-        number = parse_number(self.text(), self._written, share=self._share, whole=self._whole)
+        try:
+            number = parse_number(self.text(), self._written, share=self._share, whole=self._whole)
+        except InputError:
+            if self.from_length is None:
+                raise
+            unit, number_of = self.from_length
+            return number_of(parse_quantity(self.text()).in_unit(unit))
         return float(f"{number * 10.0**-self._exponent:.15g}") if self._exponent else number
 
     def _problem(self, number: float) -> str:

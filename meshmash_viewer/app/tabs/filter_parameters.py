@@ -16,7 +16,7 @@ from meshmash_viewer.features.formula import MOST_NAMES
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.weyl import format_wavelength
+from meshmash_viewer.spectral.weyl import format_wavelength, wavelength_eigenvalue
 from meshmash_viewer.units import format_quantity, power_unit
 
 
@@ -105,13 +105,11 @@ class ParameterRow(QWidget):
         self.unit.setText(written)
         self.unit.setVisible(bool(written))
         self.field.show_value(value, written)
-        self.length.setText(_length(value, power, unit))
-
-
-def _length(value: float, power: int, unit: str) -> str:
-    """The length that a value means, where it is a power of one."""
-    if power == -2:
-        return f"waves of {format_wavelength(value, unit)}"
-    if power in (2, 4, -1, -4):
-        return f"length {format_quantity(value ** (1.0 / power), unit)}"
-    return ""
+        meant, self.field.from_length = "", None
+        if power == -2:
+            meant = f"waves of {format_wavelength(value, unit)}"
+            self.field.from_length = unit, wavelength_eigenvalue
+        elif power in (2, 4, -1, -4):
+            meant = f"length {format_quantity(value ** (1.0 / power), unit)}"
+            self.field.from_length = unit, lambda length: length**power
+        self.length.setText(meant)

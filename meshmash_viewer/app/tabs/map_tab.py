@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QWidget
+from PySide6.QtCore import QPoint, QSignalBlocker, Qt
+from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QMenu, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background_io import say_saved
@@ -53,6 +53,9 @@ class MapTab(FamilyTab):
     def _build(self) -> None:
         self.list = _list("map_list", "Maps of this mesh")
         self.list.currentItemChanged.connect(self._choose_map)
+        self.list.itemChanged.connect(self._rename)
+        self.list.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.list.customContextMenuRequested.connect(self._open_menu)
         self.add_button = make.button(
             "Add map…", "map_add_button", "Add maps from files", self._add
         )
@@ -127,6 +130,23 @@ class MapTab(FamilyTab):
     def _choose_map(self, item: QListWidgetItem | None) -> None:
         if item is not None:
             self._change(chosen=item.data(Qt.ItemDataRole.UserRole))
+
+    def _rename(self, item: QListWidgetItem) -> None:
+        self._document.maps.rename(item.data(Qt.ItemDataRole.UserRole), item.text())
+        self._listed = None  # a name that is refused, or gets a number, is written as it is
+        later(self.refresh)
+
+    def _open_menu(self, position: QPoint) -> None:
+        item = self.list.itemAt(position)
+        if item is None:
+            return
+        own = item.data(Qt.ItemDataRole.UserRole) not in CURVATURES
+        menu = theme.named(QMenu(self.list), "map_menu", "What can be done with this map")
+        rename = menu.addAction("Rename\tF2", lambda: self.list.editItem(item))
+        rename.setEnabled(bool(item.flags() & Qt.ItemFlag.ItemIsEditable))
+        menu.addAction("Remove", self._remove).setEnabled(own)
+        menu.aboutToHide.connect(menu.deleteLater)
+        menu.popup(self.list.viewport().mapToGlobal(position))
 
     def _choose_filter(self, row: int) -> None:
         self._document.display.put(self._document.display[Filters].with_text(self._formulas()[row]))
@@ -225,6 +245,8 @@ class MapTab(FamilyTab):
                     item.setData(Qt.ItemDataRole.UserRole, name)
                     path = mesh.map_named(name).path if mesh is not None and name in names else ""
                     item.setToolTip(f"{name}\n{path}".rstrip())
+                    if self._document.maps.can_rename(name):
+                        item.setFlags(item.flags() | Qt.ItemFlag.ItemIsEditable)
             every = [*names, *CURVATURES]
             _show_lines(self.list, _LINES)
             self.list.setCurrentRow(every.index(chosen))
