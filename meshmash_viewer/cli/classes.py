@@ -129,7 +129,7 @@ def _described(model: ClassModel, path: Path) -> str:
                 for other, area in zip(model.names, areas, strict=True)
                 if other != name and area > 0.0
             ]
-            size = format_quantity(float(areas.sum()), unit, 2)
+            size = format_quantity(float(areas.sum()), unit, 2, 4)
             rows.append((f"  {name}", ", ".join([f"{f1:.3f} of {size}", *wrong])))
     best = np.argsort(-model.importance, kind="stable")[:3]
     names = [f"{model.columns.names[at]} ({format_share(model.importance[at])})" for at in best]

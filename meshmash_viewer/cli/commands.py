@@ -118,7 +118,7 @@ def _described_facts(about: dict[str, Any]) -> str:
         ("vertices", f"{about['n_vertices']:,}"),
         ("triangles", f"{about['n_faces']:,}"),
         ("extent", f"{sizes} {unit}".rstrip()),
-        ("area", format_quantity(about["area"], unit, 2)),
+        ("area", format_quantity(about["area"], unit, 2, 4)),
         *([("voxel", written_unit(unit, about["voxel"]))] if about["voxel"] != NO_VOXEL else []),
         *([("structure", about["structure"])] if about["structure"] else []),
         ("components", f"{about['n_components']:,} (largest {about['largest_component']:,})"),

@@ -181,7 +181,7 @@ class FormatDialog(SaveDialog):
         self.accept_button.setEnabled(self.accept_button.isEnabled() and not here)
 
 
-def ask_for_maps(parent: QWidget, folder: Path) -> list[Path]:
+def ask_for_maps(parent: QWidget, folder: Path, what: str = "maps") -> list[Path]:
     """Ask for files with values per vertex; an empty list if the dialog is cancelled."""
     patterns = " ".join(
         [*(f"*{ending}" for ending in MAP_ENDINGS), "*.npz", "*.gii", "lh.*", "rh.*"]
@@ -189,7 +189,7 @@ def ask_for_maps(parent: QWidget, folder: Path) -> list[Path]:
     meshes = " ".join(f"*{ending}" for ending in READERS)
     chosen, _ = QFileDialog.getOpenFileNames(
         parent,
-        "Add maps",
+        f"Open {what}",
         str(folder),
         f"Values per vertex ({patterns});;Meshes with such values ({meshes});;All files (*)",
     )

@@ -169,7 +169,7 @@ class LabelPanel(QWidget):
         self._document.labels.choose(self.combo.itemText(row))
 
     def _open(self) -> None:
-        self._document.maps.open(ask_for_maps(self, folder_of(self._document.path)))
+        self._document.maps.open(ask_for_maps(self, folder_of(self._document.path), "labels"))
 
     def _save(self) -> None:
         known, mesh = self._document.labels.current, self._document.mesh

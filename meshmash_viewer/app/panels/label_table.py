@@ -115,7 +115,7 @@ class _Rows(QAbstractTableModel):
         counts, areas, _ = self._sizes
         if column == VERTICES:
             return f"{counts[row]:,}"
-        return grouped(areas[row] * 10.0 ** self._area_unit[0], 3) if counts[row] else "–"
+        return grouped(areas[row] * 10.0 ** self._area_unit[0]) if counts[row] else "–"
 
     def _description(self, label: Label, row: int, column: int) -> str:
         if column == COLOR:

@@ -134,7 +134,7 @@ class SelectBar(QToolBar):
         chosen = np.flatnonzero(mask)  # most often few
         texts = [counted(len(chosen), "vertex")]
         if self._tool.prepared:
-            texts.append(format_quantity(float(mesh.vertex_areas[chosen].sum()), mesh.unit, 2))
+            texts.append(format_quantity(float(mesh.vertex_areas[chosen].sum()), mesh.unit, 2, 4))
         self.count_label.setText(f" {' · '.join(texts)} ")
 
 
