@@ -121,7 +121,7 @@ def repair_effect(mesh: Mesh, name: str, health: Health) -> str:
 
 
 def _edges(mesh: Mesh) -> Edges:
-    return edges_of(side_codes(mesh.faces[mesh.distinct_corners], mesh.n_vertices))
+    return edges_of(side_codes(mesh.proper_faces, mesh.n_vertices))
 
 
 def _open(mesh: Mesh) -> IntArray:
@@ -137,12 +137,12 @@ def _ends(keys: IntArray, mesh: Mesh) -> IntArray:
 
 def _outside_largest(mesh: Mesh) -> IntArray:
     sizes = np.bincount(mesh.component_labels[mesh.referenced])
-    faces = mesh.faces[mesh.distinct_corners]
+    faces = mesh.proper_faces
     return np.asarray(faces[mesh.component_labels[faces[:, 0]] != sizes.argmax()])
 
 
 def _ambiguous(mesh: Mesh) -> IntArray:
-    faces = mesh.faces[mesh.distinct_corners]
+    faces = mesh.proper_faces
     codes = side_codes(faces, mesh.n_vertices)
     edges = edges_of(codes)
     shared = edges.keys[edges.counts > 2]
@@ -165,8 +165,6 @@ _PARTS: dict[str, Callable[[Mesh], IntArray]] = {
     "duplicate_faces": lambda mesh: mesh.faces[mesh.duplicate_faces],
     "disagreeing_edges": lambda mesh: _ends(winding_of(mesh).one_way, mesh),
     "unreferenced_vertices": lambda mesh: mesh.unreferenced[:, np.newaxis],
-    "seam_vertices": lambda mesh: _together(
-        join_seams(first_at_place(mesh), mesh.faces[mesh.distinct_corners])
-    ),
+    "seam_vertices": lambda mesh: _together(join_seams(first_at_place(mesh), mesh.proper_faces)),
     "coincident_vertices": lambda mesh: _together(first_at_place(mesh)),
 }

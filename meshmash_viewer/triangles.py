@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first_equal
+from meshmash_viewer.arrays import FloatArray, IntArray, blocks, distinct_corners, first_equal
 
 #: A component with less than this share of the area of the largest one is small, see
 #: `Triangles.small_components`.
 SMALL = 0.05
 #: A face whose height is below this share of its longest edge is numerically degenerate.
 _FLAT = 1e-12
+#: Faces processed at a time, so that what is derived of them fits into the cache.
+_FACES = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,10 @@ class Triangles:
     @cached_property
     def face_areas(self) -> FloatArray:
         """Area of each face, shape (m,), in squared `unit`."""
-        return np.asarray(0.5 * np.linalg.norm(self._face_crosses, axis=1), dtype=np.float64)
+        areas = np.empty(self.n_faces)
+        for part in blocks(self.n_faces, _FACES):
+            areas[part] = 0.5 * np.linalg.norm(self._crosses(part), axis=1)
+        return areas
 
     @cached_property
     def area(self) -> float:
@@ -98,10 +103,16 @@ class Triangles:
         """Which faces have three different corners, shape (m,); the others are no triangles."""
         return distinct_corners(self.faces)
 
+    @property
+    def proper_faces(self) -> IntArray:
+        """The faces with three different corners; not a copy if all are."""
+        distinct = self.distinct_corners
+        return self.faces if distinct.all() else self.faces[distinct]
+
     @cached_property
     def degenerate_faces(self) -> npt.NDArray[np.bool_]:
         """Which faces have a corner twice, or no area but for rounding, shape (m,)."""
-        a, b, c = self._corners
+        a, b, c = self._corners(slice(None))
         squares = [np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
         longest = np.sqrt(np.max(squares, axis=0))
         # The height over the longest edge is known no better than the coordinates themselves.
@@ -123,10 +134,11 @@ class Triangles:
         from scipy import sparse
         from scipy.sparse.csgraph import connected_components
 
-        faces = self.faces[self.distinct_corners]
-        rows, columns = np.append(faces[:, 0], faces[:, 1]), np.append(faces[:, 1], faces[:, 2])
+        index = sparse.get_index_dtype(maxval=self.n_vertices)
+        corners = self.proper_faces.T.astype(index, order="C")
+        sides = corners[:2].ravel(), corners[1:].ravel()
         joined = sparse.coo_array(
-            (np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(self.n_vertices,) * 2
+            (np.ones(len(sides[0]), dtype=np.int8), sides), shape=(self.n_vertices,) * 2
         )
         _, labels = connected_components(joined, directed=False)
         result = np.full(self.n_vertices, -1, dtype=np.int64)
@@ -155,7 +167,10 @@ class Triangles:
         Where it vanishes (unreferenced vertices, faces that cancel) the normal is (0, 0, 1), so
         that nothing drawn with it is ever NaN.
         """
-        total = np.column_stack([self._sums_at_vertices(axis) for axis in self._face_crosses.T])
+        crosses = np.empty((self.n_faces, 3))
+        for part in blocks(self.n_faces, _FACES):
+            crosses[part] = self._crosses(part)
+        total = np.column_stack([self._sums_at_vertices(axis) for axis in crosses.T])
         length = np.linalg.norm(total, axis=1, keepdims=True)
         # sums below rounding, relative to the largest possible one, have no direction
         vanishing = length[:, 0] <= 1e-12 * self.area / self.n_faces
@@ -177,22 +192,20 @@ class Triangles:
         repeated = np.repeat(of_faces, 3)
         return np.bincount(self.faces.ravel(), repeated, self.n_vertices).astype(np.float64)
 
-    @cached_property
-    def _face_crosses(self) -> FloatArray:
-        """Cross product of two edges of each face, shape (m, 3): twice its area, along its normal.
+    def _crosses(self, part: slice) -> FloatArray:
+        """Cross product of two edges of some faces, shape (p, 3): twice the area, along the normal.
 
         An edge is a difference, so a far-away origin costs no digits here.
         """
-        a, b, c = self._corners
+        a, b, c = self._corners(part)
         return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
 
-    @property
-    def _corners(self) -> tuple[FloatArray, ...]:
-        """Coordinates of the three corners of each face, shape (m, 3) each.
+    def _corners(self, part: slice) -> tuple[FloatArray, ...]:
+        """Coordinates of the three corners of some faces, shape (p, 3) each.
 
         Those of faces with a corner twice are all at one: the other may be anywhere.
         """
-        faces = self.faces
-        if not self.distinct_corners.all():
-            faces = np.where(self.distinct_corners[:, None], faces, faces[:, :1])
+        faces, distinct = self.faces[part], self.distinct_corners[part]
+        if not distinct.all():
+            faces = np.where(distinct[:, None], faces, faces[:, :1])
         return tuple(self.vertices[faces[:, corner]] for corner in range(3))

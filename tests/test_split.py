@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import weakref
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from tiers import slow_but
 
 from meshmash_viewer.decompose import compute_hks, spectral_geometry_filter
 from meshmash_viewer.errors import InputError, TruncationWarning
-from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.features.filters import heat_kernel_bank
+from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled, Progress
-from meshmash_viewer.split.partition import edge_graph, interior_depth
+from meshmash_viewer.split.partition import Piece, edge_graph, interior_depth
+from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher, PieceError
 
 
@@ -211,8 +214,8 @@ def test_a_failure_names_the_piece(sphere: Mesh, n_jobs: int) -> None:
     third = len(stitcher.pieces[2])
     corner = stitcher.piece_mesh(2)[0][0]
 
-    def fails(piece: tuple[np.ndarray, np.ndarray]) -> float:
-        return 1 / 0 if (piece[0][0] == corner).all() else 0.0
+    def fails(piece: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        return 1 / 0 if (piece[0][0] == corner).all() else piece[0]
 
     seen: list[Progress] = []
     with pytest.raises(
@@ -534,3 +537,65 @@ def test_the_overlap_follows_the_time_of_the_function_that_is_applied(neuron: Me
     # a width that was asked for is kept, and its effect is said
     with pytest.warns(TruncationWarning, match=r"columns \(.*1\) differ by .* where pieces meet"):
         assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size, overlap=0.0)) > 0.01
+
+
+def small_features() -> PieceFeatures:
+    """Two columns of HKS."""
+    bank = heat_kernel_bank(np.array([0.02, 0.05]))
+    return PieceFeatures(OperatorOptions(), 300.0, bank, drop_first=False)
+
+
+def test_features_are_combined_as_they_come(sphere: Mesh) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=1).split_mesh(160, t_max=0.05)
+    task, alive = small_features(), []
+
+    def computed(piece: Piece) -> np.ndarray:
+        assert sum(each() is not None for each in alive) <= 1, "earlier results are kept"
+        rows = task(piece)
+        alive.append(weakref.ref(rows))
+        return rows
+
+    combined = stitcher.stitching()
+    stitcher.each(computed, lambda number, rows: combined.add(number, rows[:, :2]))
+    assert len(alive) == len(stitcher) > 2
+    results = [task(piece)[:, :2] for piece in stitcher]
+    found = task.on(stitcher)
+    for values in (combined.values(), found.values):
+        np.testing.assert_array_equal(values, stitcher.stitch_features(results))
+    np.testing.assert_array_equal(found.seams, stitcher.seams(results))
+
+
+def test_as_many_processes_as_fit_into_memory(
+    sphere: Mesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task, seen = small_features(), []
+    alone = task.on(MeshStitcher(sphere, n_jobs=1).split_mesh(300, t_max=0.05))
+    stitcher = MeshStitcher(sphere, n_jobs=2).split_mesh(300, t_max=0.05)
+    monkeypatch.setattr("meshmash_viewer.split.piece_features.free_memory", lambda: 10**6)
+    found = task.on(stitcher, progress=lambda each: seen.append(each.message))
+    n = len(stitcher)
+    assert seen[-1] == f"{n} of {n} pieces, 1 at a time for want of memory"
+    np.testing.assert_array_equal(found.values, alone.values)
+
+
+def test_a_failure_of_the_caller_starts_no_further_piece(sphere: Mesh) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=1).split_mesh(150)
+    calls: list[int] = []
+
+    def taken(number: int, result: Any) -> None:
+        raise ValueError("no room")
+
+    with pytest.raises(ValueError, match="no room"):
+        stitcher.each(lambda piece: calls.append(1), taken)
+    assert len(calls) <= 2 < len(stitcher)
+
+
+def test_the_graph_of_edges_has_each_edge_once(three_spheres: Mesh) -> None:
+    faces = np.concatenate([three_spheres.faces, [[0, 0, 200]]])  # no triangle, so no edge
+    mesh = Mesh(three_spheres.vertices, faces)
+    graph = edge_graph(mesh)
+    pairs = three_spheres.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    np.testing.assert_array_equal(np.stack(graph.tocoo().coords, axis=1), pairs)
+    lengths = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
+    np.testing.assert_array_equal(graph.data, lengths)

@@ -217,8 +217,8 @@ def measure_truncation(
     area = float(mass[used].sum())
     remainder = Remainder(left, start, max(n_left, 0), area, tail, totals, bank.normalised)
 
-    present, rest = values[used], left[used]
-    typical = np.array([np.median(np.abs(column)) for column in present.T])
+    rest = left[used]
+    typical = np.array([np.median(np.abs(column[used])) for column in values.T])
     if bank.normalised:
         errors = (remainder.estimate(values)[used], remainder.bound(values)[used])
         medians, largest = ([f(e, axis=0) for e in errors] for f in (np.median, np.max))

@@ -15,10 +15,11 @@ from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 
@@ -31,6 +32,8 @@ _SAMPLES = 8
 #: Smallest share of a piece to which cores are bisected to make room for the overlap. Where the
 #: mesh is so dense that the overlap alone fills the piece, the overlap is narrower instead.
 _SMALLEST_CORE = 0.25
+#: Edges measured at a time.
+_EDGES = 65536
 
 
 class Piece(tuple[FloatArray, IntArray]):
@@ -55,15 +58,27 @@ def edge_graph(mesh: Mesh) -> Graph:
 
     Edges of zero length have a tiny positive one, because a stored zero is not an edge.
     """
-    faces = mesh.faces[mesh.distinct_corners]
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges.sort(axis=1)
+    n, faces = mesh.n_vertices, mesh.proper_faces
+    sides = np.empty((3, len(faces)), dtype=np.int64)
+    for side, key in enumerate(sides):
+        a, b = faces[:, side], faces[:, side - 1]
+        np.minimum(a, b, out=key)
+        key *= n
+        key += np.maximum(a, b)
     # Equivalent to np.unique, which takes ten times as long here.
-    keys = np.sort(edges[:, 0] * mesh.n_vertices + edges[:, 1])
-    a, b = np.divmod(keys[np.diff(keys, prepend=-1) > 0], mesh.n_vertices)
-    lengths = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
-    lengths = np.maximum(lengths, 1e-9 * lengths.max(initial=0.0))
-    half = sparse.coo_array((lengths, (a, b)), shape=(mesh.n_vertices,) * 2)
+    keys = sides.ravel()
+    keys.sort()
+    keys = keys[np.append(True, keys[1:] != keys[:-1])]
+    del sides
+    starts = np.searchsorted(keys, np.arange(n + 1) * n).astype(np.int32)
+    lengths, ends = np.empty(len(keys)), np.empty(len(keys), dtype=np.int32)
+    for part in blocks(len(keys), _EDGES):
+        a, b = np.divmod(keys[part], n)
+        lengths[part] = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
+        ends[part] = b
+    del keys  # free its memory before the graph takes twice as much
+    np.maximum(lengths, 1e-9 * lengths.max(initial=0.0), out=lengths)
+    half = sparse.csr_array((lengths, ends, starts), shape=(n, n))
     return sparse.csr_array(half + half.T)
 
 
@@ -141,17 +156,19 @@ def owned_pieces(
     """Assign each vertex to the piece in which it is farthest from the cut.
 
     Returned are the vertices of each piece to which a vertex is assigned, without those of no face;
-    its faces, shape (m_i, 3), as indices within the piece; and the piece of each vertex, -1 for
-    none.
+    its faces, shape (m_i, 3), as indices within the piece, of int32; and the piece of each vertex,
+    -1 for none.
     """
     piece_of = np.full(mesh.n_vertices, -1)
     deepest = np.full(mesh.n_vertices, -1.0)
-    faces_of_mesh = mesh.faces[mesh.distinct_corners]
-    face = np.repeat(np.arange(len(faces_of_mesh)), 3)
-    faces_at = sparse.csc_array(
-        (np.ones(face.size, dtype=np.int8), (face, faces_of_mesh.ravel())),
+    faces_of_mesh = mesh.proper_faces
+    corners = faces_of_mesh.ravel().astype(np.int32)
+    starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
+    faces_at = sparse.csr_array(
+        (np.ones(len(corners), dtype=np.int8), corners, starts),
         shape=(len(faces_of_mesh), mesh.n_vertices),
-    )
+    ).tocsc()
+    del corners, starts
     kept = []
     for number, piece in enumerate(pieces):
         depth = interior_depth(graph, piece)
@@ -159,7 +176,7 @@ def owned_pieces(
         faces = np.searchsorted(piece, faces_of_mesh[met[n_corners == 3]])
         # Remove vertices of which all faces were cut off.
         used, faces = np.unique(faces, return_inverse=True)
-        piece, depth, faces = piece[used], depth[used], faces.reshape(-1, 3)
+        piece, depth, faces = piece[used], depth[used], faces.reshape(-1, 3).astype(np.int32)
         better = depth > deepest[piece]
         piece_of[piece[better]] = number
         deepest[piece[better]] = depth[better]
@@ -258,21 +275,21 @@ class _Cells:
         n = graph.shape[0]
         if n_cells > n // 4:
             self.graph = graph
-            self.cell = np.arange(n)
+            self.cell: npt.NDArray[np.integer[Any]] = np.arange(n)
             self.weights = np.ones(n)
             return
         seeds = np.sort(np.random.default_rng(0).choice(n, n_cells, replace=False))
         distances, _, nearest = dijkstra(
             graph, indices=seeds, min_only=True, return_predecessors=True
         )
-        cell = np.searchsorted(seeds, nearest)
-        a, b = np.repeat(np.arange(n), np.diff(graph.indptr)), graph.indices
-        crossing = np.flatnonzero(cell[a] < cell[b])
-        a, b = a[crossing], b[crossing]
+        cell = np.searchsorted(seeds, nearest).astype(np.int32)
+        tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(graph.indptr))
+        crossing = np.flatnonzero(cell[tails] < cell[graph.indices])
+        a, b = tails[crossing], graph.indices[crossing]
         # The distance of two cells is that of their seeds over the shortest crossing edge.
         length = distances[a] + graph.data[crossing] + distances[b]
         by_pair = np.lexsort((length, cell[b], cell[a]))
-        keys = (cell[a] * n_cells + cell[b])[by_pair]
+        keys = (cell[a] * np.int64(n_cells) + cell[b])[by_pair]
         keys, first = np.unique(keys, return_index=True)
         half = sparse.coo_array(
             (length[by_pair][first], np.divmod(keys, n_cells)), shape=(n_cells, n_cells)
@@ -334,4 +351,7 @@ def _distances(graph: Graph, sources: Any, limit: float = np.inf) -> FloatArray:
 
 
 def _subgraph(graph: Graph, members: IntArray) -> Graph:
+    """Return the part of a graph between some vertices, which ascend."""
+    if len(members) == graph.shape[0]:
+        return graph
     return sparse.csr_array(graph[members][:, members])

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from joblib import effective_n_jobs
+from joblib._parallel_backends import LokyBackend
+from joblib.parallel import get_active_backend
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.features.truncation import Truncation, measure_truncation
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
-from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
+from meshmash_viewer.spectral.cost import free_memory, memory_of_run
+from meshmash_viewer.spectral.weyl import weyl_count
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
+
+#: Bytes of a process without its piece, and share of the free memory that all may take.
+_PROCESS_BYTES, _SHARE = 170e6, 0.8
 
 
 class StitchedFeatures(NamedTuple):
@@ -51,6 +61,7 @@ class PieceFeatures:
         stiffness, mass = cotangent_laplacian(
             piece, self.operator.robust, self.operator.mollify_factor
         )
+        _release_freed()
         top = self.max_eigenvalue
         pairs = solve(stiffness, mass, max_eigenvalue=top, dtype=self.dtype, n_jobs=self.n_jobs)
         if not pairs.complete:
@@ -71,19 +82,43 @@ class PieceFeatures:
         cancel: CancelCallback | None = None,
     ) -> StitchedFeatures:
         """Compute features of all pieces, and stitch them; see `MeshStitcher.apply`."""
-        results = stitcher.apply(
-            self,
-            stitch=False,
-            done=lambda vertices, rows: done(vertices, rows[:, :-2]),
-            progress=progress,
-            cancel=cancel,
-        )
-        seams = stitcher.seams([rows[:, :-2] for rows in results])
-        *columns, density, mass = stitcher.stitch_features(results).T
-        values = np.stack(columns, axis=1)
+        columns, others, seaming = stitcher.stitching(), stitcher.stitching(), stitcher.seaming()
+
+        def take(number: int, rows: FloatArray) -> None:
+            values = rows[:, :-2]
+            columns.add(number, values)
+            others.add(number, rows[:, -2:])
+            seaming.add(number, values)
+            piece = stitcher.pieces[number]
+            own = stitcher.submesh_mapping[piece] == number
+            done(piece[own], values[own])
+
+        jobs = self._fitting(stitcher)
+        stitcher.each(self, take, n_jobs=jobs, progress=_said(progress, jobs), cancel=cancel)
+        values, seams = columns.values(), seaming.differences()
+        density, mass = others.values().T
         truncation = self._truncation(values, density, np.nan_to_num(mass))
         median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
         return StitchedFeatures(values, truncation, seams, median)
+
+    def _fitting(self, stitcher: MeshStitcher) -> int | None:
+        """Return the number of processes that fit into memory if that is fewer than asked for."""
+        active, _ = get_active_backend()
+        jobs = effective_n_jobs(stitcher.n_jobs)
+        if jobs == 1 or stitcher.client is not None or not isinstance(active, LokyBackend):
+            return None
+        areas = stitcher.mesh.vertex_areas
+        lean = np.dtype(self.dtype) == np.float32
+        needed = [
+            _PROCESS_BYTES + memory_of_run(
+                len(piece), 7 * len(piece),
+                round(weyl_count(float(areas[piece].sum()), self.max_eigenvalue)), 1, lean=lean,
+            )
+            for piece in stitcher.pieces
+        ]  # fmt: skip
+        largest = np.cumsum(sorted(needed, reverse=True)[:jobs])
+        fitting = int(np.searchsorted(largest, _SHARE * free_memory()))
+        return max(fitting, 1) if fitting < len(largest) else None
 
     def _truncation(
         self, values: FloatArray, density: FloatArray, mass: FloatArray
@@ -95,3 +130,20 @@ class PieceFeatures:
         return measure_truncation(
             values, self.bank, pairs, density, mass, precision=self.dtype, known_to=top
         )
+
+
+def _release_freed() -> None:
+    """Return freed memory to the system, most of which glibc would keep; elsewhere do nothing."""
+    if sys.platform == "linux":
+        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)
+
+
+def _said(progress: ProgressCallback | None, jobs: int | None) -> ProgressCallback | None:
+    """Add to messages for how many processes there is memory, if for fewer than asked for."""
+    if progress is None or jobs is None:
+        return progress
+
+    def report(each: Progress) -> None:
+        progress(replace(each, message=f"{each.message}, {jobs} at a time for want of memory"))
+
+    return report

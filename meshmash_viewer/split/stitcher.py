@@ -12,7 +12,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from functools import cached_property, partial
 from numbers import Real
 from typing import Any, overload
@@ -33,12 +33,7 @@ from meshmash_viewer.split.partition import (
     widened_cores,
 )
 from meshmash_viewer.split.stitching import PieceError as PieceError
-from meshmash_viewer.split.stitching import (
-    results_of_calls,
-    seam_differences,
-    seam_sentence,
-    stitched,
-)
+from meshmash_viewer.split.stitching import Seams, Stitched, results_of_calls, seam_sentence
 from meshmash_viewer.units import counted
 
 #: Default width of the overlap relative to the square root of the area of a piece.
@@ -230,7 +225,7 @@ class MeshStitcher(Sequence[Piece]):
 
     def piece_mesh(self, number: int) -> Piece:
         """Return a fresh copy of one piece as ``(vertices, faces)``."""
-        piece, faces = self.pieces[number], self._piece_faces[number].copy()
+        piece, faces = self.pieces[number], self._piece_faces[number].astype(np.int64)
         return Piece.of(self.mesh.vertices[piece], faces, self._first[piece])
 
     def apply(
@@ -239,7 +234,6 @@ class MeshStitcher(Sequence[Piece]):
         stitch: bool = True,
         *,
         fill_value: float = np.nan,
-        done: Callable[[IntArray, Any], None] | None = None,
         progress: ProgressCallback | None = None,
         cancel: CancelCallback | None = None,
         **arguments: Any,
@@ -259,8 +253,6 @@ class MeshStitcher(Sequence[Piece]):
             the order of `pieces`.
         fill_value : float
             Value of the vertices that are in no piece.
-        done : callable, optional
-            Called with the vertices assigned to a piece, and their values, when they are computed.
         progress, cancel : callable, optional
             See `meshmash_viewer.progress`; called between pieces.
         **arguments
@@ -301,21 +293,19 @@ class MeshStitcher(Sequence[Piece]):
                 f"stitch={stitch!r} is neither True nor False: give arguments of the function by"
                 " their names."
             )
-        results = self._results(function, arguments, done=done, progress=progress, cancel=cancel)
-        if not stitch:
-            return results
-        values = self.stitch_features(results, fill_value)
-        if arguments.get("t_max") is not None and len(self) > 1:
-            self._warn_of_seams(results)
-        return values
-
-    def _warn_of_seams(self, results: Sequence[Any]) -> None:
-        """Warn of columns that differ by more than 1 % in the median where pieces meet."""
-        seams = self.seams(results)
-        median = np.median(seams, axis=0) if len(seams) else np.zeros(1)
-        remedy = "call split_mesh with t_max, so that the overlap is wide enough"
-        if said := seam_sentence([str(at) for at in range(len(median))], median, remedy):
-            warnings.warn(f"{of_mesh(self.mesh.name)}{said}.", TruncationWarning, stacklevel=3)
+        self._split_for(arguments)
+        checked = stitch and arguments.get("t_max") is not None and len(self) > 1
+        seams = self.seaming() if checked else None
+        results = self._gathered(
+            function, arguments, stitch, fill_value, seams, progress=progress, cancel=cancel
+        )
+        if seams is not None:
+            differences = seams.differences()
+            median = np.median(differences, axis=0) if len(differences) else np.zeros(1)
+            remedy = "call split_mesh with t_max, so that the overlap is wide enough"
+            if said := seam_sentence([str(at) for at in range(len(median))], median, remedy):
+                warnings.warn(f"{of_mesh(self.mesh.name)}{said}.", TruncationWarning, stacklevel=2)
+        return results
 
     def apply_on_features(
         self,
@@ -340,8 +330,9 @@ class MeshStitcher(Sequence[Piece]):
                 f"Features of shape {rows.shape} do not match {self.mesh.n_vertices:,} vertices:"
                 " give a row for each."
             )
-        results = self._results(function, arguments, rows=rows, progress=progress, cancel=cancel)
-        return self.stitch_features(results, fill_value) if stitch else results
+        return self._gathered(
+            function, arguments, stitch, fill_value, rows=rows, progress=progress, cancel=cancel
+        )
 
     def subset_apply(
         self,
@@ -373,26 +364,56 @@ class MeshStitcher(Sequence[Piece]):
             vertices = np.flatnonzero(vertices)
         if vertices.dtype.kind not in "iu" or not ((vertices >= 0) & (vertices < n)).all():
             raise InputError(f"indices are of vertices: give whole numbers from 0 to {n - 1}.")
-        results = self._results(
-            function, arguments, vertices=vertices, progress=progress, cancel=cancel
-        )
-        values = self.stitch_features(results, fill_value)
+        values: npt.NDArray[Any] = self._gathered(
+            function, arguments, True, fill_value,
+            vertices=vertices, progress=progress, cancel=cancel,
+        )  # fmt: skip
         return values[vertices] if reindex else values
 
-    def _results(
+    def _split_for(self, arguments: dict[str, Any]) -> None:
+        """Cut the mesh if it has not been, or anew if the overlap has to follow `t_max`."""
+        if not self.pieces or (self._open is not None and arguments.get("t_max") is not None):
+            self.split_mesh(**(self._open or {}), t_max=arguments.get("t_max"))
+
+    def _gathered(
         self,
         function: Callable[..., Any],
         arguments: dict[str, Any],
+        stitch: bool,
+        fill_value: float,
+        seams: Seams | None = None,
+        **given: Any,
+    ) -> Any:
+        """Return what `apply` does; results go to `seams` too, and `given` to `each`."""
+        self._split_for(arguments)
+        results: list[Any] = [None] * len(self)
+        stitching = self.stitching(fill_value)
+        put = stitching.add if stitch else results.__setitem__
+
+        def take(number: int, result: Any) -> None:
+            put(number, result)
+            if seams is not None:
+                seams.add(number, result)
+
+        self.each(partial(function, **arguments), take, **given)
+        return stitching.values() if stitch else results
+
+    def each(
+        self,
+        function: Callable[..., Any],
+        take: Callable[[int, Any], None],
         *,
         rows: npt.NDArray[Any] | None = None,
         vertices: IntArray | None = None,
-        done: Callable[[IntArray, Any], None] | None = None,
+        n_jobs: int | None = None,
         progress: ProgressCallback | None = None,
         cancel: CancelCallback | None = None,
-    ) -> list[Any]:
-        """Return the result of each piece, None for those to which no `vertices` are assigned."""
-        if not self.pieces or (self._open is not None and arguments.get("t_max") is not None):
-            self.split_mesh(**(self._open or {}), t_max=arguments.get("t_max"))
+    ) -> None:
+        """Call a function on every piece in parallel, and pass its number and result to `take`.
+
+        No result is kept. See `apply_on_features` for `rows` and `subset_apply` for `vertices`;
+        `n_jobs` replaces that of the stitcher.
+        """
         owners = self.submesh_mapping if vertices is None else self.submesh_mapping[vertices]
         numbers = np.unique(owners[owners >= 0]).tolist()
         if vertices is not None and not numbers:
@@ -400,24 +421,18 @@ class MeshStitcher(Sequence[Piece]):
                 "The vertices are in no piece: no face uses them, or they are in small components."
             )
         calls = ((self._name(number), self._arguments(number, rows)) for number in numbers)
-        results: list[Any] = [None] * len(self)
         began = time.monotonic()
-        with ProgressBar("pieces", progress) if self.verbose else nullcontext(progress) as report:
-            found = results_of_calls(
-                partial(function, **arguments), calls, self.n_jobs, cancel, self.client
-            )
-            for count, (number, result) in enumerate(zip(numbers, found, strict=True), 1):
-                results[number] = result
-                if done is not None:
-                    piece = self.pieces[number]
-                    own = self.submesh_mapping[piece] == number
-                    done(piece[own], np.asarray(result)[own])
+        found = results_of_calls(function, calls, n_jobs or self.n_jobs, cancel, self.client)
+        drawn = ProgressBar("pieces", progress) if self.verbose else nullcontext(progress)
+        with closing(found), drawn as report:
+            for count, number in enumerate(numbers, 1):
+                take(number, next(found))
                 if report is not None:
                     share = count / len(numbers)
                     left = (time.monotonic() - began) * (1.0 / share - 1.0)
                     message = f"{count} of {len(numbers)} pieces"
                     report(Progress("pieces", share, remaining=left, message=message))
-        return results
+            next(found, None)  # raises what ended it
 
     def _arguments(self, number: int, rows: npt.NDArray[Any] | None) -> tuple[Any, ...]:
         own = () if rows is None else (rows[self.pieces[number]],)
@@ -441,7 +456,23 @@ class MeshStitcher(Sequence[Piece]):
         `InputError` is raised if their number differs from that of the pieces, or shapes do not
         agree.
         """
-        return stitched(features_by_submesh, self.pieces, self.submesh_mapping, fill_value)
+        if len(features_by_submesh) != len(self):
+            raise InputError(
+                f"{len(features_by_submesh)} results do not match {counted(len(self), 'piece')}:"
+                " give one for each, None for pieces without values."
+            )
+        stitching = self.stitching(fill_value)
+        for number, result in enumerate(features_by_submesh):
+            stitching.add(number, result)
+        return stitching.values()
+
+    def stitching(self, fill_value: float = np.nan) -> Stitched:
+        """Return what combines results of pieces one after another."""
+        return Stitched(self.pieces, self.submesh_mapping, fill_value)
+
+    def seaming(self) -> Seams:
+        """Return what compares results of pieces one after another."""
+        return Seams(self.pieces, self.submesh_mapping, self.mesh.proper_faces)
 
     def seams(self, results: Sequence[Any]) -> FloatArray:
         """Compute the differences of the results of `apply` with ``stitch=False`` along seams.
@@ -452,8 +483,10 @@ class MeshStitcher(Sequence[Piece]):
             Relative difference of the values of two pieces at each vertex next to a seam that both
             contain. Without seams the shape is (0, f).
         """
-        graph = edge_graph(self.mesh)
-        return seam_differences(results, self.pieces, self.submesh_mapping, graph)
+        seams = self.seaming()
+        for number, result in enumerate(results):
+            seams.add(number, result)
+        return seams.differences()
 
 
 def reach_of(time: float, graph: Graph) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import nullcontext
 from typing import Any
@@ -20,43 +20,49 @@ from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.weyl import TOLERANCE
-from meshmash_viewer.split.partition import Graph
 from meshmash_viewer.units import counted
 
 
-def stitched(
-    results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, fill_value: float
-) -> npt.NDArray[Any]:
-    """Combine the values of pieces, see `MeshStitcher.stitch_features`.
+class Stitched:
+    """Values of pieces, combined one piece after another; see `MeshStitcher.stitch_features`.
 
     `owners` is the piece of each vertex, -1 for none.
     """
-    if len(results) != len(pieces):
-        raise InputError(
-            f"{len(results)} results do not match {counted(len(pieces), 'piece')}: give one for"
-            " each, None for pieces without values."
-        )
-    arrays = [None if each is None else np.asarray(each) for each in results]
-    present = [array for array in arrays if array is not None]
-    if not present:
-        raise InputError("There is nothing to stitch: no piece has values.")
-    for number, array in enumerate(arrays):
-        if array is not None:
-            _check(array, present[0], len(pieces[number]), f"piece {number + 1} of {len(pieces)}")
-    known = np.array([array is not None for array in arrays] + [False])[owners]
-    dtype = np.result_type(*present)
-    if not known.all():
-        fill = np.min_scalar_type(fill_value)
+
+    def __init__(
+        self, pieces: Sequence[IntArray], owners: IntArray, fill_value: float = np.nan
+    ) -> None:
+        self._pieces, self._owners, self._fill = pieces, owners, fill_value
+        self._known = np.zeros(len(pieces) + 1, dtype=np.bool_)
+        self._whole: npt.NDArray[Any] | None = None
+
+    def add(self, number: int, result: Any) -> None:
+        """Copy the values of a piece at the vertices assigned to it; None is a piece without."""
+        if result is None:
+            return
+        array, piece, whole = np.asarray(result), self._pieces[number], self._whole
+        first = array if whole is None else whole
+        _check(array, first, len(piece), f"piece {number + 1} of {len(self._pieces)}")
+        if whole is None:
+            whole = np.zeros((len(self._owners), *array.shape[1:]), array.dtype)
+        own = self._owners[piece] == number
+        self._whole = whole = whole.astype(np.result_type(whole, array), copy=False)
+        whole[piece[own]] = array[own]
+        self._known[number] = True
+
+    def values(self) -> npt.NDArray[Any]:
+        """Return the values of all vertices, those of no piece filled."""
+        if self._whole is None:
+            raise InputError("There is nothing to stitch: no piece has values.")
+        if self._known[:-1].all() and self._owners.min() >= 0:
+            return self._whole
+        dtype, fill = self._whole.dtype, np.min_scalar_type(self._fill)
         # a floating-point fill value makes integers float64
         widened = dtype.kind in "biu" and fill.kind == "f"
         dtype = np.dtype(np.float64) if widened else np.result_type(dtype, fill)
-    shape = (len(owners), *present[0].shape[1:])
-    whole = np.empty(shape, dtype) if known.all() else np.full(shape, fill_value, dtype)
-    for number, (array, piece) in enumerate(zip(arrays, pieces, strict=True)):
-        if array is not None:
-            own = owners[piece] == number
-            whole[piece[own]] = array[own]
-    return whole
+        whole = self._whole.astype(dtype, copy=False)
+        whole[~self._known[self._owners]] = self._fill
+        return whole
 
 
 def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: str) -> None:
@@ -78,31 +84,45 @@ def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: st
         )
 
 
-def seam_differences(
-    results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, graph: Graph
-) -> FloatArray:
-    """Compute the differences along seams, see `MeshStitcher.seams`."""
-    first, second = graph.tocoo().coords
-    across = (owners[first] != owners[second]) & (owners[first] >= 0) & (owners[second] >= 0)
-    # each vertex next to a seam, its piece and that of its neighbour
-    sides = np.unique(
-        np.stack([first[across], owners[first[across]], owners[second[across]]], axis=1), axis=0
-    )
-    columns = np.asarray(results[0]).reshape(len(results[0]), -1).shape[1]
-    differences = [np.empty((0, columns))]
-    for one, other in np.unique(sides[:, 1:], axis=0):
-        vertices = sides[(sides[:, 1] == one) & (sides[:, 2] == other), 0]
-        vertices = vertices[np.isin(vertices, pieces[other])]
-        both = [
-            np.asarray(results[piece])[np.searchsorted(pieces[piece], vertices)]
-            for piece in (one, other)
-        ]
-        here, there = (np.reshape(values, (len(vertices), -1)) for values in both)
-        largest = np.maximum(np.abs(here), np.abs(there))
-        differences.append(
-            np.divide(np.abs(here - there), largest, out=np.zeros(here.shape), where=largest > 0.0)
-        )
-    return np.concatenate(differences)
+class Seams:
+    """Values of pieces next to the seams, of which `MeshStitcher.seams` are the differences."""
+
+    def __init__(self, pieces: Sequence[IntArray], owners: IntArray, faces: IntArray) -> None:
+        found = [np.empty((0, 3), dtype=np.int64)]
+        for side in range(3):
+            ends = np.stack([faces[:, side], faces[:, side - 1]])
+            first, second = owners[ends]
+            ends = ends[:, (first != second) & (first >= 0) & (second >= 0)]
+            for vertex, other in (ends, ends[::-1]):
+                found.append(np.stack([vertex, owners[vertex], owners[other]], axis=1))
+        # each vertex next to a seam, its piece and that of its neighbour
+        self._sides = np.unique(np.concatenate(found), axis=0)
+        near = np.zeros(len(owners), dtype=np.bool_)
+        near[self._sides[:, 0]] = True
+        self._at = [np.flatnonzero(near[piece]) for piece in pieces]
+        self._vertices = [piece[at] for piece, at in zip(pieces, self._at, strict=True)]
+        self._rows: dict[int, npt.NDArray[Any]] = {}
+
+    def add(self, number: int, result: Any) -> None:
+        """Keep what is next to a seam of the values of a piece."""
+        rows = np.asarray(result)
+        self._rows[number] = rows.reshape(len(rows), -1)[self._at[number]]
+
+    def differences(self) -> FloatArray:
+        """Compute the relative differences, shape (s, f)."""
+        differences = [np.empty((0, self._rows[0].shape[1]))]
+        for one, other in np.unique(self._sides[:, 1:], axis=0).tolist():
+            of_pair = (self._sides[:, 1] == one) & (self._sides[:, 2] == other)
+            vertices = np.intersect1d(self._sides[of_pair, 0], self._vertices[other])
+            here, there = (
+                self._rows[piece][np.searchsorted(self._vertices[piece], vertices)]
+                for piece in (one, other)
+            )
+            largest = np.maximum(np.abs(here), np.abs(there))
+            zero = np.zeros(here.shape)
+            apart = np.abs(here - there)
+            differences.append(np.divide(apart, largest, out=zero, where=largest > 0.0))
+        return np.concatenate(differences)
 
 
 def seam_sentence(names: Sequence[str], median: FloatArray, remedy: str) -> str:
@@ -128,7 +148,7 @@ def results_of_calls(
     n_jobs: int | None,
     cancel: CancelCallback | None,
     client: Any = None,
-) -> Iterator[Any]:
+) -> Generator[Any, None, None]:
     """Yield the results of calls, given by their names and arguments, in their order.
 
     `PieceError` is raised if the function failed, and `Cancelled` after `cancel`, called between
@@ -154,15 +174,20 @@ def results_of_calls(
             n_jobs=n_jobs, return_as="generator", max_nbytes=None, pre_dispatch="n_jobs"
         )
         found = parallel(delayed(_call)(*each) for each in tasks())
-    for result in found:
-        if outcome is not None:
-            continue
-        if isinstance(result, PieceError):
-            outcome = result
-            continue
-        yield result
-        if cancel is not None and cancel():
-            outcome = Cancelled()
+    try:
+        for result in found:
+            if outcome is not None:
+                continue
+            if isinstance(result, PieceError):
+                outcome = result
+                continue
+            yield result
+            if cancel is not None and cancel():
+                outcome = Cancelled()
+    except GeneratorExit:  # the caller does not want more
+        outcome = Cancelled()
+        deque(found, maxlen=0)
+        raise
     if outcome is not None:
         raise outcome
 
