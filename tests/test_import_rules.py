@@ -6,12 +6,11 @@ import ast
 import json
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cache
 from graphlib import TopologicalSorter
+from itertools import product
 from pathlib import Path
-
-import pytest
 
 import meshmash_viewer
 from meshmash_viewer.fields import FAMILIES
@@ -87,7 +86,7 @@ def imports(module: str, top_level_only: bool = False) -> frozenset[str]:
     tree = parsed(module)
     package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
     found = set()
-    for node in walk(tree, into_functions=not top_level_only):
+    for node in outside_functions(tree) if top_level_only else ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -101,12 +100,11 @@ def imports(module: str, top_level_only: bool = False) -> frozenset[str]:
     return frozenset(found)
 
 
-def walk(node: ast.AST, into_functions: bool) -> list[ast.AST]:
-    nodes = [node]
+def outside_functions(node: ast.AST) -> Iterator[ast.AST]:
+    yield node
     for child in ast.iter_child_nodes(node):
-        if into_functions or not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            nodes += walk(child, into_functions)
-    return nodes
+        if not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            yield from outside_functions(child)
 
 
 def roots(names: Iterable[str]) -> set[str]:
@@ -149,12 +147,15 @@ def test_the_numerics_need_little_beyond_numpy_and_scipy() -> None:
     assert not loaded & late
 
 
-@pytest.mark.parametrize("module", sorted(set(MODULES) - {"meshmash_viewer"}))
-def test_imports_go_one_way(module: str) -> None:
-    own = layer(module)
-    for name in imports(module):
-        if name.partition(".")[0] == "meshmash_viewer" and name != "meshmash_viewer":
-            assert layer(name) in ALLOWED[own] | {own}, f"{module} ({own}) imports {name}"
+def test_imports_go_one_way() -> None:
+    wrong = [
+        f"{module} ({layer(module)}) imports {name}"
+        for module in sorted(set(MODULES) - {"meshmash_viewer"})
+        for name in imports(module)
+        if name.startswith("meshmash_viewer.")
+        and layer(name) not in ALLOWED[layer(module)] | {layer(module)}
+    ]
+    assert not wrong
 
 
 def test_no_module_needs_itself() -> None:
@@ -163,38 +164,38 @@ def test_no_module_needs_itself() -> None:
     TopologicalSorter(needs).prepare()
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if layer(name) != "app"])
-def test_window_libraries_outside_app(module: str) -> None:
-    assert not roots(imports(module, top_level_only=True)) & WINDOW_LIBRARIES
-    allowed = VTK if module in VTK_OUTSIDE_APP else set()
-    assert roots(imports(module)) & WINDOW_LIBRARIES <= allowed
-
-
-@pytest.mark.parametrize("module", [name for name in MODULES if layer(name) == "app"])
-def test_only_the_scene_knows_vtk(module: str) -> None:
-    part = module.split(".")[2] if module.count(".") > 1 else ""
-    if part not in VTK_INSIDE_APP:
-        assert not roots(imports(module)) & VTK
-
-
-@pytest.mark.parametrize(
-    "module", [name for name in MODULES if name.endswith(("_panel", "_tab", "_dialog"))]
-)
-def test_panels_know_the_model_and_not_one_another(module: str) -> None:
-    others = {name for name in imports(module) if name.endswith(("_panel", "_dialog"))}
-    if module.endswith("_tab"):
-        others |= {name for name in imports(module) if name.endswith("_tab")}
-    assert not others
-    assert "meshmash_viewer.app.main_window" not in imports(module)
-
-
-@pytest.mark.parametrize("name", FAMILIES)
-def test_a_family_is_known_by_its_file_its_tab_and_the_table(name: str) -> None:
-    """Whoever else needs something of it asks all of them, by a method of `Family`."""
-    family = FAMILIES[name]
-    own = {family.__module__, "meshmash_viewer.fields.table"}
-    said = {name, *([family.export] if family.counted else [])}
+def test_window_libraries_outside_app() -> None:
     for module in MODULES:
+        if layer(module) != "app":
+            top = roots(imports(module, top_level_only=True))
+            assert not top & WINDOW_LIBRARIES, module
+            allowed = VTK if module in VTK_OUTSIDE_APP else set()
+            assert roots(imports(module)) & WINDOW_LIBRARIES <= allowed, module
+
+
+def test_only_the_scene_knows_vtk() -> None:
+    for module in MODULES:
+        part = module.split(".")[2] if module.count(".") > 1 else ""
+        if layer(module) == "app" and part not in VTK_INSIDE_APP:
+            assert not roots(imports(module)) & VTK, module
+
+
+def test_panels_know_the_model_and_not_one_another() -> None:
+    for module in MODULES:
+        if not module.endswith(("_panel", "_tab", "_dialog")):
+            continue
+        others = {name for name in imports(module) if name.endswith(("_panel", "_dialog"))}
+        if module.endswith("_tab"):
+            others |= {name for name in imports(module) if name.endswith("_tab")}
+        assert not others, module
+        assert "meshmash_viewer.app.main_window" not in imports(module), module
+
+
+def test_a_family_is_known_by_its_file_its_tab_and_the_table() -> None:
+    """Whoever else needs something of it asks all of them, by a method of `Family`."""
+    for (name, family), module in product(FAMILIES.items(), MODULES):
+        own = {family.__module__, "meshmash_viewer.fields.table"}
+        said = {name, *([family.export] if family.counted else [])}
         its_tab = module.startswith(f"meshmash_viewer.app.tabs.{name}_")
         if layer(module) == "numerics" or module in own or its_tab:
             continue
