@@ -13,6 +13,8 @@ import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.io.write import write_mesh
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 LABELS = (mv.Label(1, "bump", "#4477aa"), mv.Label(2, "rest", "#ee6677"))
 
 

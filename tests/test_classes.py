@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
+from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.learn import Classifier
@@ -48,7 +49,7 @@ def strokes(blob: mv.Mesh, truth: np.ndarray) -> mv.VertexMap:
     return mv.VertexMap("strokes", np.where(near, truth, 0), labels=LABELS)
 
 
-@pytest.fixture(scope="module", params=["ensemble", "forest", "logistic"])
+@pytest.fixture(scope="module", params=["ensemble", slow("forest"), "logistic"])
 def model(request: pytest.FixtureRequest, blob: mv.Mesh, strokes: mv.VertexMap) -> mv.ClassModel:
     return mv.train_classes(blob, strokes, COLUMNS, request.param)
 
@@ -105,6 +106,7 @@ def test_scores_are_those_of_strokes_left_out(
     assert len(model.importance) == len(model.columns.names)
 
 
+@pytest.mark.slow
 def test_labels_at_random_have_the_score_of_chance() -> None:
     """Neighbours would give the answer away if single vertices were left out."""
     blob = mv.Mesh(shapes.blob(4).vertices, shapes.blob(4).faces, "nm", "blob")
@@ -119,6 +121,7 @@ def test_labels_at_random_have_the_score_of_chance() -> None:
     assert np.mean(found[values > 0] == values[values > 0]) > 0.9
 
 
+@pytest.mark.slow
 def test_whole_meshes_are_left_out_where_there_are_several(
     blob: mv.Mesh, strokes: mv.VertexMap, truth: np.ndarray
 ) -> None:
@@ -161,6 +164,7 @@ def test_an_ensemble_has_the_mean_probability_and_importance(
     )
 
 
+@pytest.mark.slow
 def test_smoothed_probabilities_are_kept_in_range(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
     model = mv.train_classes(blob, strokes, COLUMNS, smoothing=0.3)
     plain = mv.train_classes(blob, strokes, COLUMNS, scored=False)
@@ -198,10 +202,11 @@ def test_diffusion_is_one_implicit_step() -> None:
 def test_known_columns_give_the_same_and_are_not_computed_again(
     blob: mv.Mesh, strokes: mv.VertexMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = mv.predict_classes(blob, mv.train_classes(blob, strokes, COLUMNS, scored=False))
+    options: dict[str, Any] = {"classifier": "logistic", "scored": False}
+    before = mv.predict_classes(blob, mv.train_classes(blob, strokes, COLUMNS, **options))
     known = COLUMNS.compute(blob)
     monkeypatch.setattr(mv.ClassColumns, "compute", None)
-    model = mv.train_classes(blob, strokes, COLUMNS, features=known, scored=False)
+    model = mv.train_classes(blob, strokes, COLUMNS, features=known, **options)
     after = mv.predict_classes(blob, model, features=known)
     np.testing.assert_array_equal(after.labels.values, before.labels.values)
 
@@ -221,12 +226,13 @@ def test_training_and_prediction_can_be_cancelled(blob: mv.Mesh, strokes: mv.Ver
 def test_vertices_without_faces_have_no_class(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
     mesh = mv.Mesh(np.append(blob.vertices, [[99.0, 0.0, 0.0]], axis=0), blob.faces, "nm")
     values = np.append(strokes.values, 1)
-    model = mv.train_classes(mesh, mv.VertexMap("all", values, labels=LABELS), COLUMNS)
+    model = mv.train_classes(mesh, mv.VertexMap("all", values, labels=LABELS), COLUMNS, "logistic")
     found = mv.predict_classes(mesh, model)
     assert found.labels.n_values == blob.n_vertices
     assert np.isnan(found.uncertainty.values[-1])
 
 
+@pytest.mark.parametrize("model", ["logistic"], indirect=True)
 def test_a_mesh_without_a_unit_is_that_of_the_training_or_refused(
     blob: mv.Mesh, strokes: mv.VertexMap, model: mv.ClassModel
 ) -> None:

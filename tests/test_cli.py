@@ -508,7 +508,7 @@ def test_window_gets_its_arguments(
 @pytest.mark.parametrize(
     "asked",
     slow_but(
-        ["hks", "wks --index 4", "distance --vertex 3"],
+        ["hks"],
         ["hks", "hks --time 0.1", "hks --index 3", "eigenfunction", "band --index 31",
          "wks --index 4", "sihks", "filter --formula exp(-x)", "distance --vertex 3",
          "distance --vertex 3 --distance diffusion", "none"],
@@ -558,6 +558,7 @@ def test_a_picture_has_a_log_scale_where_it_serves_or_is_asked_for(
     assert json.loads(run(capsys, *given)[1])["log_scale"] == logarithmic
 
 
+@pytest.mark.slow
 def test_maps_are_columns_and_pictures(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:
@@ -676,6 +677,7 @@ def test_pieces_are_the_whole_but_for_their_seams(
         assert report["seam_flagged"] == []
 
 
+@pytest.mark.slow
 def test_what_is_missing_in_pieces_is_said_as_of_the_whole(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -764,6 +766,7 @@ def test_two_meshes_are_compared(
     assert run(capsys, "compare", ball, ball, "-o", tmp_path / "match.foo")[0] == 2
 
 
+@pytest.mark.slow
 def test_a_report_on_the_machine(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = run(capsys, "--info")
     assert (status, err) == (0, "")
@@ -778,6 +781,7 @@ def test_a_driver_that_crashes_is_part_of_the_report(monkeypatch: pytest.MonkeyP
     assert picture.asked_graphics() == "none (its test ended with status 1)"
 
 
+@pytest.mark.slow
 def test_version_and_help_load_nothing_heavy(tmp_path: Path) -> None:
     heavy = ("PySide6", "pyvista", "vtkmodules", "scipy", "trimesh")
     code = (
@@ -797,6 +801,7 @@ def test_version_and_help_load_nothing_heavy(tmp_path: Path) -> None:
     assert done.stdout.startswith("meshmash-viewer ")
 
 
+@pytest.mark.slow
 def test_closed_pipe_is_no_fault(ball: Path, tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-m", "meshmash_viewer", "info", *[str(ball)] * 3],

@@ -13,6 +13,8 @@ import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.io.write import write_mesh
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -38,6 +40,7 @@ TRAIN = ("train", "A.ply", "--labels", "A.label.gii", "--t-min", "0.03", "--t-ma
          "--max-eigenvalue", "20", "--n-components", "8", "-o", "model.skops")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_train_on_two_meshes_and_predict_both(capsys: pytest.CaptureFixture[str]) -> None:
     more = ("B.ply", "--labels", "B.csv", "--kind", "hks", "--kind", "curvature")
     assert main([*TRAIN, *more]) == 0

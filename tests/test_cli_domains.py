@@ -15,6 +15,8 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.io.write import write_mesh
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 pytest.importorskip("fast_simplification")
 QUICK = (
     *(
@@ -99,6 +101,7 @@ def test_what_does_not_do_is_one_line(
     assert fault in said.err
 
 
+@pytest.mark.slow
 def test_classes_of_domains_are_those_of_their_means(here: Path) -> None:
     mesh = mv.read_mesh("A.ply")
     parts = np.where(mesh.vertices[:, 0] > 500.0, 1, 2)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from tiers import slow
 
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.cli.numbers import signed
@@ -43,9 +44,9 @@ def features(ball: Path, *options: str) -> tuple[int, list[str], np.ndarray]:
         ),
         ("--t-min", "5e4", ("0.05um^2", "0,05 µm²", "50'000", "50_000", "5e-14 m^2")),
         ("--count", "30", ("30.0", "3e1", "+30")),
-        ("--wavelength", "600", ("0.6um", "0,6 µm", "600 nm", "6e-4mm")),
-        ("--max-eigenvalue", "8e-5", ("80/um^2", "80 µm⁻²", "8e-5 nm^-2", "80 1/µm²")),
-        ("--n-components", "4", ("4.0", "+4")),
+        slow("--wavelength", "600", ("0.6um", "0,6 µm", "600 nm", "6e-4mm")),
+        slow("--max-eigenvalue", "8e-5", ("80/um^2", "80 µm⁻²", "8e-5 nm^-2", "80 1/µm²")),
+        slow("--n-components", "4", ("4.0", "+4")),
     ],
 )
 def test_ways_to_write_one_option(

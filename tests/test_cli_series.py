@@ -14,6 +14,8 @@ from meshmash_viewer.cli import main as cli
 from meshmash_viewer.fields.sweep import SWEPT
 from meshmash_viewer.mesh import Mesh
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 @pytest.fixture
 def ball(sphere: Mesh, tmp_path: Path) -> Path:
@@ -126,6 +128,7 @@ def test_what_a_kind_is_asked_for_is_what_its_gallery_shows(
     assert len(report["columns"]) == 15, "every other of 30 sums"
 
 
+@pytest.mark.slow
 def test_what_no_eigenpairs_make_asks_for_none(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:
@@ -180,6 +183,7 @@ def test_a_sweep_shows_the_picture_of_each_column(
     assert (len(shown), length) == (20, 2000.0)
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_a_turn_shows_the_mesh_from_all_around(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
@@ -200,6 +204,7 @@ def test_a_turn_shows_the_mesh_from_all_around(
     assert count_frames_and_secs(str(tmp_path / "turn.mp4")) == (8, pytest.approx(1.0))
 
 
+@pytest.mark.slow
 def test_an_interrupted_movie_leaves_nothing(
     capsys: pytest.CaptureFixture[str],
     ball: Path,

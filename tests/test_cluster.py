@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 import shapes
+from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
@@ -47,6 +48,15 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         threads_per_worker=1,
         dashboard_address="127.0.0.1:0",
         env={"MESHMASH_CACHE": cache},
+    ) as made:
+        yield made
+
+
+@pytest.fixture
+def threads() -> Iterator[Any]:
+    """Two workers in this process, which start in no time."""
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
     ) as made:
         yield made
 
@@ -93,9 +103,11 @@ def check_same(one: str, other: str, count: int) -> None:
         assert content(file) == content(Path(other, file.name)), file.name
 
 
+@pytest.mark.parametrize("workers", [slow("cluster"), "threads"])
 def test_a_cluster_writes_what_one_process_writes_and_lists_what_failed(
-    cluster: Any, capsys: pytest.CaptureFixture[str]
+    workers: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    cluster = request.getfixturevalue(workers)
     assert features("here", "--jobs", "1") == 2
     said = capsys.readouterr()
     assert features("there", "--scheduler", cluster.scheduler_address) == 2
@@ -123,6 +135,7 @@ def test_a_cluster_writes_what_one_process_writes_and_lists_what_failed(
     assert broken["fault"] in bad
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_where_it_was(capsys: pytest.CaptureFixture[str]) -> None:
     Path("m1_bad.ply").unlink()
 
@@ -161,6 +174,7 @@ def test_a_manifest_holds_the_rows_of_all_runs(capsys: pytest.CaptureFixture[str
     assert "manifest_features.parquet is not a manifest" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_two_runs_at_once_write_one_manifest() -> None:
     made = "import meshmash_viewer.cli.manifest as it, sys, time; whole = it.written_whole\n"
     # long enough after reading that the other run would write
@@ -209,6 +223,7 @@ def test_predict_on_a_cluster(cluster: Any, capsys: pytest.CaptureFixture[str]) 
     assert "of them before" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_pieces_are_tasks(cluster: Any) -> None:
     mesh = shapes.blob(3)
     found = []
@@ -274,6 +289,7 @@ CONDENSE += ["20", "--min-vertices", "20", "-o", "out/", "--graphs", "graphs/"]
 POINTS = ["points", "m0.ply", "--points", "points.csv", "-o", "out/points.csv"]
 
 
+@pytest.mark.slow
 def test_condense_and_points_take_the_same_options(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("fast_simplification")
     Path("points.csv").write_text("id,x,y,z\n1,0,0,1\n")

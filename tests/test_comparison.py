@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapes
+from tiers import slow_but
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
@@ -43,7 +44,7 @@ BANKS = {
 }
 
 
-@pytest.mark.parametrize("kind", BANKS)
+@pytest.mark.parametrize("kind", slow_but(list(BANKS)[:1], BANKS))
 def test_a_copy_is_at_no_distance_and_matches_itself(
     blob: Mesh, copy: tuple[Mesh, np.ndarray], kind: str
 ) -> None:
@@ -69,6 +70,7 @@ def test_swapped_and_flipped_eigenfunctions_are_told(blob: Mesh) -> None:
     np.testing.assert_array_equal(found.signs, signs[found.indices])
 
 
+@pytest.mark.slow
 def test_what_a_symmetry_hides_is_not_told() -> None:
     ball = shapes.icosphere(3)
     long = Mesh(ball.vertices * [1.0, 1.7, 0.6], ball.faces)  # three mirrors

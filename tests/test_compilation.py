@@ -30,6 +30,7 @@ def place(patch: str) -> str:
     return subprocess.run(run, env=environment, capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.slow
 def test_numba_finds_its_own_place_where_it_can() -> None:
     assert place("").strip() == ""
     # one of two places is enough
@@ -91,7 +92,7 @@ def test_without_a_compiler_what_needs_it_says_so_at_once(work: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", slow_but([[]], [["info", "a.ply"], ["features", "a.ply", "-o", "b"], []])
+    "arguments", slow_but([], [["info", "a.ply"], ["features", "a.ply", "-o", "b"], []])
 )
 def test_without_a_compiler_the_command_ends_at_its_start(arguments: list[str]) -> None:
     ended = without_compiler(

@@ -105,6 +105,7 @@ def spheres(copies: int) -> Any:
             lambda: solve(*random_mesh(2, 2), 300, n_jobs=1),
             (9, 2, 111, 18, 5, 18, 0),
             id="of many pairs",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             lambda: solve(*twice(), 200, dtype="f4", n_jobs=1),
@@ -203,13 +204,25 @@ def test_what_a_given_inverse_has_found_is_counted_and_not_found_again(
     ("seed", "most"),
     [
         pytest.param(118, (14, 12, 228, 75, 37, 109, 0), id="a negative eigenvalue"),
-        pytest.param(121, (25, 21, 215, 90, 23, 48, 0), id="two weak springs"),
+        pytest.param(
+            121, (25, 21, 215, 90, 23, 48, 0), id="two weak springs", marks=pytest.mark.slow
+        ),
         pytest.param(
             412, (37, 10, 134, 38, 11, 31, 1), id="a float32 threshold beside an eigenvalue"
         ),
-        pytest.param(514, (48, 19, 245, 82, 23, 62, 0), id="a threshold on the lowest"),
+        pytest.param(
+            514,
+            (48, 19, 245, 82, 23, 62, 0),
+            id="a threshold on the lowest",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(12271, (77, 3, 82, 21, 18, 35, 0), id="a shifted sphere"),
-        pytest.param(10784, (58, 6, 245, 39, 32, 97, 3), id="copies a millionth apart"),
+        pytest.param(
+            10784,
+            (58, 6, 245, 39, 32, 97, 3),
+            id="copies a millionth apart",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(16434, (3, 1, 10, 1, 1, 2, 3), id="edges of 1e16"),
     ],
 )

@@ -177,6 +177,7 @@ def test_three_equal_spheres_have_everything_three_times(count):
     assert np.linalg.matrix_rank(eigenvectors) == count
 
 
+@pytest.mark.slow
 def test_bands_of_any_size_find_the_same(matrices):
     results = [
         decompose_laplacian_by_bands(*matrices, THRESHOLD, band_size=size, truncate_extra=extra)
@@ -265,6 +266,7 @@ def test_the_unit_of_the_mesh_scales_the_result(neuron, scale, tolerance):
     np.testing.assert_allclose(hks_2 * scale**2, hks, rtol=10.0 * tolerance + 1e-12)
 
 
+@pytest.mark.slow
 def test_order_of_vertices_and_pose_do_not_matter(neuron, rng):
     order = rng.permutation(neuron.n_vertices)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
@@ -497,6 +499,7 @@ def test_an_empty_sum_is_zero(sphere):
 # Long runs ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
     expected = compute_geometry_vectors(neuron, THRESHOLD)
     monkeypatch.setattr(checked_solve, "_MEMORY_SHARE", 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapes
 from scipy.linalg import eigh, expm, pinvh
+from tiers import slow, slow_but
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.distances import (
@@ -160,7 +161,7 @@ def test_times_and_shapes_are_checked() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "within"), [("biharmonic", 1.6), ("commute", 1.6), ("diffusion", 1.6)]
+    ("kind", "within"), [slow("biharmonic", 1.6), ("commute", 1.6), slow("diffusion", 1.6)]
 )
 def test_what_is_missing_is_about_as_expected(kind: str, within: float) -> None:
     mesh, time = shapes.icosphere(3), 0.02
@@ -180,7 +181,7 @@ def test_what_is_missing_is_about_as_expected(kind: str, within: float) -> None:
 
 
 @pytest.mark.parametrize("measure", ["biharmonic", "commute", "diffusion"])
-@pytest.mark.parametrize("name", ["sphere", "torus", "neck", "stray"])
+@pytest.mark.parametrize("name", slow_but(["neck", "stray"], ["sphere", "torus", "neck", "stray"]))
 def test_of_all_pairs_nothing_is_missing(measure: str, name: str) -> None:
     made = {
         **MESHES,
@@ -232,6 +233,7 @@ def test_columns_are_the_distances_from_each_vertex(measure: str) -> None:
     assert (found.unit, found.meta["vertices"]) == (unit, [3, n + 5])
 
 
+@pytest.mark.slow
 def test_what_is_missing_of_them_is_what_more_pairs_add() -> None:
     mesh = shapes.icosphere(4)
     L, M = cotangent_laplacian(mesh)

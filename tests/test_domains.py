@@ -225,6 +225,7 @@ def test_bit_identical_for_any_number_of_processes(
     assert as_bytes(condensed(sample, n_jobs=n_jobs)) == as_bytes(found)
 
 
+@pytest.mark.slow
 def test_the_order_of_pieces_changes_nothing(
     found: mv.CondensedHKS, rng: np.random.Generator
 ) -> None:
@@ -250,6 +251,7 @@ def test_cuts_leave_the_domains_as_they_are_elsewhere(found: mv.CondensedHKS) ->
     assert adjusted_rand_score(whole, cut) > 0.9
 
 
+@pytest.mark.slow
 def test_the_columns_say_what_is_missing(sample: Mesh) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -267,6 +269,7 @@ def test_the_columns_say_what_is_missing(sample: Mesh) -> None:
     assert (int((shares > 0.01).sum()), round(shares[0], 2)) == (12, 0.61)
 
 
+@pytest.mark.slow
 def test_a_mesh_in_another_unit_has_the_same_domains(sample: Mesh, found: mv.CondensedHKS) -> None:
     in_um = Mesh(sample.vertices / 1000.0, sample.faces, unit="µm")
     other = condensed(in_um, n_jobs=1)

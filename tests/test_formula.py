@@ -164,6 +164,7 @@ def test_one_parameter_alone_goes_through_columns() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_broken_formulas_are_values_or_one_sentence() -> None:
     with formulas.watched() as done:
         outcomes = [formulas.outcome(seed) for seed in range(2000)]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapes
 import trimesh
+from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.progress import Cancelled
@@ -24,7 +25,9 @@ def with_noise(mesh: mv.Mesh, noise: float) -> mv.Mesh:
     return mv.Mesh(mesh.vertices + noise * edge.mean() * shifts, mesh.faces)
 
 
-@pytest.mark.parametrize(("noise", "level"), [(0.0, 3), (0.02, 3), (0.05, 3), (0.05, 4), (0.0, 5)])
+@pytest.mark.parametrize(
+    ("noise", "level"), [(0.0, 3), slow(0.02, 3), (0.05, 3), slow(0.05, 4), slow(0.0, 5)]
+)
 def test_a_turned_permuted_and_noisy_copy_is_matched(noise: float, level: int) -> None:
     mesh = shapes.blob(level)
     copy, there = shapes.moved_copy(with_noise(mesh, noise))

@@ -16,6 +16,8 @@ from meshmash_viewer.cli.main import main
 from meshmash_viewer.errors import UnprovenWarning
 from meshmash_viewer.spectral.certificate import Certificate
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 COUNT = 12
 
 

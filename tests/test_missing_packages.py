@@ -85,7 +85,7 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
             ("condense", "ball.off", "-o", "out.npz"),
             'pip install "meshmash-viewer[neuro]"',
         ),
-        (
+        slow(
             "skops",
             ("train", "ball.off", "--labels", "values.csv", "-o", "model.skops"),
             'pip install "meshmash-viewer[learn]"',

@@ -14,6 +14,7 @@ import pytest
 import pyvista
 import shapes
 import trimesh
+from tiers import slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
@@ -189,7 +190,7 @@ def test_rows_of_every_format_have_the_indices_of_the_file(
 
 
 @pytest.mark.usefixtures("read_here")
-@pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
+@pytest.mark.parametrize("ending", slow_but([".npz"], [".csv", ".parquet", ".npz"]))
 def test_a_table_after_a_repair_is_read_onto_the_file_again(
     raw: Mesh, repaired: Mesh, tmp_path: Path, ending: str
 ) -> None:

@@ -111,6 +111,7 @@ def test_a_plug_in_is_read_in_a_process_of_its_own_too(good: Path, tmp_path: Pat
     assert (done.stdout, done.stderr) == ("80 mm\n", "")
 
 
+@pytest.mark.slow
 def test_a_file_that_a_plug_in_cannot_read_is_one_sentence(good: Path, tmp_path: Path) -> None:
     (tmp_path / "ball.asc").write_text("#!ascii\n3 1\n0 0 0 0\n")
     done = run(good, "info", "ball.asc", cwd=tmp_path)
@@ -126,6 +127,7 @@ def test_the_report_lists_them(good: Path, tmp_path: Path) -> None:
         assert f"Plug-in, {name} of meshmash-wavelets 1.0" in told
 
 
+@pytest.mark.slow
 def test_what_cannot_be_used_costs_a_line_each(broken: Path, tmp_path: Path) -> None:
     sample = str(ROOT / "meshmash_viewer" / "samples" / "two_components.npz")
     options = ("features", sample, "--count", "8", "--no-cache", "-o")

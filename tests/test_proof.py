@@ -85,6 +85,7 @@ def test_a_threshold_on_a_diagonal_entry() -> None:
         assert result.complete
 
 
+@pytest.mark.slow
 def test_no_pair_below_a_threshold_between_copies_is_lost() -> None:
     stiffness, mass = icosahedra(59)
     exact = reduced_spectrum(stiffness, mass)

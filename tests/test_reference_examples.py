@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapes
+from tiers import slow
 
 from meshmash_viewer.errors import TruncationWarning
 from meshmash_viewer.health import REPAIRS
@@ -103,6 +104,7 @@ def test_direct_decomposition(mesh):
     assert eigenvectors.shape[1] == 50
 
 
+@pytest.mark.slow
 def test_band_by_band(mesh, count):
     from meshmash_viewer import cotangent_laplacian
     from meshmash_viewer.decompose import decompose_laplacian_by_bands
@@ -342,6 +344,7 @@ def test_bspline_filters(mesh):
     assert features.shape == (n_vertices(mesh), 64)
 
 
+@pytest.mark.slow
 def test_geometry_vectors_of_a_wider_range(mesh):
     from meshmash_viewer.decompose import compute_geometry_vectors
 
@@ -408,11 +411,11 @@ def test_hks_by_hand(mesh):
 @pytest.mark.parametrize(
     "options",
     [
-        {"band_size": 100},
+        slow({"band_size": 100}),
         {"truncate_extra": True},
         {"decomposition_dtype": np.float32},
-        {"decomposition_dtype": np.float64},
-        {"drop_first": False},
+        slow({"decomposition_dtype": np.float64}),
+        slow({"drop_first": False}),
         {"robust": True, "mollify_factor": 1e-5},
     ],
 )
@@ -424,6 +427,7 @@ def test_hks_advanced_parameters(mesh, options):
     np.testing.assert_allclose(hks, default, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_hks_of_a_wider_range(mesh, capsys):
     from meshmash_viewer.decompose import compute_hks
 
@@ -471,6 +475,7 @@ def test_scales_to_plot(mesh):
         assert np.ptp(hks[:, index]) > 0.0
 
 
+@pytest.mark.slow
 def test_splitting_large_meshes(mesh):
     from meshmash_viewer import MeshStitcher, compute_hks
 
@@ -493,6 +498,7 @@ def test_splitting_large_meshes(mesh):
     assert np.median(error) < 0.1
 
 
+@pytest.mark.slow
 def test_caching_the_laplacian(mesh):
     from meshmash_viewer import cotangent_laplacian
     from meshmash_viewer.decompose import get_hks_filter, spectral_geometry_filter

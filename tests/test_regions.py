@@ -18,6 +18,8 @@ from meshmash_viewer.cli.main import main
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.pins import read_pins
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 def revolved(z: np.ndarray, radius: np.ndarray, around: int = 48) -> trimesh.Trimesh:
     """Closed surface of revolution about x, turned and moved away from the origin."""

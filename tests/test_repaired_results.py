@@ -14,6 +14,7 @@ import pytest
 import shapes
 from listeners import Listener
 from solved import spectrum_of
+from tiers import slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.cli import main as cli
@@ -37,6 +38,8 @@ LARGEST, DROP, MERGE = (
     "drop_unreferenced_vertices",
     "merge_coincident_vertices",
 )
+
+pytestmark = pytest.mark.usefixtures("read_here")
 
 
 def save(mesh: Mesh, path: Path) -> Path:
@@ -93,7 +96,9 @@ def test_the_command_line_counts_as_the_file(
     assert "There is no vertex 206: they are counted from 0 to 205" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("ending", ["npz", "npy", "parquet", "vtp", "ply", "func.gii"])
+@pytest.mark.parametrize(
+    "ending", slow_but(["npz", "vtp"], ["npz", "npy", "parquet", "vtp", "ply", "func.gii"])
+)
 def test_whole_meshes_have_as_many_rows_in_every_format(
     path: Path, tmp_path: Path, ending: str
 ) -> None:
@@ -106,6 +111,7 @@ def test_whole_meshes_have_as_many_rows_in_every_format(
     assert np.flatnonzero(there).tolist() == list(range(44, 206))
 
 
+@pytest.mark.slow
 def test_pieces_eigenpairs_and_matches_come_to_the_whole_mesh(path: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.npz"
     largest = ["--largest-component", "--whole-mesh", "-o", out]

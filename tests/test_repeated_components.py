@@ -78,7 +78,7 @@ KINDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", slow_but(["500 equal", "turned", "with a large one"], KINDS))
+@pytest.mark.parametrize("kind", slow_but(["with a large one"], KINDS))
 def test_pairs_of_many_components_of_one_kind(rng, kind):
     make, count = KINDS[kind]
     meshes = make(rng)
@@ -88,6 +88,7 @@ def test_pairs_of_many_components_of_one_kind(rng, kind):
     np.testing.assert_allclose(eigenvalues, expected, rtol=1e-9, atol=1e-9 * expected[-1])
 
 
+@pytest.mark.slow
 def test_more_copies_than_pairs_are_no_hindrance():
     # The fourth to sixth eigenvalue of each are equal: 3,600 where 100 of them are needed.
     stiffness, mass = cotangent_laplacian(_joined(*[TETRAHEDRON] * 1200))

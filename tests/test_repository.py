@@ -126,6 +126,7 @@ def trees() -> dict[str, ast.Module]:
     }
 
 
+@pytest.mark.slow
 def test_test_files_can_be_imported_on_windows(trees: dict[str, ast.Module]) -> None:
     found = [
         f"{path}:{node.lineno}: {name}"
@@ -137,6 +138,7 @@ def test_test_files_can_be_imported_on_windows(trees: dict[str, ast.Module]) -> 
     assert found == []
 
 
+@pytest.mark.slow
 def test_no_test_needs_a_shell(trees: dict[str, ast.Module]) -> None:
     shells = [
         f"{path}:{node.lineno}"

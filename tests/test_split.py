@@ -237,6 +237,7 @@ def test_one_blas_thread_each(sphere: Mesh) -> None:
         assert set(pools) <= {1}
 
 
+@pytest.mark.slow
 def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
     from joblib import cpu_count
 
@@ -515,6 +516,7 @@ def test_the_first_pair_left_out_is_that_of_the_whole(three_spheres: Mesh, n_job
     np.testing.assert_allclose(found, whole[:, 2:], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_the_overlap_follows_the_time_of_the_function_that_is_applied(neuron: Mesh) -> None:
     time = 3.0 * neuron.area / neuron.n_vertices
     arguments = {

@@ -164,6 +164,7 @@ def test_bars_and_warnings_are_readable(encoding: str, monkeypatch: pytest.Monke
     assert said.endswith(f"meshmash-viewer: {spelled('µ → λ', encoding)}\n")
 
 
+@pytest.mark.slow
 def test_a_real_process_with_redirected_output(ball: Path) -> None:
     """Where Python itself chooses the error handlers of the streams."""
     environment = {name: text for name, text in os.environ.items() if name != "PYTHONUNBUFFERED"}

@@ -322,6 +322,7 @@ def test_one_pair_beside_the_constant_is_no_spectrum_of_zeros(sphere):
     assert np.isfinite(values).all()
 
 
+@pytest.mark.slow
 def test_count_and_wavelength_take_the_place_of_the_threshold(sphere):
     expected = compute_hks(sphere, 40.0, t_min=0.2, t_max=1.0)
     found = spectral_geometry_filter(sphere, max_eigenvalue=40.0, drop_first=False)[0]

@@ -257,6 +257,7 @@ def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(
     assert "from 7 pairs" in summed.describe(spectrum, "mm").caption
 
 
+@pytest.mark.slow
 def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: mv.Decomposition) -> None:
     def use() -> ReferenceType[Mesh]:
         mesh = replace(rectangle).with_maps(VertexMap("height", rectangle.vertices[:, 0]))

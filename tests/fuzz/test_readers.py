@@ -60,6 +60,7 @@ def _trials(numbers: list[int], folder: Path) -> list[trials.Trial]:
         return [trials.try_input(number, folder) for number in numbers]
 
 
+@pytest.mark.slow
 def test_the_seeds_are_sound(fresh: ProcessPoolExecutor, folder: Path) -> None:
     found = fresh.submit(_numbers_of_faces, folder).result()
     surface = found.pop("freesurfer lh.sphere")  # numbers on a surface, which is what it should say

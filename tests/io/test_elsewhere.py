@@ -25,6 +25,7 @@ from meshmash_viewer.io.writers import MESH_WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import STRUCTURES, named_structure, structure_of_file
 
+pytestmark = pytest.mark.usefixtures("read_here")
 BALL = shapes.icosphere(2)
 MESH = Mesh(BALL.vertices * 50.0, BALL.faces, unit="mm", name="ball", structure="CortexLeft")
 COLUMNS = tuple(f"hks_t={time:.6g} λ" for time in np.geomspace(5e4, 2e7, 32))

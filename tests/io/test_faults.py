@@ -73,6 +73,7 @@ def test_a_binary_stl_that_ends_early_says_how_much_is_there(tmp_path: Path) -> 
             read_mesh(path)
 
 
+@pytest.mark.usefixtures("read_here")
 def test_a_gifti_surface_of_other_dimensions(tmp_path: Path) -> None:
     from nibabel.gifti import GiftiDataArray, GiftiImage
 
@@ -116,6 +117,7 @@ def test_a_reader_without_memory_says_so(tmp_path: Path, monkeypatch: pytest.Mon
         read_guarded(read_legacy_vtk, saved(tmp_path, VERTICES, FACES))
 
 
+@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("ending", ["vtp", "vtk"])
 def test_a_vtk_file_with_nothing_in_it(ending: str, tmp_path: Path) -> None:
     import pyvista
@@ -176,6 +178,7 @@ def test_a_freesurfer_surface_has_as_many_bytes_as_it_says(
             read_mesh(path)
 
 
+@pytest.mark.usefixtures("read_here")
 def test_a_gifti_surface_may_keep_its_numbers_beside_it_if_they_are_all_there(
     tmp_path: Path,
 ) -> None:

@@ -607,6 +607,7 @@ def test_draco_is_an_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 # -- what is left out --------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize(
     ("modes", "said"),
     [

@@ -16,6 +16,8 @@ from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.session import Session, read_session, write_session
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 POINTS = "0 0 0", "2 0 0", "2 1 0", "0 1 0"
 FACES = (0, 1, 2), (0, 2, 3)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
+from tiers import slow
 
 import meshmash_viewer as mv
 
@@ -32,7 +33,7 @@ def labels(blob: mv.Mesh) -> mv.VertexMap:
     return mv.VertexMap("part", np.where(blob.vertices[:, 0] > 0.5, 1, 2), labels=LABELS)
 
 
-@pytest.fixture(scope="module", params=["ensemble", "forest", "logistic"])
+@pytest.fixture(scope="module", params=["ensemble", slow("forest"), "logistic"])
 def model(request: pytest.FixtureRequest, blob: mv.Mesh, labels: mv.VertexMap) -> mv.ClassModel:
     columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", kinds=("hks", "curvature"), n_times=6)
     return mv.train_classes(blob, labels, columns, request.param, smoothing=0.1)
@@ -69,6 +70,7 @@ def test_a_model_is_read_as_it_was_written(blob: mv.Mesh, model: mv.ClassModel, 
         np.testing.assert_array_equal(each.values, other.values)
 
 
+@pytest.mark.parametrize("model", ["logistic"], indirect=True)
 def test_the_card_is_json_in_the_archive(blob: mv.Mesh, path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         assert not [name for name in archive.namelist() if "pickle" in name or "pkl" in name]
@@ -81,6 +83,7 @@ def test_the_card_is_json_in_the_archive(blob: mv.Mesh, path: Path) -> None:
     assert card["transformation"]["hks"].startswith("logarithm")
 
 
+@pytest.mark.parametrize("model", ["logistic"], indirect=True)
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -100,6 +103,7 @@ def test_other_cards_are_refused(path: Path, change: Any, said: str) -> None:
         mv.read_classes(with_card(path, change))
 
 
+@pytest.mark.parametrize("model", ["logistic"], indirect=True)
 def test_another_type_is_refused_by_its_name(path: Path, model: mv.ClassModel) -> None:
     other = Other()
     other.value = 1  # type: ignore[attr-defined]
@@ -135,6 +139,7 @@ def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
         mv.read_classes(path)
 
 
+@pytest.mark.parametrize("model", ["logistic"], indirect=True)
 def test_models_have_one_ending(tmp_path: Path, model: mv.ClassModel) -> None:
     with pytest.raises(mv.InputError, match=r"give it the ending \.skops"):
         mv.write_classes(tmp_path / "model.pkl", model)

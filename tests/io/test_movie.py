@@ -12,6 +12,7 @@ from typing import IO, Any
 import numpy as np
 import pytest
 from PIL import Image
+from tiers import slow_unless
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io import movie
@@ -83,7 +84,7 @@ def test_one_frame_is_a_movie(tmp_path: Path, ending: str) -> None:
     assert len(shown) == 1
 
 
-@pytest.mark.parametrize("ending", MOVIE_ENDINGS)
+@pytest.mark.parametrize("ending", slow_unless(lambda ending: ending != ".gif", MOVIE_ENDINGS))
 def test_what_is_held_does_not_grow_with_the_frames(tmp_path: Path, ending: str) -> None:
     def most(count: int) -> int:
         tracemalloc.start()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiers import slow_unless
+from tiers import slow, slow_unless
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.read import READABLE_ENDINGS, READERS, mesh_name, read_mesh
@@ -152,6 +152,8 @@ def write_meshparty(path: Path) -> None:
 
 #: Read in a process of its own, which takes half a second to start.
 GUARDED = ("mesh.glb", "mesh.gltf", "mesh.vtp", "mesh.vtk", "mesh.surf.gii", "mesh.h5", "mesh.drc")
+#: Endings of these, but one.
+IN_A_CHILD = {Path(name).suffix for name in GUARDED} - {".vtk"}
 WRITERS: dict[str, Callable[[Path], None]] = {
     "mesh.obj": write_obj,
     "mesh.off": write_off,
@@ -187,7 +189,9 @@ def same_surface(mesh: Mesh, vertices: np.ndarray, faces: np.ndarray) -> bool:
     )
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    "name", slow_unless(lambda name: name not in GUARDED or name == "mesh.vtp", WRITERS)
+)
 def test_every_format_gives_the_same_mesh(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     WRITERS[name](path)
@@ -291,6 +295,7 @@ def test_unit_multiplies_voxels_and_is_carried(
     np.testing.assert_allclose(mesh.vertices, VERTICES * voxel)
 
 
+@pytest.mark.usefixtures("read_here")
 def test_given_unit_wins_over_the_formats(tmp_path: Path) -> None:
     write_gifti(tmp_path / "mesh.gii")
     assert read_mesh(tmp_path / "mesh.gii", unit="none").unit == ""
@@ -461,7 +466,9 @@ def fault_of(path: Path) -> str:
     return sentence
 
 
-@pytest.mark.parametrize("ending", READABLE_ENDINGS)
+@pytest.mark.parametrize(
+    "ending", slow_unless(lambda ending: ending not in IN_A_CHILD, READABLE_ENDINGS)
+)
 def test_random_bytes(
     ending: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], recwarn: object
 ) -> None:
@@ -478,7 +485,9 @@ def test_empty_file(ending: str, tmp_path: Path) -> None:
     assert "is empty" in fault_of(path)
 
 
-@pytest.mark.parametrize("ending", READABLE_ENDINGS)
+@pytest.mark.parametrize(
+    "ending", slow_unless(lambda ending: ending not in IN_A_CHILD, READABLE_ENDINGS)
+)
 def test_text_under_a_mesh_ending(
     ending: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -670,7 +679,9 @@ def test_no_permission(tmp_path: Path) -> None:
     [
         ("long.ply", f"ply\nformat ascii 1.0\nelement vertex {900 * '9'}\n"),
         ("long.vtk", f"# vtk DataFile Version 3.0\na\nASCII\n{900 * 'a'} {900 * '9'}\n"),
-        ("long.vtp", f'<VTKFile type="PolyData"><a NumberOfComponents{900 * "a"}="{900 * "9"}"/>'),
+        slow(
+            "long.vtp", f'<VTKFile type="PolyData"><a NumberOfComponents{900 * "a"}="{900 * "9"}"/>'
+        ),
     ],
 )
 def test_a_sentence_is_short_however_much_a_file_says(
@@ -718,7 +729,9 @@ def test_a_sentence_is_short_however_much_a_file_says(
             "endloop\nendfacet\nendsolid\n",
             "without exactly three coordinates",
         ),
-        ("empty.vtk", "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\n", "no vertices"),
+        slow(
+            "empty.vtk", "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\n", "no vertices"
+        ),
     ],
 )
 def test_promises_are_not_believed(name: str, content: str, clause: str, tmp_path: Path) -> None:
@@ -762,7 +775,7 @@ def test_gzip_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.Monke
     assert not list(scratch.iterdir())
 
 
-@pytest.mark.parametrize("limits", ["1", "0.1"])
+@pytest.mark.parametrize("limits", [slow("1"), "0.1"])
 def test_gifti_arrays_that_unpack_to_much(
     limits: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -783,6 +796,7 @@ def test_gifti_arrays_that_unpack_to_much(
         assert "MB of memory to read, more than a sound" in fault_of(path)
 
 
+@pytest.mark.slow
 def test_a_file_that_unpacks_to_much_is_read_all_the_same(tmp_path: Path) -> None:
     # Beyond what is read without limits: 14 MB from a few kB.
     plain, packed = tmp_path / "mesh.obj", tmp_path / "mesh.obj.gz"

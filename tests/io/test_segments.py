@@ -196,6 +196,7 @@ def test_the_mesh_is_the_same_in_whatever_order_fragments_are_listed(tmp_path: P
     np.testing.assert_array_equal(after.faces, before.faces)
 
 
+@pytest.mark.slow
 def test_too_many_vertices_are_said_before_they_are_read(tmp_path: Path) -> None:
     # the second fragment is a hole of 1.8 GB in a file, which would take minutes to decode
     folder = write_fragments(tmp_path / "fragments", [fragment(FINE), b""])

@@ -27,6 +27,8 @@ from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import Decomposition
 from meshmash_viewer.units import NO_VOXEL
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 COLUMNS = ("hks_t=1.23e+05", "wks_λ=2", "band 03")
 OPTIONS = {"count": 20, "t_min": 1.5}
 

@@ -119,6 +119,7 @@ def test_cancelled_run_keeps_what_converged(tmp_path: Path) -> None:
     assert len(listener.messages[0]) >= 50
 
 
+@pytest.mark.slow
 def test_what_a_cancelled_run_has_found_is_told_to_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -206,6 +206,7 @@ def test_the_map_of_features_in_pieces_is_the_chosen_column(tmp_path: Path) -> N
     np.testing.assert_allclose(shown, middle, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_pieces_show_the_chosen_time_and_warn_of_large_differences(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

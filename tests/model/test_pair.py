@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapes
+from tiers import slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
@@ -116,7 +117,7 @@ def test_both_are_solved_to_the_same_eigenvalue_times_area_and_compared(pair: Pa
     np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", slow_but(["eigenfunction", "hks", "distance"], FAMILIES))
 def test_the_copy_shows_what_the_mesh_shows(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray], name: str
 ) -> None:
@@ -236,6 +237,7 @@ def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
     assert pair.comparison is not before
 
 
+@pytest.mark.slow
 def test_the_match_is_refined_with_pins_of_both_meshes_as_landmarks(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
 ) -> None:
@@ -408,7 +410,7 @@ def test_pins_of_one_template_are_at_the_same_vertex() -> None:
     "policy",
     [None, SymmetricLimits(), MinMaxLimits(), PercentileLimits(2.0, 98.0), LockedLimits(-0.1, 0.4)],
 )
-@pytest.mark.parametrize("kind", ["eigenfunction", "hks", "band"])
+@pytest.mark.parametrize("kind", slow_but(["hks"], ["eigenfunction", "hks", "band"]))
 def test_one_colour_is_one_value_on_both(kind: str, policy: LimitPolicy | None) -> None:
     first = shapes.blob(3)
     second = Mesh(2.0 * first.vertices * [1.1, 1.0, 1.0], first.faces)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapes
 from listeners import Listener
+from tiers import slow
 
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
@@ -60,7 +61,7 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     assert "≈" in field.quantity
 
 
-@pytest.mark.parametrize("count", [30, 120])
+@pytest.mark.parametrize("count", [30, slow(120)])
 def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count: int) -> None:
     listener = Listener(tmp_path)
     last = decompose(large, OPERATOR, Target("count", count), listener)

@@ -35,6 +35,7 @@ from meshmash_viewer.spectral.alignment import Alignment
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.vertex_map import VertexMap
 
+pytestmark = pytest.mark.usefixtures("read_here")
 VOXEL = (4.0, 4.0, 40.0)
 
 
@@ -93,6 +94,7 @@ def test_a_script_rotates_within_a_multiplet(sphere: Mesh) -> None:
     np.testing.assert_allclose(shown, variables["values"], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_script_runs_by_itself(document: Document, tmp_path: Path) -> None:
     """In an interpreter of its own, where nothing is imported yet and warnings are shown."""
     done = subprocess.run(

@@ -15,6 +15,7 @@ import numpy as np
 import psutil
 import pytest
 from long_jobs import DoubleJob, DyingJob, EndlessJob, FailingJob, ParallelJob
+from tiers import slow
 
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -117,7 +118,7 @@ def test_one_job_at_a_time_in_one_warm_process(lasting: Window) -> None:
     assert len(ids) == 1
 
 
-@pytest.mark.parametrize("deaf", [False, True])
+@pytest.mark.parametrize("deaf", [False, slow(True)])
 def test_cancelling_asks_and_then_insists(
     lasting: Window, deaf: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -168,7 +169,7 @@ def test_failure_is_a_sentence(
 
 @pytest.mark.parametrize(
     ("name", "sentence"),
-    [("SIGKILL", "most likely because memory ran out"), ("SIGABRT", "signal 6")],
+    [("SIGKILL", "most likely because memory ran out"), slow("SIGABRT", "signal 6")],
 )
 def test_end_of_the_process_is_a_sentence_and_another_takes_its_place(
     lasting: Window, name: str, sentence: str
@@ -178,6 +179,7 @@ def test_end_of_the_process_is_a_sentence_and_another_takes_its_place(
     lasting.run(DoubleJob(np.zeros(3)))
 
 
+@pytest.mark.slow
 def test_idle_process_that_died_is_replaced(lasting: Window) -> None:
     lasting.run(DoubleJob(np.zeros(3)))
     pid = lasting.worker.process_id
@@ -187,6 +189,7 @@ def test_idle_process_that_died_is_replaced(lasting: Window) -> None:
     lasting.run(DoubleJob(np.zeros(3)))
 
 
+@pytest.mark.slow
 def test_a_process_that_cannot_be_started_again_is_said_by_the_next_job(
     lasting: Window, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -217,6 +220,7 @@ def test_a_mesh_of_the_same_name_is_not_taken_for_the_one_before(
     assert printed == b"", "what it prepares next to the jobs works"
 
 
+@pytest.mark.slow
 def test_closing_ends_the_solvers_processes_too(window: Window) -> None:
     ids = window.run(ParallelJob(), "sent")
     (window.worker.folder / "half-written").touch()
@@ -248,6 +252,7 @@ def test_what_a_killed_window_left_goes_when_the_next_one_opens(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills with a signal")
 def test_nothing_outlives_a_window_that_was_killed(tmp_path: Path) -> None:
     script = (

@@ -17,6 +17,7 @@ import numpy as np
 import psutil
 import pytest
 from long_readers import CORNERS, filling, honest, many, refusing, spinning
+from tiers import slow
 
 from meshmash_viewer import work as process
 from meshmash_viewer.errors import InputError
@@ -105,7 +106,7 @@ def test_memory_is_limited_where_the_system_cannot(
         read_guarded(filling, mesh_file, ReadLimits(100.0, 4e8))
 
 
-@pytest.mark.parametrize("depth", [1, 2], indirect=True)
+@pytest.mark.parametrize("depth", [slow(1), 2], indirect=True)
 def test_what_a_launcher_starts_answers(depth: int, mesh_file: Path) -> None:
     found = read_guarded(honest, mesh_file)
     np.testing.assert_array_equal(found.vertices, CORNERS)
