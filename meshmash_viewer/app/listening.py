@@ -21,7 +21,7 @@ from PySide6.QtCore import QObject, QTimer
 #: Milliseconds until deferred calls begin without a frame, and between one beginning at a frame and
 #: the next; seconds after which a turn ends. What a turn has changed is painted after it, which
 #: takes milliseconds however small it is, so that turns are few.
-_DELAY, _TURN = 32, 0.008
+_DELAY, _TURN = 48, 0.008
 #: Milliseconds between turns. A timer of 0 fires only when no other event is pending, which may be
 #: never while slow frames are drawn.
 _PAUSE = 1
@@ -54,7 +54,7 @@ def later(slot: Callable[[], None]) -> None:
 
 
 def hasten() -> None:
-    """Begin with the pending calls, since a frame has been drawn, unless some were just made."""
+    """Begin with the pending calls, since a frame has been drawn; later if some were just made."""
     _turns().hasten()
 
 
@@ -103,9 +103,9 @@ class _Turns(QObject):
             self._timer.start(_DELAY)
 
     def hasten(self) -> None:
-        long_ago = perf_counter() - self._ended > _DELAY / 1000.0
-        if long_ago and self._timer.remainingTime() > _PAUSE:  # else never while frames are drawn
-            self._timer.start(_PAUSE)
+        if self._timer.remainingTime() > _PAUSE:  # else never while frames are drawn
+            long_ago = perf_counter() - self._ended > _DELAY / 1000.0
+            self._timer.start(_PAUSE if long_ago else _DELAY)  # rather after the next frame
 
     def forget(self, owner: QObject) -> None:
         for held in list(self._due):

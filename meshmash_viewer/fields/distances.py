@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
@@ -162,14 +163,15 @@ class Distances(Family):
             if not self.timed:
                 return Answer(content)
             if content.covers(2.0 * self.time_in(spectrum)):
-                return Answer(self._root(content.at(2.0 * self.time_in(spectrum)), spectrum))
+                return Answer(self._root(content.at(2.0 * self.time_in(spectrum))))
         return None if self.measure == "geodesic" else Answer(self._sum(spectrum, None))
 
     def _sum(self, spectrum: Eigenpairs, cancel: Cancel) -> ColumnArray:
         """Compute distances by the sum over all pairs."""
         weights = spectral_weights(self.measure, spectrum.eigenvalues, self._time(spectrum))
         squares = sum_squares(self._rows(spectrum), weights[None], cancel=cancel)[0]
-        return self._root(np.asarray(squares), spectrum)
+        self._leave_out(squares, spectrum)
+        return self._root(squares)
 
     def _time(self, spectrum: Eigenpairs) -> float:
         return self.time_in(spectrum) if self.timed else 1.0
@@ -178,15 +180,18 @@ class Distances(Family):
         assert self.vertex is not None
         return RowsFrom(spectrum.rows, self.vertex)
 
-    def _root(self, squares: ColumnArray, spectrum: Eigenpairs) -> ColumnArray:
-        """Compute distances from their squares: NaN in other components, 0 at the vertex."""
+    def _root(self, squares: ColumnArray) -> ColumnArray:
+        """Compute distances from their squares, in place: 0 at the vertex."""
         assert self.vertex is not None
         distances = np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
         distances[self.vertex] = 0.0
+        return distances
+
+    def _leave_out(self, squares: npt.NDArray[np.floating], spectrum: Eigenpairs) -> None:
+        """Set NaN in other components."""
         if spectrum.mesh is not None and spectrum.mesh.n_components > 1:
             labels = spectrum.mesh.component_labels
-            distances[labels != labels[self.vertex]] = np.nan
-        return distances
+            squares[labels != labels[self.vertex]] = np.nan
 
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         if table is None or not isinstance(table.family, Distances):
@@ -206,6 +211,7 @@ class Distances(Family):
             low, high = spectrum.time_range
             from_here = replace(spectrum, rows=self._rows(spectrum))
             content = build_heat_table(from_here, (2.0 * low, 2.0 * high), cancel)
+            self._leave_out(content.base, spectrum)
         else:
             content = self._sum(spectrum, cancel)
         return Table(spectrum, self, content)

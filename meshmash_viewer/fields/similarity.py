@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import blocks
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.bank_columns import FEATURES, BankFamily
 from meshmash_viewer.fields.family import Answer, Cancel, Description, Family, Table
@@ -20,8 +20,6 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew
 _VARIANCE = 4e-6
 #: Distance from the median, in spreads, to which vertices are limited.
 _FAR = 3.0
-#: Vertices processed at a time, whose differences stay in the cache.
-_BLOCK = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -115,16 +113,22 @@ class SimilarityTable:
 
     def from_vertex(self, vertex: int) -> npt.NDArray[np.float32]:
         """Compute the distance of every vertex from one, shape (n,), dimensionless."""
-        here = self.coordinates[:, vertex, None]
-        distances = np.empty(self.coordinates.shape[1], dtype=np.float32)
+        here = self.coordinates[:, vertex]
+        distances: npt.NDArray[np.float32] = self.squares[vertex] + self.squares
 
-        def fill(whole: slice) -> None:
-            for part in blocks(whole.stop, _BLOCK, whole.start):
-                way = self.coordinates[:, part] - here
-                np.sqrt(np.einsum("ij,ij->j", way, way), out=distances[part])
+        def fill(part: slice) -> None:
+            there = distances[part]
+            there -= 2.0 * here @ self.coordinates[:, part]
+            np.sqrt(np.maximum(there, 0.0, out=there), out=there)
 
         fill_in_parts(len(distances), fill)
+        distances[vertex] *= 0.0  # apart from rounding; NaN where there are no features
         return distances
+
+    @cached_property
+    def squares(self) -> npt.NDArray[np.float32]:
+        """Squared length of the coordinates of every vertex, shape (n,)."""
+        return np.asarray(np.einsum("ij,ij->j", self.coordinates, self.coordinates))
 
 
 def build_similarity_table(

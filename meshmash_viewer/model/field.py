@@ -128,7 +128,7 @@ class Field:
             return False
         if self.family.given_limits is not None:
             return self.family.given_limits[2]
-        return spans_decades(self._basis[0], self.request.sample)
+        return spans_decades(self.limits(None), self._basis[0])
 
     @property
     def has_log_scale(self) -> bool:

@@ -73,8 +73,10 @@ def _finite(values: Values) -> Values:
 
 def extremes_of(values: Values) -> Ends:
     """Return the smallest and largest finite value; (0, 0) if there is none."""
-    low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
-    if not (np.isfinite(low) and np.isfinite(high)):  # faster than a mask of all values
+    # which skip NaN, faster than a mask of all values
+    low = float(np.fmin.reduce(values, initial=np.inf))
+    high = float(np.fmax.reduce(values, initial=-np.inf))
+    if not (np.isfinite(low) and np.isfinite(high)):
         finite = _finite(values)
         low, high = float(finite.min()), float(finite.max())
     return low, high
@@ -129,12 +131,12 @@ class LockedLimits(Parameters):
         return _opened(self.low, self.high)
 
 
-def spans_decades(values: Values, sample: Sample = None) -> bool:
+def spans_decades(ends: Ends, values: Values) -> bool:
     """Whether a log scale serves a field: it is not below 0, and spans more than two decades.
 
-    These are counted between the 1st and the 99th percentile of the surface.
+    `ends` are the 1st and the 99th percentile of the surface, between which these are counted.
     """
-    low, high = PercentileLimits().limits(values, sample)
+    low, high = ends
     return 0.0 < low * MANY_DECADES < high and extremes_of(values)[0] >= 0.0
 
 

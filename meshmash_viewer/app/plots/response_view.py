@@ -47,9 +47,9 @@ class ResponseView:
         self._response_text = ""
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
-        for item in (self.rug, *self.series):  # the same for all columns
-            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)
         self.response = pg.PlotCurveItem(fillLevel=0.0)
+        for item in (self.rug, *self.series, self.response):  # the same for most changes
+            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)
         self.missing = pg.LinearRegionItem(movable=False)
         self.low, self.high, self.handle = (
             marker(self._drag, self.refresh_current) for _ in range(3)
@@ -159,7 +159,7 @@ class ResponseView:
             x = [part for places, _ in mine for part in (places, gap)]
             y = [part for _, heights in mine for part in (heights, gap)]
             _set_curve(item, self._x(np.concatenate([gap, *x])), np.concatenate([gap, *y]))
-        self.response.setData(self._x(response.curve[0]), response.curve[1])
+        _set_curve(self.response, self._x(response.curve[0]), response.curve[1])
         low, high = response.ends or (None, None)
         known = float(spectrum.eigenvalues[-1])
         for line, value in ((self.low, low), (self.high, high), (self.handle, response.handle)):
