@@ -340,8 +340,8 @@ def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
 ) -> None:
     """Trained on 2 % of the vertices of one dendrite, tested on another one.
 
-    By regression. Of 20 draws on a pair of whole dendrites F1 was 0.937 in the median and 0.920 at
-    least, where all labels give 0.957.
+    By default, the mean of forest and regression. Of 20 draws F1 is 0.956 in the median and 0.932
+    at least, where all labels give 0.970; scores are off by more than 0.05 in 2 of them.
     """
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "assets")
     make_samples = importlib.import_module("make_samples")
@@ -356,16 +356,14 @@ def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
 
     def trained(labels: mv.VertexMap) -> tuple[mv.ClassModel, float]:
         """A model, and its F1 on the other dendrite, weighted by area."""
-        model = mv.train_classes(
-            mesh, labels, columns, "logistic", features=known, scored=labels is not truth
-        )
+        model = mv.train_classes(mesh, labels, columns, features=known, scored=labels is not truth)
         return model, f1(
             other, wanted, mv.predict_classes(other, model, features=seen).labels.values
         )
 
     _, best = trained(truth)
-    found = [trained(dendrite_strokes(mesh, truth, draw)) for draw in range(4)]
-    assert best - np.mean([score for _, score in found]) < 0.02
+    found = [trained(dendrite_strokes(mesh, truth, draw)) for draw in range(5)]
+    assert best - np.median([score for _, score in found]) < 0.02
     for each, score in found:
         assert score > 0.93
         assert each.scores is not None
