@@ -270,7 +270,6 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
 QUICK = ["short.npy", "text.npy", "infinite.npy", "words.csv", "lh.other.label", "notes.txt"]
 
 
-@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("name", slow_but(QUICK, BROKEN))
 def test_what_is_no_map_is_one_sentence(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
