@@ -21,8 +21,8 @@ from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.vertex_map import VertexMap
 
-#: Milliseconds from a change until it is written, with those after it.
-_DELAY = 300
+#: Milliseconds from one writing to the next during changes.
+_PAUSE = 300
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
 
@@ -38,13 +38,15 @@ class _Kept:
 class LastSession(QObject):
     """Writes the session of a document's mesh file after every change, and finds it again.
 
-    Files are written in a thread, as flushing them to the disk takes up to a tenth of a second.
+    A change is written before the next frame, which may take a second on a slow machine, and those
+    that follow it after a pause. Files are written in a thread, as flushing them to the disk takes
+    up to a tenth of a second.
 
     `folder` holds them, one for each mesh file. `look` returns the camera (see `View.to_json`) and
     the pair with the second mesh, if there is one.
     """
 
-    _failed = Signal(str)
+    _failed, _due = Signal(str), Signal()
 
     def __init__(
         self,
@@ -62,9 +64,12 @@ class LastSession(QObject):
         self._known_of_second: tuple[Path, Session | None] = Path(), None
         self._pool = QThreadPool(self, maxThreadCount=1)
         self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
-        self._timer = QTimer(self, singleShot=True, interval=_DELAY)
-        self._timer.timeout.connect(self._save_if_idle)
-        listen(document.mesh_changed, self.changed)
+        #: Whether there is something to be written.
+        self._waiting = False
+        self._timer = QTimer(self, singleShot=True, interval=_PAUSE)
+        self._timer.timeout.connect(self._save_changes)
+        self._due.connect(self._save_changes, Qt.ConnectionType.QueuedConnection)
+        listen(document.mesh_changed, self._change_mesh)
         changes = (
             document.history.changed, document.display.events, document.solve.changed,
             document.classes.changed,
@@ -73,8 +78,10 @@ class LastSession(QObject):
 
     def changed(self) -> None:
         """Write the session soon."""
-        if self._document.path is not None and not self._timer.isActive():
-            self._timer.start()
+        self._waiting = self._document.path is not None
+        # no longer than the pause, even where slow frames delay the timer
+        if self._waiting and self._timer.remainingTime() <= 0:
+            self._due.emit()
 
     def watch(self, document: Document | None) -> None:
         """Save unit, repairs and kept maps of a second document, too, until it is closed (None)."""
@@ -111,6 +118,7 @@ class LastSession(QObject):
     def save(self) -> None:
         """Write the session now; a failure is shown in the message bar."""
         self._timer.stop()
+        self._waiting = False
         self._save_second()
         document = self._document
         if document.path is None or document.mesh is None:
@@ -131,6 +139,7 @@ class LastSession(QObject):
     def forget(self, mesh_path: Path) -> None:
         """Delete the session of a mesh file."""
         self._timer.stop()
+        self._waiting = False
         self._pool.waitForDone()
         _delete(self.path(mesh_path))
 
@@ -140,12 +149,18 @@ class LastSession(QObject):
 
     # -- details ------------------------------------------------------------------------------
 
-    def _save_if_idle(self) -> None:
-        """Write the session, or later if the thread is still writing the one before."""
-        if self._pool.activeThreadCount():
+    def _change_mesh(self) -> None:
+        """Write the session after a pause, in which what was made on another mesh is restored."""
+        self._waiting = self._document.path is not None
+        if not self._timer.isActive():
             self._timer.start()
-        else:
-            self.save()
+
+    def _save_changes(self) -> None:
+        """Write the session, or later if the thread is still writing the one before."""
+        if self._waiting and self._timer.remainingTime() <= 0:
+            if not self._pool.activeThreadCount():
+                self.save()
+            self._timer.start()
 
     def _restore_maps(
         self, document: Document, kept: _Kept, session: Path, names: Sequence[str]

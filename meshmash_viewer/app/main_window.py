@@ -238,7 +238,7 @@ class MainWindow(ScriptedWindow):
         self.pair_panel.export_requested.connect(self.commands.export_second)
         self.scene.camera_changed.connect(self.opening.last_session.changed)
         self.scene.vertex_clicked.connect(self.document.pins.toggle)
-        self.scene.click_revoked.connect(self.document.history.undo)
+        self.scene.click_revoked.connect(self.document.history.revoke)
         self.scene.vertex_hovered.connect(self.hover_label.show_vertex)
         self.scene.vertex_hovered.connect(self._point_at_pin)
         self.commands.pins.connect(self.scene, self.profile_panel, self.controller)

@@ -56,6 +56,8 @@ class History:
         self._parts: dict[str, _Part] = {}
         self.past: tuple[Step, ...] = ()
         self.future: tuple[Step, ...] = ()
+        #: What could be redone before the last change.
+        self._future_before: tuple[Step, ...] = ()
         self._paused = False
 
     def keep(
@@ -79,7 +81,8 @@ class History:
         """Remove parts of the state, and the changes of nothing else."""
         for part in parts:
             self._parts.pop(part, None)
-        self.past, self.future = _without(self.past, parts), _without(self.future, parts)
+        for steps in ("past", "future", "_future_before"):
+            setattr(self, steps, _without(getattr(self, steps), parts))
         self.changed.emit()
 
     def read(self, parts: Iterable[str] | None = None) -> dict[str, Any]:
@@ -114,7 +117,7 @@ class History:
             self.past = (*self.past[:-1], replace(last, when=now))
         else:
             self.past = (*self.past, Step(label, state, now))[-_MAX_STEPS:]
-        self.future = ()
+        self._future_before, self.future = self.future, ()
         self.changed.emit()
 
     def end_gesture(self) -> None:
@@ -124,7 +127,7 @@ class History:
 
     def start(self, *steps: Step) -> None:
         """Forget all changes; `steps` can be undone from now on."""
-        self.past, self.future = steps, ()
+        self.past, self.future, self._future_before = steps, (), ()
         self.started.emit()
         self.changed.emit()
 
@@ -137,7 +140,7 @@ class History:
 
     def amend(self, part: str, changed: Callable[[Any], Any]) -> None:
         """Replace the values that all steps have of a part."""
-        for steps in ("past", "future"):
+        for steps in ("past", "future", "_future_before"):
             amended = (
                 replace(step, state={**step.state, part: changed(step.state[part])})
                 if part in step.state
@@ -175,6 +178,12 @@ class History:
             step = self.future[-1]
             self.past, self.future = (*self.past, self._cross(step)), self.future[:-1]
             self.changed.emit()
+
+    def revoke(self) -> None:
+        """Revert a change that was just recorded as if it had not been made."""
+        self.undo()
+        self.future = self._future_before
+        self.changed.emit()
 
     def _cross(self, step: Step) -> Step:
         """Restore the values of a step, and return the step that reverts this."""

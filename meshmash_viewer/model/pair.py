@@ -311,7 +311,7 @@ class Pair:
         """Take back the last `pin_second`, unless something else was changed after it."""
         past = self.first.history.past
         if past and past[:-1] == self._before:
-            self.first.history.undo()
+            self.first.history.revoke()
 
     def drag_second(self, vertex: int, to: int) -> None:
         """Move the pin of a vertex of the second; all moves until `drop_second` are one change."""

@@ -39,6 +39,8 @@ def test_it_centres_the_vertex_a_little_closer_and_pins_nothing(window: MainWind
     scene, document = window.scene, window.document
     document.pins.toggle(3)
     pins, before = document.pins.placed, scene.camera()
+    document.pins.toggle(5)
+    document.history.undo()
     at = scene.display_point(200)
     vertex = scene.vertex_at(at.x(), at.y())
     assert document.mesh is not None
@@ -49,6 +51,8 @@ def test_it_centres_the_vertex_a_little_closer_and_pins_nothing(window: MainWind
     assert 1.1 < before["half_size"] / after["half_size"] < 2.0
     double_click(window, scene.rect().center())
     assert document.pins.placed == pins
+    document.history.redo()  # of what was undone before, not of the pins of first clicks
+    assert [pin.vertex for pin in document.pins.placed] == [3, 5]
 
 
 def test_on_the_background_nothing_happens(window: MainWindow) -> None:

@@ -243,6 +243,27 @@ def test_a_kept_map_is_written_once(
     assert (len(written()), len(written() & first)) == (2, 1)
 
 
+def test_a_change_is_saved_before_the_next_frame(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    path = two_balls(folder / "balls.npz")
+    window = opened(open_window(), path, qtbot)
+    last, pins = window.opening.last_session, list[list[int]]()
+
+    def look() -> None:
+        session = last.stored(path)
+        assert session is not None
+        pins.append(session.pins)
+
+    last.save()
+    assert last.stored(path) is not None  # written
+    window.document.pins.toggle(5)
+    window.plotter.frame_due.connect(look)
+    qtbot.waitUntil(lambda: bool(pins), timeout=PATIENCE)
+    window.plotter.frame_due.disconnect(look)
+    assert pins[0] == [5]
+
+
 def test_a_camera_at_rest_is_saved(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:

@@ -465,6 +465,7 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     QTest.mouseDClick(canvas, LEFT, pos=at)  # the second press alone: both centre, and pin nothing
     QTest.mouseRelease(canvas, LEFT, pos=at)
     assert window.document.pins.placed == second.document.pins.placed == ()
+    assert window.document.history.redo_label == ""
 
     def choose(name: str) -> None:
         QTest.mouseClick(second.scene.plotter, Qt.MouseButton.RightButton, pos=at)

@@ -17,5 +17,5 @@ def test_a_killed_window_loses_at_most_a_second(kills: int, tmp_path: Path) -> N
     lost = windows.lost
     figures = f"{kills} kills after {windows.changes} changes, lost up to {max(lost):.2f} s"
     assert windows.changes > kills, figures
-    # 0.7 s and the time of writing, and more where the machine is busy with something else
-    assert max(lost) < 5.0, figures
+    # the pause of 0.3 s, a frame and the time of writing, which on a busy machine take 2.4 s
+    assert max(lost) < 4.0, figures

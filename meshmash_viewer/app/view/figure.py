@@ -113,7 +113,7 @@ class Panel:
 
     #: Centred on what is seen of the mesh, `half_size` half the width of that.
     view: View
-    #: Shape (height, width, 4): What is seen, without a background.
+    #: What is seen, without a background, with premultiplied alpha; shape (height, width, 4).
     image: npt.NDArray[np.uint8]
     #: Height over width.
     shape: float
@@ -173,7 +173,7 @@ def panel_of(frame: Frame) -> Panel:
     `InputError` is raised if it shows nothing of it.
     """
     view, (high, wide, _) = frame.view, frame.pixels.shape
-    picture = straight(frame.pixels)
+    picture = frame.pixels
     opaque = picture[..., 3] > 0
     if not opaque.any():
         raise InputError(
@@ -204,7 +204,7 @@ def sharpened(
         sides = (round(side / MM * options.dpi) for side in (place.image.width, place.image.height))
         wide, high = (max(side, 1) for side in sides)
         with closing(OffScreen(drawing, (wide, high), transparent=True)) as window:
-            made.append(replace(panel, image=straight(window.draw())))
+            made.append(replace(panel, image=window.draw()))
     return made
 
 
@@ -315,7 +315,8 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
     image, part, font, around = place.image, place.part, page.font, panel.around
     view, right = panel.in_box(image), part.left + part.width
     # a preview has other pixels than the page
-    page.axes(image).imshow(panel.image, aspect="auto", interpolation="antialiased")
+    seen = straight(panel.image)
+    page.axes(image).imshow(seen, aspect="auto", interpolation="antialiased")
     page.lines(place.lines, part.left, place.top)
     room, legend = place.room, around.legend if options.color_bar else None
     if legend is not None:

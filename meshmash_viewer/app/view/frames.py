@@ -107,17 +107,19 @@ class Frames(QObject):
             self._request_stand_in()
             return None
         before, faults = drawing.shows_coarse, drawing.overlays.get("faults")
+        props = drawing.handle, None if faults is None else faults.actor
+        hidden = [each for each in props if each is not None and each.GetVisibility()]
         drawing.show_coarse(self.slow)
         drawing.annotated = False
         drawing.leave_background()
-        if faults is not None:
-            faults.actor.VisibilityOff()
+        for each in hidden:
+            each.VisibilityOff()
         try:
             drawing.prepare(*self._canvas.pixels())
             return self._canvas.draw_aside()
         finally:
-            if faults is not None:
-                faults.actor.VisibilityOn()
+            for each in hidden:
+                each.VisibilityOn()
             drawing.set_theme(drawing.dark)
             drawing.annotated = True
             drawing.show_coarse(before)

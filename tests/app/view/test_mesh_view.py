@@ -23,6 +23,7 @@ from meshmash_viewer.app.view.scene import displayed_surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
+from meshmash_viewer.surface.rays import Plane
 
 
 @pytest.fixture
@@ -381,6 +382,11 @@ def test_the_mesh_alone_is_drawn_by_the_window_that_there_is(
     np.testing.assert_array_equal(on_screen(scene), before)
     scene.plotter.render()
     np.testing.assert_array_equal(on_screen(scene), before)
+    scene.set_cut(Plane(np.array([1.0, 0.0, 0.0]), 0.2))
+    with_handle, handle = scene.frames.mesh_alone(), scene.renderer.handle
+    assert handle.GetVisibility()
+    handle.VisibilityOff()
+    np.testing.assert_array_equal(with_handle, scene.frames.mesh_alone())
 
 
 def test_slow_frames_get_a_stand_in_while_something_moves(
