@@ -213,18 +213,22 @@ def _spiny_radius(
     return result
 
 
-def blob(level: int = 4) -> Mesh:
-    """A sphere with dents and bumps, without any symmetry."""
+def blob(level: int = 4, *, symmetric: bool = False) -> Mesh:
+    """A sphere with dents and bumps, without any symmetry or with that of left and right."""
     ball = icosphere(level)
     x, y, z = ball.vertices.T
+    if symmetric:
+        x, y = -z, np.abs(x)
+        z = ball.vertices[:, 1]
     radius = 1.0 + 0.3 * x + 0.2 * y * z + 0.25 * np.exp(-8.0 * ((x - 0.6) ** 2 + (y - 0.7) ** 2))
     return Mesh(ball.vertices * radius[:, None] * [1.0, 1.3, 0.8], ball.faces)
 
 
-def moved_copy(mesh: Mesh, scale: float = 2.5) -> tuple[Mesh, np.ndarray]:
+def moved_copy(mesh: Mesh, scale: float = 2.5, seed: int = 4) -> tuple[Mesh, np.ndarray]:
     """The same turned, larger, elsewhere and in another order, and where each vertex went."""
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    turn *= np.linalg.det(turn)
     order = rng.permutation(mesh.n_vertices)
     place = np.argsort(order)
     return Mesh((scale * mesh.vertices @ turn.T + 9.0)[order], place[mesh.faces]), place

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
 import shapes
 import trimesh
+from scipy.spatial import KDTree
 from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.samples import sample_path
 
 
+@cache
 def pairs_of(mesh: mv.Mesh, count: int = 60) -> mv.Decomposition:
     return mv.solve(*mv.cotangent_laplacian(mesh, robust=True), count)
 
 
-def with_noise(mesh: mv.Mesh, noise: float) -> mv.Mesh:
+def with_noise(mesh: mv.Mesh, noise: float, seed: int = 5) -> mv.Mesh:
     """Shift the vertices at random, by a share of the mean edge length."""
     edge = np.linalg.norm(mesh.vertices[mesh.faces[:, 0]] - mesh.vertices[mesh.faces[:, 1]], axis=1)
-    shifts = np.random.default_rng(5).standard_normal(mesh.vertices.shape)
+    shifts = np.random.default_rng(seed).standard_normal(mesh.vertices.shape)
     return mv.Mesh(mesh.vertices + noise * edge.mean() * shifts, mesh.faces)
 
 
@@ -70,6 +74,94 @@ def test_a_landmark_distinguishes_the_sides_of_a_symmetric_shape() -> None:
     assert np.mean(found.matches.indices == there) >= 0.99
 
 
+def found_with(
+    mesh: mv.Mesh, copy: mv.Mesh, count: int = 40, functions: int = 15
+) -> mv.FunctionalMap:
+    """The map from a mesh to another, that of vertices by both meshes."""
+    first, second = pairs_of(mesh, count), pairs_of(copy, count)
+    start = mv.functional_map(first, second, n_functions=functions, meshes=(mesh, copy))
+    return mv.zoomout(first, second, start, meshes=(mesh, copy))
+
+
+SYMMETRIC, ODD = shapes.blob(3, symmetric=True), shapes.blob(3)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_noisy_copy_of_a_symmetric_shape_is_matched_by_its_orientation(seed: int) -> None:
+    copy, there = shapes.moved_copy(with_noise(SYMMETRIC, 0.05, seed), seed=seed)
+    found = found_with(SYMMETRIC, copy)
+    assert np.mean(found.matches.indices == there) >= 0.99
+    assert (found.mirrored, found.remark) == (False, "")
+    assert found.determined == 1.0
+    moved = SYMMETRIC.vertices @ found.rigid[:3, :3].T + found.rigid[:3, 3]
+    away = np.linalg.norm(moved - copy.vertices[there], axis=1) / np.sqrt(copy.area)
+    np.testing.assert_allclose(found.matches.scores, away, atol=0.01)
+    assert away.max() < 0.02
+    # by the eigenpairs alone left and right are not distinguished
+    first, second = pairs_of(SYMMETRIC, 40), pairs_of(copy, 40)
+    blind = mv.zoomout(first, second, mv.functional_map(first, second, n_functions=20))
+    assert np.mean(blind.matches.indices == there) < 0.9
+
+
+def test_the_orientation_alone_distinguishes_left_and_right() -> None:
+    bent = mv.Mesh(SYMMETRIC.vertices * [1.05, 0.97, 1.0], SYMMETRIC.faces)
+    copy, there = shapes.moved_copy(bent)
+    first, second = pairs_of(SYMMETRIC, 40), pairs_of(copy, 40)
+    start = mv.functional_map(first, second, n_functions=15, meshes=(SYMMETRIC, copy))
+    found = mv.zoomout(first, second, start)
+    assert found.rigid is None  # nothing is matched by position
+    places = SYMMETRIC.vertices[np.argsort(there)[found.matches.indices]]
+    away = np.linalg.norm(places - SYMMETRIC.vertices, axis=1) / np.sqrt(SYMMETRIC.area)
+    assert away.mean() < 0.03
+
+
+def test_a_mirror_image_of_a_symmetric_shape_is_matched_with_its_orientation() -> None:
+    mirrored = mv.Mesh(SYMMETRIC.vertices * [-1.0, 1.0, 1.0], SYMMETRIC.faces[:, ::-1])
+    copy, there = shapes.moved_copy(with_noise(mirrored, 0.05))
+    found = found_with(SYMMETRIC, copy)
+    flipped = KDTree(SYMMETRIC.vertices).query(mirrored.vertices)[1]  # of the other side
+    assert not found.mirrored
+    assert np.mean(found.matches.indices == there[flipped]) >= 0.99
+
+
+def test_a_mirror_image_without_a_symmetry_is_matched_and_said() -> None:
+    mirrored = mv.Mesh(ODD.vertices * [-1.0, 1.0, 1.0], ODD.faces[:, ::-1])
+    copy, there = shapes.moved_copy(with_noise(mirrored, 0.05))
+    found = found_with(ODD, copy)
+    assert found.mirrored
+    assert "reverses left and right" in found.remark
+    assert np.linalg.det(found.rigid) < 0.0
+    assert np.mean(found.matches.indices == there) >= 0.99
+    turned_in, there = shapes.moved_copy(mv.Mesh(ODD.vertices, ODD.faces[:, ::-1]))
+    found = found_with(ODD, turned_in)
+    assert not found.mirrored
+    np.testing.assert_array_equal(found.matches.indices, there)
+
+
+@pytest.mark.parametrize("axes", [(1.0, 1.5, 2.0), (1.0, 1.0, 2.0), (1.0, 1.0, 1.0)])
+def test_what_a_symmetry_leaves_undecided_is_said(axes: tuple[float, float, float]) -> None:
+    ball = shapes.icosphere(3)
+    mesh = mv.Mesh(ball.vertices * axes, ball.faces)
+    found = found_with(mesh, shapes.moved_copy(with_noise(mesh, 0.05))[0])
+    assert found.determined < 0.5
+    assert "equally good" in found.remark
+
+
+@pytest.mark.slow
+def test_a_noisy_copy_of_the_cow_is_matched() -> None:
+    cow = mv.read_mesh(sample_path("cow"))
+    copy, there = shapes.moved_copy(with_noise(cow, 0.05, 2), seed=2)
+    assert np.mean(found_with(cow, copy, 60).matches.indices == there) >= 0.99
+
+
+def test_a_noisy_copy_of_a_faulty_dendrite_is_matched() -> None:
+    mesh = shapes.neuron(debris=0)
+    copy, there = shapes.moved_copy(with_noise(mesh, 0.03))  # some edges are as short
+    found, used = found_with(mesh, copy).matches.indices, pairs_of(mesh, 40).mass > 0.0
+    assert np.mean(found[used] == there[used]) >= 0.99
+    assert (found[~used] == -1).all()
+
+
 def test_maps_labels_and_features_are_carried() -> None:
     mesh = shapes.blob(3)
     copy, there = shapes.moved_copy(mesh)
@@ -98,7 +190,9 @@ def test_maps_of_compared_shapes_are_carried_both_ways() -> None:
     high, low = loose.vertices[:, 2] > 0.2, loose.vertices[:, 2] < 0.0
     part = mv.VertexMap("part", np.where(high, 3, np.where(low, 0, 7)), labels=names)
     width = mv.VertexMap("width", loose.vertices[:, 0], unit="mm")
-    found = mv.compare_shapes(pairs_of(copy, 40), pairs_of(loose, 40), refine=True)
+    pairs = pairs_of(copy, 40), pairs_of(loose, 40)
+    found = mv.compare_shapes(*pairs, refine=True, meshes=(copy, loose))
+    assert found.is_moved_copy
     carried, x, score = found.carried((part, width))
     np.testing.assert_array_equal(carried.values, part.values[back])
     assert carried.labels == names
@@ -121,6 +215,7 @@ def test_what_cannot_be_mapped_is_refused() -> None:
         ("pairs of vertices", lambda: mv.functional_map(pairs, pairs, landmarks=[0, 1])),
         ("pairs of vertices", lambda: mv.functional_map(pairs, pairs, landmarks=[[0.5, 1]])),
         ("at least two", lambda: mv.functional_map(pairs, pairs, n_functions=1)),
+        ("642 vertices", lambda: mv.functional_map(pairs, pairs, meshes=(ODD, ODD))),
         ("step is 0", lambda: mv.zoomout(pairs, pairs, start, step=0)),
     ]
     for sentence, call in refusals:

@@ -56,8 +56,9 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
         found = solved(mesh, own, Target("max_eigenvalue", top) if top > 0.0 else own.target)
         check_comparable(mesh.name, mesh.n_vertices, found.eigenvalues)
         matched = compare_shapes(
-            found, pairs, vertices=corresponding_vertices(mesh, first), refine=True
-        )
+            found, pairs, vertices=corresponding_vertices(mesh, first), refine=True,
+            meshes=(mesh, first),
+        )  # fmt: skip
         proof = f"{found.proof(mesh.unit)}; {pairs.proof(first.unit)}"
         made = made_with(own, "carried maps", own.target, proof)
         made["carried_from"] = {"mesh": first.name, "hash": first.content_hash}
@@ -70,7 +71,8 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
             "same_vertices": matched.given,
             "mutual_share": matched.mutual_share,
             "median_score": float(np.nanmedian(matched.forth.scores)),
-            "remarks": comparison_remarks(mesh, first) + output_remarks(outputs[at], mesh),
+            "remarks": comparison_remarks(mesh, first, found=matched)
+            + output_remarks(outputs[at], mesh),
             "seconds": round(time.perf_counter() - began, 3),
         }
         mutual = f"{format_share(matched.mutual_share)} of the vertices matched mutually"

@@ -159,7 +159,9 @@ def compare(options: Namespace) -> int:
     for mesh, pairs in zip(meshes, (first, second), strict=True):
         check_comparable(mesh.name, mesh.n_vertices, pairs.eigenvalues)
     bank, vertices = family.bank(unit_area_spectrum(first)), corresponding_vertices(*meshes)
-    found = compare_shapes(first, second, bank, vertices=vertices, refine=options.refine)
+    found = compare_shapes(
+        first, second, bank, vertices=vertices, refine=options.refine, meshes=(meshes[0], meshes[1])
+    )
     report: dict[str, Any] = {
         "meshes": [mesh.name for mesh in meshes],
         "kind": family.export,
@@ -170,6 +172,7 @@ def compare(options: Namespace) -> int:
         "relative_distance": found.relative_distance,
         "same_vertices": found.given,
         "refined": found.functional is not None,
+        "moved_copy": found.is_moved_copy,
         "mutual_share": found.mutual_share,
         "median_score": float(np.nanmedian(found.forth.scores)),
         "eigenfunctions": [
@@ -181,7 +184,7 @@ def compare(options: Namespace) -> int:
             }
             for index in np.flatnonzero(found.functions.determined)
         ],
-        "remarks": comparison_remarks(*meshes),
+        "remarks": comparison_remarks(*meshes, found=found),
         "output": None if options.output is None else str(options.output),
     }
     if options.output is not None:
@@ -209,6 +212,7 @@ def _described_comparison(report: dict[str, Any]) -> str:
     if not report["same_vertices"]:
         mutual = format_share(report["mutual_share"])
         how = ", refined by ZoomOut" if report["refined"] else ""
+        how = ", as a moved copy" if report["moved_copy"] else how
         vertices = f"matched in {report['kind']}{how}, {mutual} of {first} mutually"
     rows = [
         ("eigenvalues compared", f"{compared:,}, times area"),

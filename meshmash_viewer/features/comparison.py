@@ -24,7 +24,7 @@ from meshmash_viewer.features.functional_map import (
 )
 from meshmash_viewer.features.shape import Matches, column_spread, distinct_matches, match_features
 from meshmash_viewer.features.sums import Features, accumulate_features
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, MeshLike
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -136,6 +136,11 @@ class Comparison:
         """Share of the matched vertices of the first that have a mutual match."""
         return float(self.mutual.sum() / max(np.count_nonzero(self.forth.indices >= 0), 1))
 
+    @property
+    def is_moved_copy(self) -> bool:
+        """Whether vertices are matched by position, as of a moved, scaled copy."""
+        return self.functional is not None and self.functional.rigid is not None
+
     def carried(self, maps: Sequence[VertexMap], *, back: bool = False) -> tuple[VertexMap, ...]:
         """Carry maps of the second to the first, or with `back` those of the first to the second.
 
@@ -228,9 +233,16 @@ def matched_top(first: Eigenpairs, area: float) -> float:
 
 
 def comparison_remarks(
-    first: Mesh, second: Mesh, *, n_components: tuple[int, int] | None = None
+    first: Mesh,
+    second: Mesh,
+    *,
+    n_components: tuple[int, int] | None = None,
+    found: Comparison | None = None,
 ) -> list[str]:
-    """Return warnings about two meshes, of which `n_components` may be known already."""
+    """Return warnings about two meshes, of which `n_components` may be known already.
+
+    With the comparison that was `found` also about its functional map, if it has one.
+    """
     remarks = []
     if first.unit != second.unit:
         units = f"{first.unit or 'no unit'} and {second.unit or 'no unit'}"
@@ -241,6 +253,8 @@ def comparison_remarks(
             f"the meshes have {counts[0]:,} and {counts[1]:,} components, each with an eigenvalue"
             " of zero, which shifts all others: compare their largest components."
         )
+    if found is not None and found.functional is not None and found.functional.remark:
+        remarks.append(found.functional.remark)
     return remarks
 
 
@@ -318,6 +332,7 @@ def compare_shapes(
     *,
     refine: bool = False,
     landmarks: npt.ArrayLike = (),
+    meshes: tuple[MeshLike, MeshLike] | None = None,
 ) -> Comparison:
     """Compare two shapes by their eigenpairs.
 
@@ -340,6 +355,9 @@ def compare_shapes(
         alone. Scores are distances in the space of eigenfunctions then.
     landmarks : array_like of int, shape (p, 2), optional
         With `refine`: corresponding vertices of the first and the second.
+    meshes : tuple of two MeshLike, optional
+        With `refine`: the two meshes, so that left and right are distinguished by the orientation
+        of faces, and a moved, scaled copy is matched by position.
 
     Returns
     -------
@@ -379,9 +397,10 @@ def compare_shapes(
     mine, others = forth_features / spread, back_features / spread
     functional = None
     if vertices is None and refine:
-        start = functional_map(first, second, bank, landmarks=landmarks)
-        functional = zoomout(first, second, start, cancel=cancel)
-        forth, back = functional.matches, inverse_matches(first, second, functional, cancel)
+        start = functional_map(first, second, bank, landmarks=landmarks, meshes=meshes)
+        functional = zoomout(first, second, start, cancel=cancel, meshes=meshes)
+        forth = functional.matches
+        back = inverse_matches(first, second, functional, cancel, meshes)
     elif vertices is None:
         forth = match_features(forth_features, back_features, standardize=True, cancel=cancel)
         back = match_features(back_features, forth_features, standardize=True, cancel=cancel)

@@ -4,7 +4,9 @@ A functional map is a matrix C that takes the spectral coefficients of a functio
 shape to those of the corresponding function on the first [1]_. It is estimated from descriptors and
 landmarks, by least squares in which it commutes with the Laplacians and with products by the
 descriptors [2]_, and refined by conversion to a map of vertices and back with more and more
-eigenfunctions [3]_. Eigenvalues and eigenfunctions are those of the shapes scaled to an area of 1.
+eigenfunctions [3]_. With meshes it also commutes with operators that change sign in a mirror image
+[4]_, and copies are matched by position. Eigenvalues and eigenfunctions are those of the shapes
+scaled to an area of 1.
 
 References
 ----------
@@ -14,16 +16,19 @@ References
    Commutativity for Shape Matching." Computer Graphics Forum 36(2).
 .. [3] Melzi, S., Ren, J., Rodolà, E., Sharma, A., Wonka, P. and Ovsjanikov, M. (2019). "ZoomOut:
    Spectral Upsampling for Efficient Shape Correspondence." ACM Transactions on Graphics 38(6).
+.. [4] Ren, J., Poulenard, A., Wonka, P. and Ovsjanikov, M. (2018). "Continuous and
+   Orientation-preserving Correspondences via Functional Maps." ACM Transactions on Graphics 37(6).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
+from scipy import sparse
 from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
@@ -31,6 +36,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.features.sums import accumulate_features
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 
 if TYPE_CHECKING:
@@ -44,6 +50,17 @@ _STEP = 10
 _ENERGIES, _PRODUCTS = 100, 10
 #: Weights of the commutators with the Laplacians and with products, relative to the descriptors.
 _LAPLACIANS, _COMMUTATORS = 1.0, 0.3
+#: Residual of a map that reverses orientation relative to one that preserves it, below which it
+#: counts: they are equal on a shape with a mirror symmetry, whose sides are then not swapped.
+_MIRRORED = 0.8
+#: Singular value of the first map below which a function is not determined, and share of
+#: determined functions below which the map is ambiguous: a rotation of order 2 leaves half of them.
+_UNDETERMINED, _AMBIGUOUS = 0.25, 0.67
+#: Root mean square distance of the vertices of a copy, as a share of an edge; iterations and
+#: vertices to fit one.
+_COPY, _FITS, _FITTED = 0.25, 50, 1000
+#: Volume, as a share of that of a ball of the same area, above which faces are turned outward.
+_SOLID = 0.01
 #: Vertices of the first shape with which a map is refined; vertices matched at once.
 _SAMPLES, _AT_ONCE = 6000, 1024
 #: Number of candidate vertices up to which distances to all of them are computed.
@@ -62,7 +79,17 @@ class FunctionalMap:
         Spectral coefficients on the first, of those on the second, for both scaled to an area of 1.
     matches : Matches
         For each vertex of the first the corresponding one of the second; scores are distances in
-        the space of the l eigenfunctions.
+        the space of the l eigenfunctions, or for a copy (`rigid`) between positions, as shares of
+        √area.
+    mirrored : bool
+        Whether the orientation of the surface is reversed: descriptors fit a mirror image better.
+    determined : float
+        Share of the functions that the descriptors, landmarks and orientation determine. Below
+        about ⅔ the shape has a symmetry, and the map is one of several equally good ones, or the
+        shapes differ much: landmarks are needed.
+    rigid : ndarray of float64, shape (4, 4), optional
+        Similarity of the positions of the first to those of the second, if the one is a moved,
+        scaled copy of the other but for noise, so that nearest positions are the matches.
 
     Examples
     --------
@@ -75,6 +102,19 @@ class FunctionalMap:
 
     matrix: FloatArray
     matches: Matches
+    mirrored: bool = False
+    determined: float = 1.0
+    rigid: FloatArray | None = None
+
+    @property
+    def remark(self) -> str:
+        """What is to be known of the map; "" for nothing."""
+        if self.determined < _AMBIGUOUS:
+            return (
+                "several matches are equally good, as on a shape with a symmetry, or the shapes"
+                " differ much: set landmarks."
+            )
+        return "the match reverses left and right, as in a mirror image." if self.mirrored else ""
 
     def carry(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """Carry values at the vertices of the second to the first.
@@ -113,30 +153,67 @@ class _Shape:
     mass: FloatArray
     vertices: IntArray
     n_vertices: int
+    area: float
+    #: Of the mesh if there is one, and its faces turned outward.
+    positions: FloatArray
+    faces: IntArray
 
     @classmethod
-    def of(cls, pairs: Eigenpairs, count: int) -> _Shape:
+    def of(cls, pairs: Eigenpairs, count: int, mesh: Mesh | None) -> _Shape:
         used, area = np.flatnonzero(pairs.mass > 0.0), float(pairs.mass.sum())
         rows = np.asarray(pairs.rows[:count], dtype=np.float64)[:, used]
+        positions, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+        if mesh is not None:
+            if mesh.n_vertices != len(pairs.mass):
+                raise InputError(
+                    f"{mesh.name or 'A mesh'} has {mesh.n_vertices:,} vertices, its eigenpairs"
+                    f" {len(pairs.mass):,}: give the meshes that were decomposed."
+                )
+            place = np.full(len(pairs.mass), -1)
+            place[used], positions = np.arange(len(used)), mesh.vertices[used]
+            faces = place[mesh.faces]
+            faces = faces[(faces >= 0).all(axis=1)]
+            corners = (positions - positions.mean(axis=0))[faces]
+            if np.linalg.det(corners).sum() < -_SOLID * area**1.5 / np.sqrt(np.pi):
+                faces = faces[:, ::-1]
         return cls(
             pairs.eigenvalues[:count] * area,
             np.ascontiguousarray(rows.T) * np.sqrt(area),
             pairs.mass[used] / area,
             used,
             len(pairs.mass),
+            area,
+            positions,
+            faces,
         )
 
-    def sampled(self) -> FloatArray:
-        """Return the eigenfunctions at some random vertices only, of equal areas."""
+    def sampled(self) -> IntArray | slice:
+        """Return some random vertices only, of equal areas."""
         if len(self.mass) <= _SAMPLES:
-            return self.functions
-        chosen = np.random.default_rng(0).choice(
-            len(self.mass), _SAMPLES, replace=False, p=self.mass / self.mass.sum()
-        )
-        return self.functions[chosen]
+            return slice(None)
+        share = self.mass / self.mass.sum()
+        return np.random.default_rng(0).choice(len(share), _SAMPLES, replace=False, p=share)
 
     def coefficients(self, values: FloatArray, count: int) -> FloatArray:
         return np.asarray(self.functions[:, :count].T @ (self.mass[:, None] * values))
+
+    def turned(self, values: FloatArray, count: int) -> FloatArray:
+        """Return the matrix of g ↦ n · (∇ values × ∇g), with a norm of 1."""
+        corners, functions = values[self.faces], self.functions[:, :count]
+        size = len(corners), len(functions)
+        ends = np.arange(0, 3 * len(corners) + 1, 3)
+        around = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
+        sums, derivative = (
+            sparse.csr_array((each.ravel(), self.faces.ravel(), ends), shape=size) @ functions
+            for each in (np.ones_like(around), around)
+        )
+        found = np.asarray(sums.T @ derivative)
+        return found / max(float(np.linalg.norm(found)), np.finfo(np.float64).tiny)
+
+    def edge(self) -> float:
+        """Return the mean length of an edge, as a share of √area."""
+        sides = self.positions[self.faces] - self.positions[np.roll(self.faces, 1, axis=1)]
+        return float(np.linalg.norm(sides, axis=2).mean() / np.sqrt(self.area))
 
 
 def functional_map(
@@ -146,6 +223,7 @@ def functional_map(
     *,
     landmarks: npt.ArrayLike = (),
     n_functions: int = _FIRST,
+    meshes: tuple[MeshLike, MeshLike] | None = None,
 ) -> FunctionalMap:
     """Estimate the functional map between two shapes from descriptors and landmarks.
 
@@ -157,10 +235,13 @@ def functional_map(
         Filters of the descriptors, for eigenvalues times area: by default the wave kernel signature
         of 100 energies of the first.
     landmarks : array_like of int, shape (p, 2), optional
-        Corresponding vertices of the first and the second. Without them a symmetric shape may be
-        matched to its mirror image.
+        Corresponding vertices of the first and the second. Without them and `meshes` a symmetric
+        shape may be matched to its mirror image.
     n_functions : int
         Number of eigenfunctions of each shape; fewer if one has fewer.
+    meshes : tuple of two MeshLike, optional
+        The two meshes. The map preserves their orientation, unless descriptors and landmarks fit a
+        map that reverses it better (`FunctionalMap.mirrored`), as on a left and a right hemisphere.
 
     Returns
     -------
@@ -183,7 +264,7 @@ def functional_map(
     count = min(n_functions, known)
     if count < 2:
         raise InputError("A functional map takes at least two eigenpairs of each shape.")
-    shapes = _Shape.of(first, known), _Shape.of(second, known)
+    shapes = _shapes_of(first, second, known, meshes)
     if bank is None:
         bank = wave_kernel_bank(shapes[0].eigenvalues, _ENERGIES)
     top = shapes[0].eigenvalues[-1]
@@ -207,22 +288,35 @@ def functional_map(
         np.subtract.outer(shapes[0].eigenvalues[:count], shapes[1].eigenvalues[:count])
     )
     normal[np.diag_indices(count * count)] += _LAPLACIANS * (gaps / gaps.max()).ravel()
-    products = range(0, mine.shape[1], max(bank.n_filters // _PRODUCTS, 1))
-    for at in products:
-        here, there = (
-            shape.coefficients(features[:, at, None] * shape.functions[:, :count], count)
-            for shape, features in zip(shapes, columns, strict=True)
+    step = max(bank.n_filters // _PRODUCTS, 1)
+    used = [features[:, ::step].T for features in columns]
+    products = [
+        np.stack(
+            [shape.coefficients(each[:, None] * shape.functions[:, :count], count) for each in some]
         )
-        # the square of C ↦ C there - here C; both are symmetric
-        weight = _COMMUTATORS / len(products)
-        normal += weight * (
-            np.kron(np.eye(count), there @ there)
-            - 2.0 * np.kron(here, there)
-            + np.kron(here @ here, np.eye(count))
-        )
-    # QR with pivoting: products of a symmetric shape may leave some entries undetermined
-    matrix = scipy.linalg.lstsq(normal, (mine @ other.T).ravel(), lapack_driver="gelsy")[0]
-    return _with_matches(matrix.reshape(count, count), *shapes, cancel=None)
+        for shape, some in zip(shapes, used, strict=True)
+    ]
+    squares, mixed = _commutators(products[0], products[1])
+    normal += squares - mixed
+    if meshes is not None:
+        turns = [
+            np.stack([shape.turned(each, count) for each in some])
+            for shape, some in zip(shapes, used, strict=True)
+        ]
+        squares, mixed = _commutators(turns[0], turns[1])
+        normal += squares
+    wanted, found = (mine @ other.T).ravel(), []
+    for side in (0.0,) if meshes is None else (1.0, -1.0):
+        matrix = normal - side * mixed
+        # QR with pivoting: products of a symmetric shape may leave some entries undetermined
+        entries = scipy.linalg.lstsq(matrix, wanted, lapack_driver="gelsy")[0]
+        residual = entries @ matrix @ entries - 2.0 * wanted @ entries + np.square(mine).sum()
+        found.append((entries.reshape(count, count), float(residual)))
+    mirrored = len(found) > 1 and found[1][1] < _MIRRORED * found[0][1]
+    matrix = found[mirrored][0]
+    share = np.mean(scipy.linalg.svdvals(matrix) > _UNDETERMINED)
+    result = _with_matches(matrix, *shapes, cancel=None)
+    return replace(result, mirrored=mirrored, determined=float(share))
 
 
 def zoomout(
@@ -233,6 +327,7 @@ def zoomout(
     n_functions: int = _LAST,
     step: int = _STEP,
     cancel: CancelCallback | None = None,
+    meshes: tuple[MeshLike, MeshLike] | None = None,
 ) -> FunctionalMap:
     """Refine a functional map with more and more eigenfunctions.
 
@@ -247,6 +342,8 @@ def zoomout(
         Number of eigenfunctions added in each step.
     cancel : callable, optional
         Called repeatedly; `Cancelled` is raised if it returns True.
+    meshes : tuple of two MeshLike, optional
+        The two meshes, to match a moved, scaled copy by position (`FunctionalMap.rigid`).
 
     Returns
     -------
@@ -266,15 +363,27 @@ def zoomout(
     if step < 1:
         raise InputError(f"step is {step}: give at least 1.")
     last = min(n_functions, len(first.eigenvalues), len(second.eigenvalues))
-    whole = _Shape.of(first, last), _Shape.of(second, last)
-    here, there = whole[0].sampled(), whole[1].functions
+    first_shape, second_shape = whole = _shapes_of(first, second, last, meshes)
+    some = first_shape.sampled()
+    here, there = first_shape.functions[some], second_shape.functions
     matrix, count = start.matrix[:last, :last], min(*start.matrix.shape, last)
-    while count < last:
-        near = _nearest(here[:, : len(matrix)] @ matrix, whole[1], cancel)[0]
+    near = _nearest(here[:, : len(matrix)] @ matrix, second_shape, cancel)[0]
+    copy = _copied(*whole, some, near, start.mirrored) if meshes is not None else None
+    while copy is None and count < last:
         count = min(count + step, last)
         mine = here[:, :count]
         matrix = scipy.linalg.lstsq(mine.T @ mine, mine.T @ there[near, :count])[0]
-    return _with_matches(matrix, *whole, cancel=cancel)
+        if count < last:
+            near = _nearest(mine @ matrix, second_shape, cancel)[0]
+    if copy is None:
+        found = _with_matches(matrix, *whole, cancel=cancel)
+        near = np.searchsorted(second_shape.vertices, found.matches.indices[first_shape.vertices])
+        copy = _copied(*whole, some, near[some], start.mirrored) if meshes is not None else None
+    if copy is not None:
+        rigid, near, distances = copy
+        matrix = scipy.linalg.lstsq(here.T @ here, here.T @ there[near[some]])[0]
+        found = FunctionalMap(matrix, _matches(*whole, near, distances), rigid=rigid)
+    return replace(found, mirrored=start.mirrored, determined=start.determined)
 
 
 def inverse_matches(
@@ -282,11 +391,81 @@ def inverse_matches(
     second: Eigenpairs,
     found: FunctionalMap,
     cancel: CancelCallback | None = None,
+    meshes: tuple[MeshLike, MeshLike] | None = None,
 ) -> Matches:
     """Return for each vertex of the second the nearest one of the first, by the same map."""
-    count = len(found.matrix)
-    shapes = _Shape.of(second, count), _Shape.of(first, count)
+    shapes = _shapes_of(first, second, len(found.matrix), meshes)[::-1]
+    if found.rigid is not None and meshes is not None:
+        return _matches(*shapes, *_by_position(found.rigid, *shapes[::-1])[1])
     return _with_matches(found.matrix.T, *shapes, cancel=cancel).matches
+
+
+def _shapes_of(
+    first: Eigenpairs,
+    second: Eigenpairs,
+    count: int,
+    meshes: tuple[MeshLike, MeshLike] | None,
+) -> tuple[_Shape, _Shape]:
+    here, there = (None, None) if meshes is None else (as_mesh(each) for each in meshes)
+    return _Shape.of(first, count, here), _Shape.of(second, count, there)
+
+
+def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the terms of the mean of |C there - here C|², their difference, for the rows of C.
+
+    The second ones, of both sides, change sign with either.
+    """
+    one = np.eye(here.shape[1])
+    squares = np.kron(one, (there @ there.transpose(0, 2, 1)).sum(axis=0))
+    squares += np.kron((here.transpose(0, 2, 1) @ here).sum(axis=0), one)
+    both = np.einsum("pji,plk->ikjl", here, there, optimize=True).reshape(squares.shape)
+    weight = _COMMUTATORS / len(here)
+    return weight * squares, weight * (both + both.T)
+
+
+def _copied(
+    first: _Shape, second: _Shape, some: IntArray | slice, near: IntArray, mirrored: bool
+) -> tuple[FloatArray, IntArray, FloatArray] | None:
+    """Fit the positions of the first to those of the second, from the matches of `some`.
+
+    Returns the similarity, and the nearest vertices and distances, or None unless the first is a
+    copy of the second: the vertices of both are within a share of an edge of the other.
+    """
+    every = slice(None, None, len(near) // _FITTED + 1)
+    points, near, tree = first.positions[some][every], near[every], KDTree(second.positions)
+    kept = np.ones(len(points), dtype=np.bool_)
+    for _ in range(_FITS):
+        matrix = _similarity(points[kept], second.positions[near[kept]], mirrored)
+        distances, found = tree.query(points @ matrix[:3, :3].T + matrix[:3, 3])
+        if np.array_equal(found, near):
+            break
+        near, kept = np.asarray(found), np.asarray(distances <= 2.0 * np.median(distances))
+    ways = _by_position(matrix, first, second)
+    size = np.sqrt(max(np.square(distances).mean() for _, distances in ways))
+    return (matrix, *ways[0]) if size < _COPY * min(first.edge(), second.edge()) else None
+
+
+def _similarity(points: FloatArray, places: FloatArray, mirrored: bool) -> FloatArray:
+    """Return the turn, scale and shift of points that are nearest to places (Umeyama 1991)."""
+    centers = points.mean(axis=0), places.mean(axis=0)
+    mine, other = points - centers[0], places - centers[1]
+    left, sizes, right = np.linalg.svd(other.T @ mine)
+    if (np.linalg.det(left @ right) < 0.0) != mirrored:
+        left[:, 2], sizes[2] = -left[:, 2], -sizes[2]
+    matrix = np.eye(4)
+    matrix[:3, :3] = left @ right * (sizes.sum() / np.square(mine).sum())
+    matrix[:3, 3] = centers[1] - matrix[:3, :3] @ centers[0]
+    return matrix
+
+
+def _by_position(
+    matrix: FloatArray, first: _Shape, second: _Shape
+) -> list[tuple[IntArray, FloatArray]]:
+    """Return nearest vertices, and distances to them, of the moved first on the second and back."""
+    moved = first.positions @ matrix[:3, :3].T + matrix[:3, 3]
+    ways = (moved, second.positions), (second.positions, moved)
+    found = (KDTree(places).query(points) for points, places in ways)
+    return [(np.asarray(near), far / np.sqrt(second.area)) for far, near in found]
 
 
 def _of_length_one(*columns: FloatArray, mass: FloatArray) -> FloatArray:
@@ -320,12 +499,16 @@ def _with_matches(
     matrix: FloatArray, first: _Shape, second: _Shape, cancel: CancelCallback | None
 ) -> FunctionalMap:
     near, distances = _nearest(first.functions[:, : len(matrix)] @ matrix, second, cancel)
+    return FunctionalMap(matrix, _matches(first, second, near, distances))
+
+
+def _matches(first: _Shape, second: _Shape, near: IntArray, distances: FloatArray) -> Matches:
     indices = np.full(first.n_vertices, -1, dtype=np.int64)
     scores = np.full(first.n_vertices, np.nan)
     confident = np.zeros(first.n_vertices, dtype=np.bool_)
     indices[first.vertices], scores[first.vertices] = second.vertices[near], distances
     confident[first.vertices] = distances <= np.quantile(distances, _CONFIDENT)
-    return FunctionalMap(matrix, Matches(indices, scores, confident, _CONFIDENT))
+    return Matches(indices, scores, confident, _CONFIDENT)
 
 
 def _nearest(

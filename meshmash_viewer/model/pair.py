@@ -100,8 +100,9 @@ class ComparisonRequest:
             other = replace(other, rows=self.second.rows)  # they are aligned again
         bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
         return compare_shapes(
-            mine, other, bank, cancel, vertices, refine=self.refined, landmarks=self.landmarks
-        )
+            mine, other, bank, cancel, vertices,
+            refine=self.refined, landmarks=self.landmarks, meshes=(first, second),
+        )  # fmt: skip
 
 
 class Pair:

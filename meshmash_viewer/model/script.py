@@ -144,7 +144,7 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
     bank = family.carried(Correspondence(1.0 / mesh.area**0.5)).bank_script()
     area = "decomposition.mass.sum()"
     landmarks = [list(each) for each in pair.landmarks]
-    refined = f", refine=True, landmarks={landmarks}" if pair.refined else ""
+    refined = f", refine=True, landmarks={landmarks}, meshes=(mesh, other)" if pair.refined else ""
     bank = bank.replace("decomposition.eigenvalues", f"decomposition.eigenvalues * {area}")
     return [
         *_reading(pair.second, "other"),

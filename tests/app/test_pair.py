@@ -668,7 +668,7 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     QTest.mouseClick(refine, LEFT, pos=QPoint(8, 8))
     wait_for(lambda: opened.pair.comparison is not None)
     rest(window)
-    assert text(window, "pair_match_label") == "by ZoomOut, 100\N{NO-BREAK SPACE}% mutual"
+    assert text(window, "pair_match_label") == "as a moved copy, 100\N{NO-BREAK SPACE}% mutual"
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     assert "the one by ZoomOut; the next are the nearest by" in text(window, "pair_match_note")
     check = part(window, QCheckBox, "pair_carry_check")

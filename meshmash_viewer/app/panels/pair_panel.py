@@ -314,9 +314,11 @@ class PairPanel(QWidget):
         pair, first = self._pair, self._document.ready
         second = None if pair is None else pair.second.ready
         remarks, counts = list[str](), (1, 1)
-        if first is not None and second is not None:
+        if pair is not None and first is not None and second is not None:
             counts = first.health.n_components, second.health.n_components
-            remarks = comparison_remarks(first.mesh, second.mesh, n_components=counts)
+            remarks = comparison_remarks(
+                first.mesh, second.mesh, n_components=counts, found=pair.comparison
+            )
             if first.part is not None:
                 remarks.append(
                     f"the first is computed on the mask {mask_text(first.part.mesh)}, the second on"
@@ -410,6 +412,7 @@ def _written_match(found: Comparison) -> str:
     if found.given:
         return "by index: same faces"
     how = "by features" if found.functional is None else "by ZoomOut"
+    how = "as a moved copy" if found.is_moved_copy else how
     return f"{how}, {format_share(found.mutual_share)} mutual"
 
 
