@@ -6,7 +6,15 @@ from functools import partial
 
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtGui import QIcon, QKeyEvent, QMouseEvent
-from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QMainWindow, QTabWidget, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QDockWidget,
+    QLabel,
+    QMainWindow,
+    QTabWidget,
+    QToolBar,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
@@ -111,6 +119,10 @@ class Arrangement:
     def reset(self) -> None:
         """Restore the default layout."""
         self._window.restoreState(self._first, _VERSION)
+        # toolbars that were added after that state would be on the line of the first one
+        directly = Qt.FindChildOption.FindDirectChildrenOnly
+        for bar in self._window.findChildren(QToolBar, options=directly)[1:]:
+            self._window.insertToolBarBreak(bar)
         self._narrow = self._field_aside = False
         self.share_room()
 

@@ -83,7 +83,7 @@ class Hand:
 
 
 @pytest.fixture
-def hand(open_window: Callable[..., MainWindow], qtbot: QtBot) -> Hand:
+def hand(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> Hand:
     ball = shapes.icosphere(4)
     mesh = Mesh(
         np.concatenate([ball.vertices, 0.5 * ball.vertices + np.array([0.0, 0.0, -3.0])]),
@@ -96,7 +96,7 @@ def hand(open_window: Callable[..., MainWindow], qtbot: QtBot) -> Hand:
     )
     document = Document()
     document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
-    window = open_window(document, (1200, 800))
+    window = reopen_window(document, (1200, 800))
     window.wait()
     window.scene.look_from("dorsal")
     qtbot.waitUntil(lambda: window.scene.can_pick, timeout=PATIENCE)
@@ -141,14 +141,20 @@ def test_a_brush_paints_what_is_visible_and_is_one_change(hand: Hand) -> None:
     assert "nm²" in count.text()
 
 
-@pytest.mark.parametrize("mode", ["brush", "value", "alike"])
-def test_a_small_window_has_all_commands_in_the_bar(mode: str, hand: Hand) -> None:
+def test_a_small_window_has_all_commands_in_the_bar(hand: Hand) -> None:
     hand.window.resize(900, 600)
-    hand.choose(mode)
     bar, commands = part(hand.window, "select_bar"), hand.window.actions_
-    for name in ("grow", "shrink", "fill", "invert", "clear"):
-        assert bar.widgetForAction(commands[f"{name}_selection"]).isVisible()
-    assert bar.widgetForAction(commands["cut"]).isVisible()
+    names = [f"{name}_selection" for name in ("grow", "shrink", "fill", "invert", "clear")]
+    for mode in ("brush", "value", "alike"):
+        hand.choose(mode)
+        for name in (*names, "cut"):
+            assert bar.widgetForAction(commands[name]).isVisible(), mode
+
+
+def test_the_default_layout_has_the_bar_on_its_own_line(hand: Hand) -> None:
+    hand.window.actions_["reset_layout"].trigger()
+    catch_up()
+    assert part(hand.window, "select_bar").y() >= part(hand.window, "toolbar").geometry().bottom()
 
 
 def test_a_lasso_takes_the_visible_or_what_is_behind_too(hand: Hand) -> None:
