@@ -246,9 +246,11 @@ def _refresh() -> None:
     if _State.mode is Mode.SYSTEM:
         wanted = hints.colorScheme()
     _State.dark = wanted == Qt.ColorScheme.Dark
+    changed = False
     for target, before in list(_State.dressed.items()):
         if before == _State.dark or not shiboken6.isValid(target):
             continue
+        changed = True
         _State.dressed[target] = _State.dark
         colors, sheet = palette(), _style_sheet(palette(), target.font())
         if not _State.ours:
@@ -260,7 +262,8 @@ def _refresh() -> None:
             sheet = basics + sheet
         target.setPalette(_qt_palette(_State.dark))
         target.setStyleSheet(sheet)
-    notifier().changed.emit()
+    if changed:
+        notifier().changed.emit()
 
 
 @cache

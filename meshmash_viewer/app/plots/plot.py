@@ -204,13 +204,12 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
 
     def __init__(self, name: str, accessible_name: str) -> None:
         axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
-        super().__init__(axisItems=axes)
+        super().__init__(axisItems=axes, enableMenu=False)
         theme.named(self, name, accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # panels have the keys
         self.setFrameShape(self.Shape.NoFrame)
         self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
-        self.setMenuEnabled(False)
         self.hideButtons()
         self.fit_button = QToolButton(self)
         fit, tip = f"Fit the plot: {accessible_name}", "Show everything that is drawn"
