@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
+from closed_form import part
 from PySide6.QtCore import QCoreApplication, QEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app import listening, theme
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.solve import DEFAULT_TARGET
 from meshmash_viewer.model.worker import Worker
 
 
@@ -76,6 +82,81 @@ def own_cache(
     return folder
 
 
+def bring_up(window: MainWindow, size: tuple[int, int] | None, qtbot: QtBot) -> None:
+    """Show a window in front, with its first field if there is any."""
+    if size is not None:
+        window.resize(*size)
+    window.show()
+    window.raise_()
+    window.activateWindow()
+    qtbot.waitUntil(window.isActiveWindow)
+    qtbot.waitUntil(lambda: window.controller.idle)
+
+
+def start_afresh(window: MainWindow, shown: Document | None, qtbot: QtBot) -> None:
+    """Show another mesh with its eigenpairs, and nothing of what was chosen before."""
+    document = window.document
+    document.work.cancel()
+    qtbot.waitUntil(lambda: document.work.job is None and window.controller.idle)
+    theme.set_mode(theme.Mode.SYSTEM)
+    window.opening.end_comparison()
+    window.showNormal()
+    window.arrangement.reset()
+    window.select_tool.mode = "brush"
+    window.select_tool.through = window.select_tool.connected = False
+    window.select_tool.select(False)
+    first = Display()
+    with document.history.paused():
+        document.display.put(*first.fields.values())
+        for each in fields(Display):
+            if each.name != "fields":
+                setattr(document.display, each.name, getattr(first, each.name))
+    document.solve.operator, document.solve.target = OperatorOptions(), DEFAULT_TARGET
+    document.solve.seconds_rate = None
+    if shown is not None:
+        document.accept_mesh(shown.ready)
+    if shown is not None and shown.spectrum is not None:
+        document.accept_spectrum(shown.spectrum)
+    part(window, "pin_table_check").setChecked(False)
+    window.stage.message_bar.dismiss()
+    window.stage.setFocus()
+    catch_up()
+
+
+@pytest.fixture(scope="module")
+def kept_windows(qapp: QApplication) -> Iterator[list[MainWindow]]:
+    """The window that `reopen_window` shows again, if there is one."""
+    kept: list[MainWindow] = []
+    yield kept
+    for window in kept:
+        window.close()
+        window.deleteLater()
+
+
+@pytest.fixture
+def reopen_window(
+    kept_windows: list[MainWindow], qtbot: QtBot
+) -> Iterator[Callable[..., MainWindow]]:
+    """Shows the mesh of a document in a window that the tests of a file have one after another.
+
+    It is as if it had been opened, see `start_afresh`, which takes a second. Without a document,
+    the mesh of the last test is there still: for tests that open a file.
+    """
+
+    def reopen(shown: Document | None = None, size: tuple[int, int] = (1440, 900)) -> MainWindow:
+        if kept_windows:
+            start_afresh(kept_windows[0], shown, qtbot)
+        else:
+            kept_windows.append(MainWindow(shown, fresh=True))
+        bring_up(kept_windows[0], size, qtbot)
+        return kept_windows[0]
+
+    yield reopen
+    for widget in QApplication.topLevelWidgets():
+        if widget.isVisible() and widget not in kept_windows:
+            widget.close()  # a menu or a dialog
+
+
 @pytest.fixture
 def open_window(qapp: QApplication, qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
     """Opens windows, in front and with their first field, if there is any; closes them again."""
@@ -86,12 +167,7 @@ def open_window(qapp: QApplication, qtbot: QtBot) -> Iterator[Callable[..., Main
     ) -> MainWindow:
         window = MainWindow(document, fresh=True)
         opened.append(window)
-        if size is not None:
-            window.resize(*size)
-        window.show()
-        window.activateWindow()
-        qtbot.waitUntil(window.isActiveWindow, timeout=60_000)
-        qtbot.waitUntil(lambda: window.controller.idle, timeout=60_000)
+        bring_up(window, size, qtbot)
         return window
 
     yield open_one
@@ -113,6 +189,7 @@ def all_garbage() -> Iterator[None]:
     yield
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     gc.collect()
+    gc.freeze()  # what is left, such as modules, need not be looked through again
 
 
 @pytest.fixture(autouse=True)

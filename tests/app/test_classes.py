@@ -12,14 +12,17 @@ from closed_form import give, part
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
+from solved import spectrum_of
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_quantity
@@ -49,15 +52,13 @@ MESH, SPINE = spiny()
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
+def window(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
     """With 80 eigenpairs, and two labels that no vertex has; HKS is chosen, which is quick."""
-    window = open_window(Document())
+    shown = Document()
+    shown.accept_mesh(MeshReady(MESH, mesh_health(MESH), MESH.vertex_normals))
+    shown.accept_spectrum(spectrum_of(MESH, 80))
+    window = reopen_window(shown)
     document = window.document
-    document.take_mesh(MESH)
-    qtbot.waitUntil(lambda: document.mesh is not None, timeout=PATIENCE)
-    document.solve.target = Target("count", 80)
-    document.solve.compute()
-    qtbot.waitUntil(lambda: document.solve.is_computed, timeout=PATIENCE)
     window.arrangement.docks["label"].raise_()
     document.labels.new_set()
     document.labels.new_label()

@@ -22,8 +22,8 @@ LEFT = Qt.MouseButton.LeftButton
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
-    window = open_window(rectangle_document(), (1440, 900))
+def window(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
+    window = reopen_window(rectangle_document(), (1440, 900))
     qtbot.waitUntil(lambda: window.scene.can_pick, timeout=60_000)
     return window
 

@@ -18,8 +18,8 @@ from meshmash_viewer.fields import FAMILIES
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow]) -> MainWindow:
-    return open_window(rectangle_document(), (1440, 900))
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
+    return reopen_window(rectangle_document(), (1440, 900))
 
 
 def palette(window: MainWindow) -> QDialog:

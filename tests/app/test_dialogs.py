@@ -41,9 +41,9 @@ PATIENCE = 60_000
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow]) -> MainWindow:
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a rectangle, and its eigenpairs in closed form."""
-    return open_window(rectangle_document())
+    return reopen_window(rectangle_document())
 
 
 def asked(qtbot: QtBot, window: MainWindow, name: str, key: Qt.Key, *held: object) -> QDialog:

@@ -13,6 +13,7 @@ from PySide6.QtGui import QDragEnterEvent, QDragLeaveEvent, QDragMoveEvent, QDro
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QPushButton, QWidget
 from pytestqt.qtbot import QtBot
+from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.main_window import MainWindow
@@ -151,6 +152,7 @@ def test_two_meshes_are_compared_each_with_its_maps(
     assert said.endswith("rh.depth.npy is of the other hemisphere than lh.pial.")
 
 
+@pytest.mark.slow
 def test_two_renders_have_one_height_and_are_no_smaller_than_compare(
     qtbot: QtBot, window: MainWindow, files: dict
 ) -> None:
@@ -207,7 +209,7 @@ def test_opening_brings_the_mesh_panel_to_the_front(
     assert docks["mesh"].visibleRegion().isEmpty()
 
 
-@pytest.mark.parametrize("how", ["behind", "closed"])
+@pytest.mark.parametrize("how", ["behind", slow("closed")])
 def test_progress_and_cancel_are_in_the_status_bar_where_the_panel_is_hidden(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, how: str
 ) -> None:

@@ -53,8 +53,8 @@ TURNS = (
 
 
 @pytest.fixture
-def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
-    window = open_window(rectangle_document(), (1300, 800))
+def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow:
+    window = reopen_window(rectangle_document(), (1300, 800))
     for vertex in (3, 9, 30):
         window.document.pins.toggle(vertex)
     window.document.display.policies = {"hks": PercentileLimits()}

@@ -42,9 +42,9 @@ ROLES = {
 
 
 @pytest.fixture
-def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
+def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a rectangle, its eigenpairs in closed form, and two pins."""
-    window = open_window(rectangle_document(), (1440, 900))
+    window = reopen_window(rectangle_document(), (1440, 900))
     for vertex in (25, 200):
         window.document.pins.toggle(vertex)
     qtbot.waitUntil(lambda: window.findChild(QWidget, "pin_row_200") is not None)

@@ -31,10 +31,10 @@ COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow]) -> MainWindow:
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
     document = Document()
     document.accept_mesh(MeshReady(MESH, mesh_health(MESH), MESH.vertex_normals))
-    window = open_window(document)
+    window = reopen_window(document)
     window.arrangement.docks["label"].raise_()
     return window
 

@@ -16,6 +16,7 @@ from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTabl
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
+from tiers import slow
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
@@ -194,6 +195,7 @@ def test_maps_of_files_and_the_part_are_there_again_and_no_step_to_undo(
     assert session_of(document, {}).maps == [str(table)]
 
 
+@pytest.mark.slow
 def test_what_is_damaged_is_said_and_kept(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
@@ -378,7 +380,7 @@ def test_label_sets_are_there_as_they_were_changed(
     assert sets(opened(open_window(), path, qtbot)) == made
 
 
-@pytest.mark.parametrize("by_hand", [False, True])
+@pytest.mark.parametrize("by_hand", [slow(False), True])
 def test_classes_are_there_with_choices_scores_and_importance(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot, by_hand: bool
 ) -> None:
@@ -440,6 +442,7 @@ def test_classes_are_there_with_choices_scores_and_importance(
     assert classes.learned == learned, "what is live is not learned again"
 
 
+@pytest.mark.slow
 def test_pins_and_maps_of_the_second_mesh_are_there_again(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:

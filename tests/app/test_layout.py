@@ -35,9 +35,9 @@ PATIENCE = 60_000
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow]) -> MainWindow:
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a rectangle, and its eigenpairs in closed form."""
-    return open_window(rectangle_document(twins=slice(10, 13)), (1440, 900))
+    return reopen_window(rectangle_document(twins=slice(10, 13)), (1440, 900))
 
 
 def places(window: MainWindow) -> dict[str, tuple[int, int]]:

@@ -74,6 +74,7 @@ def test_the_segments_of_a_url_of_neuroglancer_are_offered(dialog: LinkDialog) -
     assert read_link(dialog.path) == MeshLink("precomputed://gs://b/nuclei", 12)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("read_here")
 def test_a_link_is_opened_and_its_session_is_found_again(
     open_window: Callable[..., MainWindow],

@@ -3,6 +3,7 @@ from __future__ import annotations
 import gc
 import json
 import re
+import shutil
 import time
 import weakref
 from collections.abc import Callable, Iterator
@@ -87,6 +88,17 @@ def sphere_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def at_front(window: MainWindow) -> MainWindow:
+    """Show a window that several tests have, without the message of the last one."""
+    window.stage.message_bar.dismiss()
+    window.resize(1440, 900)
+    window.raise_()
+    window.activateWindow()
+    window.stage.setFocus()
+    wait_for(lambda: window.isActiveWindow() and window.controller.idle)
+    return window
+
+
 def open_file(window: MainWindow, path: Path) -> None:
     window.open_mesh(path, "nm")
     wait_for(lambda: window.document.path == path and window.document.work.job is None)
@@ -131,19 +143,54 @@ def ball(one_ball: MainWindow) -> MainWindow:
     return one_ball
 
 
+@pytest.fixture(scope="module")
+def one_empty() -> Iterator[MainWindow]:
+    application()
+    window = opened()
+    yield window
+    closed(window)
+
+
+@pytest.fixture
+def empty(one_empty: MainWindow) -> MainWindow:
+    """A window in which nothing is open, and no message is left."""
+    one_empty.document.solve.operator = OperatorOptions()
+    return at_front(one_empty)
+
+
+@pytest.fixture(scope="module")
+def one_used() -> Iterator[MainWindow]:
+    application()
+    window = opened()
+    yield window
+    closed(window)
+
+
+@pytest.fixture
+def used(one_used: MainWindow) -> MainWindow:
+    """A window for tests that open a mesh in it, whichever was there before."""
+    return at_front(one_used)
+
+
+@pytest.fixture
+def ball_file(sphere_file: Path, tmp_path: Path) -> Path:
+    """A file that was not open before, so that there is no session to restore."""
+    return shutil.copy(sphere_file, tmp_path / "ball.npz")
+
+
 # -- empty ---------------------------------------------------------------------------------
 
 
-def test_the_empty_window_says_what_to_do(window: MainWindow) -> None:
-    welcome = window.stage.welcome
+def test_the_empty_window_says_what_to_do(empty: MainWindow) -> None:
+    welcome = empty.stage.welcome
     assert welcome.isVisible()
-    texts = " ".join(label.text() for label in window.findChildren(QLabel) if label.isVisible())
+    texts = " ".join(label.text() for label in empty.findChildren(QLabel) if label.isVisible())
     assert "Drop a mesh here" in texts
     assert welcome.open_button.isVisible()
     assert welcome.sample_button.text() == "Open the sample neuron"
     for name in ("export", "save_picture", "play", "nodal_lines", "compute", "cancel"):
-        assert not window.actions_[name].isEnabled(), name
-    assert not window.mesh_panel.compute_button.isEnabled()
+        assert not empty.actions_[name].isEnabled(), name
+    assert not empty.mesh_panel.compute_button.isEnabled()
 
 
 def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
@@ -162,17 +209,17 @@ def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
 # -- the table of commands -------------------------------------------------------------------
 
 
-def test_every_command_does_something(window: MainWindow) -> None:
+def test_every_command_does_something(empty: MainWindow) -> None:
     for command in COMMANDS:
         name = command.does[0] if command.does else command.name
-        assert callable(window.commands.method(name)), name
+        assert callable(empty.commands.method(name)), name
 
 
-def test_every_command_is_on_its_menu_with_its_keys(window: MainWindow) -> None:
+def test_every_command_is_on_its_menu_with_its_keys(empty: MainWindow) -> None:
     for command in COMMANDS:
         assert command.menu in MENUS
-        menu = window.menus[command.submenu or command.menu]
-        action = window.actions_[command.name]
+        menu = empty.menus[command.submenu or command.menu]
+        action = empty.actions_[command.name]
         assert action in menu.actions()
         assert [key.toString() for key in action.shortcuts()] == [
             QKeySequence(text).toString() for text in command.shortcuts
@@ -185,10 +232,10 @@ def test_no_key_means_two_things() -> None:
     assert all(keys), "a key that Qt does not know"
 
 
-def test_help_lists_every_command_and_finds_one(qtbot: QtBot, window: MainWindow) -> None:
-    QTest.keyClick(window, Qt.Key.Key_F1)
-    qtbot.waitUntil(lambda: window.findChild(QDialog, "help_dialog") is not None)
-    dialog = window.findChild(QDialog, "help_dialog")
+def test_help_lists_every_command_and_finds_one(qtbot: QtBot, empty: MainWindow) -> None:
+    QTest.keyClick(empty, Qt.Key.Key_F1)
+    qtbot.waitUntil(lambda: empty.findChild(QDialog, "help_dialog") is not None)
+    dialog = empty.findChild(QDialog, "help_dialog")
 
     def shown() -> set[str]:
         tops = [dialog.tree.topLevelItem(at) for at in range(dialog.tree.topLevelItemCount())]
@@ -234,7 +281,7 @@ def test_controls_have_names_for_scripts_and_for_screen_readers(ball: MainWindow
                 assert control.objectName() == control.objectName().lower(), control
 
 
-def test_names_that_scripts_rely_on(window: MainWindow) -> None:
+def test_names_that_scripts_rely_on(empty: MainWindow) -> None:
     for name in (
         "compute_button",
         "cancel_button",
@@ -251,32 +298,30 @@ def test_names_that_scripts_rely_on(window: MainWindow) -> None:
         "field_list",
         "scene",
     ):
-        assert len(window.findChildren(QWidget, name)) == 1, name
+        assert len(empty.findChildren(QWidget, name)) == 1, name
 
 
 # -- the mesh panel --------------------------------------------------------------------------
 
 
-def test_the_extent_fits_the_panel_with_its_unit(window: MainWindow, tmp_path: Path) -> None:
-    window.resize(1000, 640)  # with a scroll bar beside it
+def test_the_extent_fits_the_panel_with_its_unit(used: MainWindow, tmp_path: Path) -> None:
+    used.resize(1000, 640)  # with a scroll bar beside it
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
     for scale, unit in (
         (1e-7, "nm"), (1.0, "nm"), (9.99e4, "nm"), (3.3e5, "µm"), (1.4e7, "µm"), (1e20, "m"),
     ):  # fmt: skip
         path = tmp_path / f"flat_{scale:g}.npz"
         np.savez(path, vertices=scale * corners, faces=[[0, 1, 2]])
-        open_file(window, path)
-        label = window.mesh_panel.findChild(QLabel, "mesh_extent_label")
+        open_file(used, path)
+        label = used.mesh_panel.findChild(QLabel, "mesh_extent_label")
         assert not unit or label.text().endswith("m"), scale
         QTest.qWait(50)
         assert label.fontMetrics().horizontalAdvance(label.text()) <= label.width(), scale
 
 
-def test_the_mesh_panel_says_what_was_read(
-    qtbot: QtBot, window: MainWindow, sphere_file: Path
-) -> None:
-    open_file(window, sphere_file)
-    panel = window.mesh_panel
+def test_the_mesh_panel_says_what_was_read(qtbot: QtBot, used: MainWindow, ball_file: Path) -> None:
+    open_file(used, ball_file)
+    panel = used.mesh_panel
     texts = {label.objectName(): label.text() for label in panel.findChildren(QLabel)}
     assert texts["mesh_vertices_label"] == "642"
     assert texts["mesh_faces_label"] == "1,280"
@@ -285,33 +330,33 @@ def test_the_mesh_panel_says_what_was_read(
     assert panel.unit_combo.currentText() == "nm"
     assert texts["health_n_components"] == "1"
     assert "memory" in texts["cost_label"]
-    assert window.windowTitle().startswith("ball")
-    assert not window.stage.welcome.isVisible()
+    assert used.windowTitle().startswith("ball")
+    assert not used.stage.welcome.isVisible()
 
 
 def test_faults_are_repaired_with_one_click_and_undone_with_another(
-    qtbot: QtBot, window: MainWindow, tmp_path: Path
+    qtbot: QtBot, used: MainWindow, tmp_path: Path
 ) -> None:
     mesh = shapes.icosphere(2, unit="nm")
     path = tmp_path / "dirty.npz"
     faces = np.vstack([mesh.faces, mesh.faces[:3]])
     vertices = np.vstack([mesh.vertices, [[9.0, 9.0, 9.0]]])
     np.savez(path, vertices=vertices, faces=faces)
-    open_file(window, path)
-    panel = window.mesh_panel
+    open_file(used, path)
+    panel = used.mesh_panel
     repair = panel.findChild(QAbstractButton, "drop_duplicate_faces")
     assert repair.isVisible()
     assert not panel.findChild(QAbstractButton, "merge_coincident_vertices").isVisible()
     QTest.mouseClick(repair, LEFT)
-    qtbot.waitUntil(lambda: window.document.undo_repair_steps, timeout=PATIENCE)
-    qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
-    assert window.document.mesh.n_faces == len(mesh.faces)
+    qtbot.waitUntil(lambda: used.document.undo_repair_steps, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: used.document.work.job is None, timeout=PATIENCE)
+    assert used.document.mesh.n_faces == len(mesh.faces)
     catch_up()
     assert not repair.isVisible()
     focus = QApplication.focusWidget()
     assert focus is None or not panel.isAncestorOf(focus), "Space would press something else"
-    QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
-    assert window.document.mesh.n_faces == len(mesh.faces) + 3
+    QTest.keyClick(used, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert used.document.mesh.n_faces == len(mesh.faces) + 3
     catch_up()
     assert repair.isVisible()
 
@@ -354,10 +399,10 @@ def test_as_many_pairs_as_the_shortest_time_takes(
 
 
 def test_the_targets_are_translated_into_each_other(
-    qtbot: QtBot, window: MainWindow, sphere_file: Path
+    qtbot: QtBot, used: MainWindow, ball_file: Path
 ) -> None:
-    open_file(window, sphere_file)
-    box, document = window.mesh_panel.target_box, window.document
+    open_file(used, ball_file)
+    box, document = used.mesh_panel.target_box, used.document
     area = document.ready.health.area
     spin = box.count_spin
     spin.setFocus()
@@ -380,12 +425,12 @@ def test_the_targets_are_translated_into_each_other(
     assert not box.eigenvalue_spin.text().startswith("≈")
 
 
-def test_the_operator_is_chosen(window: MainWindow) -> None:
-    check = window.mesh_panel.robust_check
+def test_the_operator_is_chosen(empty: MainWindow) -> None:
+    check = empty.mesh_panel.robust_check
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
-    assert not window.document.solve.operator.robust
+    assert not empty.document.solve.operator.robust
     catch_up()
-    assert not window.mesh_panel.mollify_spin.isEnabled()
+    assert not empty.mesh_panel.mollify_spin.isEnabled()
 
 
 def test_another_unit_keeps_spectrum_and_camera(qtbot: QtBot, ball: MainWindow) -> None:
@@ -426,11 +471,11 @@ def test_quantities_are_typed_and_stepped_at_any_scale(qtbot: QtBot) -> None:
 # -- the message bar -------------------------------------------------------------------------
 
 
-def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWindow) -> None:
-    bar = window.stage.message_bar
-    window.document.notices.show(Notice("It broke: do this.", Severity.ERROR, "Traceback of it"))
+def test_errors_stay_until_dismissed_and_their_details_are_copied(empty: MainWindow) -> None:
+    bar = empty.stage.message_bar
+    empty.document.notices.show(Notice("It broke: do this.", Severity.ERROR, "Traceback of it"))
     assert bar.isVisible()
-    assert bar.geometry().right() < window.stage.width()
+    assert bar.geometry().right() < empty.stage.width()
     copy = bar.findChild(QAbstractButton, "copy_details")
     QTest.mouseClick(copy, LEFT)
     assert QGuiApplication.clipboard().text() == "It broke: do this.\n\nTraceback of it"
@@ -438,11 +483,11 @@ def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWi
     assert not bar.isVisible()
 
 
-def test_a_message_is_legible_over_a_narrow_render(window: MainWindow) -> None:
-    window.resize(1000, 600)
-    bar = window.stage.message_bar
+def test_a_message_is_legible_over_a_narrow_render(empty: MainWindow) -> None:
+    empty.resize(1000, 600)
+    bar = empty.stage.message_bar
     text = "Picture saved to /media/disk/pictures/cow.png."
-    window.document.notices.show(Notice(text, action=lambda: None, button="Show in folder"))
+    empty.document.notices.show(Notice(text, action=lambda: None, button="Show in folder"))
     bar.keep_clear(QSize(160, 70), 90)  # a title, and a colour bar
     QApplication.processEvents()
     action = bar.findChild(QAbstractButton, "message_action")
@@ -456,32 +501,32 @@ def test_a_message_is_legible_over_a_narrow_render(window: MainWindow) -> None:
 
 
 def test_good_news_goes_and_what_can_be_undone_stays(
-    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+    empty: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bar = window.stage.message_bar
+    bar = empty.stage.message_bar
     monkeypatch.setattr("meshmash_viewer.app.controls.message_bar._STAY", 50)
     undone: list[bool] = []
-    window.document.notices.show(Notice("Unit changed.", action=lambda: undone.append(True)))
+    empty.document.notices.show(Notice("Unit changed.", action=lambda: undone.append(True)))
     QTest.qWait(300)
     assert bar.isVisible()
     QTest.mouseClick(bar.findChild(QAbstractButton, "message_action"), LEFT)
     assert undone
     assert not bar.isVisible()
-    window.document.notices.show(Notice("Saved."))
+    empty.document.notices.show(Notice("Saved."))
     assert bar.isVisible()
     qtbot.waitUntil(lambda: not bar.isVisible(), timeout=5000)
 
 
-def test_a_message_goes_with_its_cause(window: MainWindow, sphere_file: Path) -> None:
-    bar, document = window.stage.message_bar, window.document
+def test_a_message_goes_with_its_cause(used: MainWindow, ball_file: Path) -> None:
+    bar, document = used.stage.message_bar, used.document
     document.notices.show(Notice("Too many.", Severity.WARNING))
     document.notices.show(Notice("The last one counts.", Severity.WARNING))
-    open_file(window, sphere_file)
+    open_file(used, ball_file)
     assert bar.notice is None, "another mesh"
     document.notices.show(Notice("The disk is full.", Severity.ERROR))
     document.pins.toggle(3)
     assert bar.notice is not None, "a pin has nothing to do with it"
-    compute(window, 5)
+    compute(used, 5)
     assert bar.notice is None, "the next job"
     document.set_unit("mm")
     assert "Unit changed" in bar.notice.text
@@ -528,16 +573,16 @@ def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: 
 # -- opening ---------------------------------------------------------------------------------
 
 
-def test_an_error_goes_when_the_next_try_succeeds(window: MainWindow, sphere_file: Path) -> None:
-    bar = window.stage.message_bar
-    window.open_mesh(sphere_file.with_name("no such mesh.npz"))
+def test_an_error_goes_when_the_next_try_succeeds(used: MainWindow, ball_file: Path) -> None:
+    bar = used.stage.message_bar
+    used.open_mesh(ball_file.with_name("no such mesh.npz"))
     wait_for(lambda: bar.notice is not None)
-    open_file(window, sphere_file)
+    open_file(used, ball_file)
     assert bar.notice is None
-    window.mesh_panel.unit_combo.setCurrentText("frog")
-    window.mesh_panel.unit_combo.lineEdit().editingFinished.emit()
+    used.mesh_panel.unit_combo.setCurrentText("frog")
+    used.mesh_panel.unit_combo.lineEdit().editingFinished.emit()
     assert "frog" in bar.notice.text
-    window.document.set_unit("mm")
+    used.document.set_unit("mm")
     assert bar.notice.severity is Severity.INFORMATION
 
 
@@ -562,11 +607,11 @@ def test_a_file_is_dropped_on_the_render_and_remembered(
     assert len(ball.settings.recent) == 2
 
 
-def test_a_mesh_in_memory_is_shown(qtbot: QtBot, window: MainWindow, neuron: Mesh) -> None:
-    window.document.take_mesh(neuron)
-    qtbot.waitUntil(lambda: window.document.mesh is not None, timeout=PATIENCE)
-    assert window.document.mesh.n_vertices == neuron.n_vertices
-    assert window.document.path is None
+def test_a_mesh_in_memory_is_shown(qtbot: QtBot, used: MainWindow, neuron: Mesh) -> None:
+    used.document.take_mesh(neuron)
+    document = used.document
+    qtbot.waitUntil(lambda: document.mesh is not None and document.path is None, timeout=PATIENCE)
+    assert document.mesh.n_vertices == neuron.n_vertices
 
 
 # -- keys --------------------------------------------------------------------------------------
@@ -834,12 +879,12 @@ def test_a_session_repairs_what_was_repaired_and_interrupts_what_runs(
     assert window.stage.message_bar.notice is None, "nothing has changed since"
 
 
-def test_a_broken_session_is_one_sentence(window: MainWindow, tmp_path: Path) -> None:
+def test_a_broken_session_is_one_sentence(empty: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "broken.meshmash.json"
     path.write_text("{")
-    window.opening.open_path(path)
-    assert window.stage.message_bar.notice.severity is Severity.ERROR
-    assert "not a session" in window.stage.message_bar.notice.text
+    empty.opening.open_path(path)
+    assert empty.stage.message_bar.notice.severity is Severity.ERROR
+    assert "not a session" in empty.stage.message_bar.notice.text
 
 
 def test_the_script_of_what_is_on_screen_is_python(ball: MainWindow) -> None:
@@ -849,7 +894,7 @@ def test_the_script_of_what_is_on_screen_is_python(ball: MainWindow) -> None:
     assert "meshmash_viewer" in text
 
 
-@pytest.mark.parametrize("opened", ["window", "ball"])
+@pytest.mark.parametrize("opened", ["empty", "ball"])
 def test_a_report_on_the_machine_is_copied(request: pytest.FixtureRequest, opened: str) -> None:
     window: MainWindow = request.getfixturevalue(opened)
     window.actions_["system_report"].trigger()
@@ -964,10 +1009,10 @@ def test_nothing_of_a_mesh_is_held_once_another_is_open(
     wait_for(let_go)
 
 
-def test_a_shape_whose_mesh_is_gone_is_not_saved(window: MainWindow, tmp_path: Path) -> None:
+def test_a_shape_whose_mesh_is_gone_is_not_saved(empty: MainWindow, tmp_path: Path) -> None:
     said = list[Notice]()
-    window.document.notices.shown.connect(said.append)
-    window.shape_panel.save_requested.emit(tmp_path / "shape.ply")
+    empty.document.notices.shown.connect(said.append)
+    empty.shape_panel.save_requested.emit(tmp_path / "shape.ply")
     assert [each.severity for each in said] == [Severity.WARNING]
     assert not list(tmp_path.iterdir())
 

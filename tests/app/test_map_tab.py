@@ -25,6 +25,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.controls.step_slider import StepSlider
@@ -489,6 +490,7 @@ def test_a_parameter_is_typed_as_the_length_that_it_means(
     assert "unit that is not known" in said[-1]
 
 
+@pytest.mark.slow
 def test_what_is_kept_of_a_positive_map_has_its_colours(window: MainWindow) -> None:
     """Also where the sum falls below zero, and on a log scale."""
     document, display = window.document, window.document.display
@@ -507,7 +509,9 @@ def test_what_is_kept_of_a_positive_map_has_its_colours(window: MainWindow) -> N
         assert look(window) == before
 
 
-@pytest.mark.parametrize(("view", "ending"), [("pairs", ".func.gii"), ("residual", ".shape.gii")])
+@pytest.mark.parametrize(
+    ("view", "ending"), [slow("pairs", ".func.gii"), ("residual", ".shape.gii")]
+)
 def test_a_sum_and_its_residual_are_kept_and_exported_alone(
     window: MainWindow, tmp_path: Path, view: str, ending: str
 ) -> None:

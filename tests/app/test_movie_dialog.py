@@ -24,8 +24,8 @@ PATIENCE = 60_000
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow]) -> MainWindow:
-    return open_window(rectangle_document(30))
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
+    return reopen_window(rectangle_document(30))
 
 
 def opened(qtbot: QtBot, window: MainWindow, path: Path) -> QDialog:

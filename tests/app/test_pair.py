@@ -175,6 +175,7 @@ def test_the_colours_of_the_first_are_kept_on_the_second(
     assert kept.name.startswith(field.title)
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_both_meshes_are_in_a_picture_and_in_a_copy(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -374,6 +375,7 @@ def test_a_copy_shows_the_same_and_is_looked_at_alike(
     np.testing.assert_allclose(opened.scene.camera()["axes"], after)
 
 
+@pytest.mark.slow
 def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
     qapp: QApplication, tmp_path: Path
 ) -> None:
@@ -552,6 +554,7 @@ def test_a_stroke_on_the_second_says_that_the_first_is_selected_on(
     assert len(second.document.pins.placed) == 1
 
 
+@pytest.mark.slow
 def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,15 +42,16 @@ def eigenvalues_of(mesh: shapes.Mesh, mask: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture
-def solved(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> MainWindow:
+def solved(reopen_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path) -> MainWindow:
     """A window with a solved sphere, and its upper half selected."""
     ball = shapes.icosphere(3)
     path = tmp_path / "ball.npz"
     np.savez(path, vertices=ball.vertices, faces=ball.faces)
+    window = reopen_window()
     document = window.document
     document.solve.target = Target("count", N)
     window.open_mesh(path, "nm")
-    qtbot.waitUntil(lambda: document.mesh is not None and not document.work.job, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: document.path == path and not document.work.job, timeout=PATIENCE)
     document.solve.compute()
     wait_for_pairs(qtbot, window)
     document.selection.set(document.mesh.vertices[:, 2] >= -1e-9)

@@ -23,8 +23,8 @@ CONTROL = Qt.KeyboardModifier.ControlModifier
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow]) -> MainWindow:
-    return open_window(rectangle_document())
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
+    return reopen_window(rectangle_document())
 
 
 def ask(qtbot: QtBot, window: MainWindow) -> None:
@@ -102,34 +102,28 @@ def test_the_index_is_that_of_the_file(qtbot: QtBot) -> None:
         assert says in dialog.fault.text()
 
 
-@pytest.mark.parametrize(
-    "form",
-    [
-        "{}, {}, {}",
-        "[{}, {}, {}]",
-        "({},{},{})",
-        "{}; {}; {}",
-        "{},{},{}",
-        "{} {} {}",
-        "x {} y {} z {}",
-        "{}, {}, {} nm",
-    ],
-)
 def test_a_position_pins_the_nearest_vertex_and_goes_there(
-    qtbot: QtBot, window: MainWindow, form: str
+    qtbot: QtBot, window: MainWindow
 ) -> None:
     mesh = window.document.mesh
     place = mesh.vertices[123] + (3.0, -4.0, 0.0)
-    ask(qtbot, window)
-    edit = part(window, "pin_index_edit")
-    QTest.keyClicks(edit, form.format(*(f"{each:.3f}" for each in place)))
-    QTest.keyClick(edit, Qt.Key.Key_Return)
-    assert pinned(window) == [123]
-    assert (
-        "Vertex 123 is 5\N{NO-BREAK SPACE}nm from that position"
-        in window.stage.message_bar.notice.text
-    )
-    np.testing.assert_allclose(window.scene.camera()["focus"], mesh.vertices[123])
+    for form in (
+        "{}, {}, {}", "[{}, {}, {}]", "({},{},{})", "{}; {}; {}", "{},{},{}", "{} {} {}",
+        "x {} y {} z {}", "{}, {}, {} nm",
+    ):  # fmt: skip
+        window.document.pins.clear()
+        window.scene.reset_camera()
+        window.stage.message_bar.dismiss()
+        ask(qtbot, window)
+        edit = part(window, "pin_index_edit")
+        QTest.keyClicks(edit, form.format(*(f"{each:.3f}" for each in place)))
+        QTest.keyClick(edit, Qt.Key.Key_Return)
+        assert pinned(window) == [123], form
+        assert (
+            "Vertex 123 is 5\N{NO-BREAK SPACE}nm from that position"
+            in window.stage.message_bar.notice.text
+        ), form
+        np.testing.assert_allclose(window.scene.camera()["focus"], mesh.vertices[123])
 
 
 def test_the_name_of_a_pin_goes_there(qtbot: QtBot, window: MainWindow) -> None:

@@ -25,14 +25,21 @@ PATIENCE = 60_000
 
 
 @pytest.fixture
-def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
+def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a rectangle and two pins, in the dark theme."""
-    window = open_window(rectangle_document(), (1200, 800))
+    window = reopen_window(rectangle_document(), (1200, 800))
     theme.set_mode(theme.Mode.DARK)
     for vertex in (20, 70):
         window.document.pins.toggle(vertex)
     qtbot.waitUntil(lambda: window.profile_panel.idle, timeout=PATIENCE)
-    qtbot.wait(50)
+    panel = window.spectrum_panel
+
+    def rests() -> bool:
+        before = panel.grab().toImage()
+        qtbot.wait(50)
+        return panel.grab().toImage() == before
+
+    qtbot.waitUntil(rests)
     return window
 
 

@@ -66,8 +66,8 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def opened(files: Path, open_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
-    return ball_in(open_window(), files, qtbot)
+def opened(files: Path, reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
+    return ball_in(reopen_window(), files, qtbot)
 
 
 def ball_in(window: MainWindow, files: Path, qtbot: QtBot) -> MainWindow:

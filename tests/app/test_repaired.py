@@ -128,6 +128,7 @@ def test_the_largest_component_is_kept_and_computed_by_one_click(
     assert window.document.repairs == ()
 
 
+@pytest.mark.slow
 def test_keys_pressed_while_a_repair_is_undone_are_not_lost(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path
 ) -> None:

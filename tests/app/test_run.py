@@ -63,6 +63,7 @@ print(window.loaded, elsewhere)
 """
 
 
+@pytest.mark.slow
 def test_classes_of_qt_objects_are_defined_in_the_thread_of_the_interface() -> None:
     command = [sys.executable, "-c", _CLASSES]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)

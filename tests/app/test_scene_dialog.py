@@ -25,8 +25,8 @@ PATIENCE = 120_000
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow]) -> MainWindow:
-    return open_window(rectangle_document(12))
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
+    return reopen_window(rectangle_document(12))
 
 
 def opened(qtbot: QtBot, window: MainWindow, path: Path) -> QDialog:

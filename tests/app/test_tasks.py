@@ -287,6 +287,7 @@ def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: 
     assert document.spectrum is None or not document.spectrum.complete
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_process")
 def test_an_end_of_the_process_is_said_and_the_next_job_runs(
     session: Session, neuron_file: Path

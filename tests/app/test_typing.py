@@ -50,6 +50,11 @@ Open = Callable[[str], None]
 
 
 @pytest.fixture
+def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
+    return reopen_window()
+
+
+@pytest.fixture
 def open_file(qtbot: QtBot, window: MainWindow, files: dict[str, Path]) -> Open:
     """Drop a file on the window, as it were, and wait until it is there."""
 

@@ -143,6 +143,7 @@ def between(pairs: Decomposition, at: int) -> float:
     return float(pairs.eigenvalues[at - 1 : at + 1].mean())
 
 
+@pytest.mark.slow
 def test_eigenpairs_are_exported(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
     choose(part(window, "field_list"), "Eigenfunctions")
     rest(window)
@@ -189,6 +190,7 @@ def test_a_low_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) ->
     assert_same(exported(window, tmp_path / "low.npz")["features"], wanted)
 
 
+@pytest.mark.slow
 def test_a_band_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
     low, high = between(pairs, 10), between(pairs, 40)
     choose_filter(window, "a <= x <= b", a=low, b=high)
@@ -274,6 +276,7 @@ def test_a_map_is_smoothed_by_its_lowest_pairs(window: MainWindow, pairs: Decomp
     assert_same(shown(window), mv.reconstruct(pairs.eigenvectors, coefficients))
 
 
+@pytest.mark.slow
 def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Decomposition) -> None:
     """Smoothed by heat flow, by a low-pass, and by a formula of one's own."""
     choose(part(window, "field_list"), "Own maps")

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 from fuzz.window_kills import KilledWindows
-from tiers import slow
 
 
-@pytest.mark.parametrize("kills", [3, slow(12)])
-def test_a_killed_window_loses_at_most_a_second(kills: int, tmp_path: Path) -> None:
-    windows = KilledWindows(tmp_path)
+@pytest.mark.slow
+def test_a_killed_window_loses_at_most_a_second(tmp_path: Path) -> None:
+    windows, kills = KilledWindows(tmp_path), 12
     for _ in range(kills + 1):
         windows.kill_once()
     lost = windows.lost

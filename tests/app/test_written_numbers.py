@@ -20,9 +20,9 @@ CONTROL = Qt.KeyboardModifier.ControlModifier
 
 
 @pytest.fixture
-def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
+def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow:
     """A rectangle of 12 by 47 µm, in nm."""
-    return open_window(rectangle_document(), (1300, 900))
+    return reopen_window(rectangle_document(), (1300, 900))
 
 
 def type_in(window: MainWindow, name: str, text: str) -> QWidget:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import shapes
 from PIL import Image
+from tiers import slow
 
 from meshmash_viewer.app.view.figure import (
     FigureOptions,
@@ -43,7 +44,7 @@ def opened(path: Path) -> Image.Image:
     return picture
 
 
-@pytest.mark.parametrize(("width", "dpi"), [(85.0, 600), (174.0, 300), (114.0, 150)])
+@pytest.mark.parametrize(("width", "dpi"), [slow(85.0, 600), slow(174.0, 300), (114.0, 150)])
 def test_a_png_has_its_width_on_paper(qapp, tmp_path: Path, width: float, dpi: int) -> None:
     options = FigureOptions(width_mm=width, dpi=dpi)
     save_figure(compose_figure([drawing(), drawing(40.0)], options), tmp_path / "a.png")
@@ -56,7 +57,7 @@ def test_a_png_has_its_width_on_paper(qapp, tmp_path: Path, width: float, dpi: i
     assert all((edge == 255).all() for edge in edges), "nothing is cut off"
 
 
-@pytest.mark.parametrize("turned", [(1, 0, 2), (0, 2, 1), (2, 1, 0)])
+@pytest.mark.parametrize("turned", [(1, 0, 2), slow((0, 2, 1)), slow((2, 1, 0))])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_axes_that_point_left_or_down_are_on_the_page(
     qapp, turned: tuple[int, ...], sign: float
@@ -100,6 +101,7 @@ def pdf_text(path: Path) -> str:
     return "\n".join(shown)
 
 
+@pytest.mark.slow
 def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Path) -> None:
     hemispheres = []
     for name in ("lh.pial.very_long_name_of_a_subject_that_has_no_spaces", "Right"):
@@ -197,6 +199,7 @@ def test_text_without_room_and_unknown_endings_are_refused(qapp, tmp_path: Path)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_figures(qapp, tmp_path: Path) -> None:
     ball = shapes.icosphere(2)
     np.savez(tmp_path / "ball.npz", vertices=ball.vertices, faces=ball.faces)

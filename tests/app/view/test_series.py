@@ -186,6 +186,7 @@ def test_each_of_hundreds_of_labels_has_its_own_colour() -> None:
         assert strong.sum() > 2000
 
 
+@pytest.mark.slow
 def test_lines_of_a_distance_are_said_on_its_picture(plate: Mesh) -> None:
     bare = Eigenpairs.without_pairs(plate)
     far = FAMILIES["distance"].exported(vertices=[7])
