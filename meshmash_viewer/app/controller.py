@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from PySide6.QtCore import QObject, QTimer, Signal
@@ -61,7 +62,7 @@ class Controller(QObject):
         #: Draws the field together with that of another mesh, where two are compared.
         self.link: Link | None = None
         self._wanted: FieldRequest | None = None
-        self._policy: LimitPolicy | None = None
+        self._policies: Mapping[str, LimitPolicy] = {}
         self._shown: tuple[Field, Limits, ColorMap, bool] | None = None
         self._patience = QTimer(self, singleShot=True, interval=_LATE)
         self._patience.timeout.connect(self._announce)
@@ -106,7 +107,7 @@ class Controller(QObject):
     def refresh(self) -> None:
         """Request the field that the document displays now, unless it is requested already."""
         request = request_of(self._document)
-        self._policy = self._document.display.limits
+        self._policies = self._document.display.policies
         if request == self._wanted:
             return
         before, self._wanted = self._wanted, request
@@ -124,7 +125,7 @@ class Controller(QObject):
         """Compute a field and its limits, in the thread."""
         field = compute_field(request, self.live)
         if field is not None:
-            field.prepare_colors(self._policy)
+            field.prepare_colors(self._policies.get(field.family.limits_key))
         return field
 
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:

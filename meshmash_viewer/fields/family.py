@@ -344,6 +344,13 @@ class Family(Parameters):
         return None
 
     @property
+    def limits_key(self) -> str:
+        """What limits and scale are chosen for, once the family is resolved: its name alone, or
+        with what its values are of.
+        """
+        return self.name
+
+    @property
     def given_limits(self) -> tuple[float, float, bool] | None:
         """Automatic limits that were given, and whether they are logarithmic; None to find them."""
         return None

@@ -156,6 +156,10 @@ class OwnMaps(Family):
         return () if self.shown is None else dict(self.colors).get(self.chosen, ())
 
     @property
+    def limits_key(self) -> str:
+        return f"{self.name}:{self.chosen}"
+
+    @property
     def given_limits(self) -> tuple[float, float, bool] | None:
         if not self._kept or self.view == "band":
             return None

@@ -35,6 +35,7 @@ from meshmash_viewer.model.limits import (
 from meshmash_viewer.surface.rays import Plane
 
 Chosen = TypeVar("Chosen", bound=Family)
+_T = TypeVar("_T")
 
 #: Fewest pairs of a rebuilt shape: the constant and three more, below which it has no volume.
 FEWEST_PAIRS = 4
@@ -134,10 +135,10 @@ class Display:
     #: Colour map names (matplotlib's) for signed and for non-negative fields.
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
-    #: How colour limits are chosen, by family name; `automatic_limits` for families not in it.
+    #: How colour limits are chosen, by `Family.limits_key`; `automatic_limits` for others.
     policies: Mapping[str, LimitPolicy] = field(default_factory=dict)
-    #: Whether colours follow the logarithm of the values, by family name; for families not in it
-    #: where that serves (`limits.spans_decades`).
+    #: Whether colours follow the logarithm of the values, by `Family.limits_key`; for others where
+    #: that serves (`limits.spans_decades`).
     log_scales: Mapping[str, bool] = field(default_factory=dict)
     #: Whether `Mesh.small_components` are hidden.
     hide_small: bool = False
@@ -191,22 +192,37 @@ class Display:
     @property
     def limits(self) -> LimitPolicy | None:
         """How the limits of the displayed family are chosen; None for `automatic_limits`."""
-        return self.policies.get(self.kind)
+        return self.policies.get(self.family.limits_key)
 
     @limits.setter
     def limits(self, policy: LimitPolicy | None) -> None:
-        others = {name: each for name, each in self.policies.items() if name != self.kind}
-        self.policies = others if policy is None else {**others, self.kind: policy}
+        self.set_limits(policy)
 
     @property
     def log_scale(self) -> bool | None:
         """Whether the displayed family has a log scale; None for where that serves."""
-        return self.log_scales.get(self.kind)
+        return self.log_scales.get(self.family.limits_key)
 
     @log_scale.setter
     def log_scale(self, logarithmic: bool | None) -> None:
-        others = {name: each for name, each in self.log_scales.items() if name != self.kind}
-        self.log_scales = others if logarithmic is None else {**others, self.kind: logarithmic}
+        self.set_log_scale(logarithmic)
+
+    def set_limits(self, policy: LimitPolicy | None, key: str = "") -> None:
+        """Choose the limits of a key, by default that of the displayed family.
+
+        None for `automatic_limits`.
+        """
+        self.policies = _with(self.policies, key or self.family.limits_key, policy)
+
+    def set_log_scale(self, logarithmic: bool | None, key: str = "") -> None:
+        """Choose whether a key has a log scale, see `set_limits`; None for where that serves."""
+        self.log_scales = _with(self.log_scales, key or self.family.limits_key, logarithmic)
+
+
+def _with(chosen: Mapping[str, _T], key: str, value: _T | None) -> Mapping[str, _T]:
+    """Return a copy with the value of a key, or without it for None."""
+    others = {each: known for each, known in chosen.items() if each != key}
+    return others if value is None else {**others, key: value}
 
 
 # -- as JSON, for session files -----------------------------------------------------------------
@@ -286,6 +302,17 @@ def _family(family: type[Family]) -> Callable[[object], dict[str, Any]]:
     return check
 
 
+def _by_key(kind: Callable[[object], Any]) -> Callable[[object], dict[str, Any]]:
+    """Return the check of what is chosen by `Family.limits_key`."""
+
+    def check(value: object) -> dict[str, Any]:
+        keys = value if isinstance(value, dict) else {}
+        known = (key for key in keys if str(key).partition(":")[0] in FAMILIES)
+        return Record(dict.fromkeys(known, kind))(value)
+
+    return check
+
+
 _DISPLAY = Record(
     {
         "kind": Choice(FAMILIES),
@@ -296,8 +323,8 @@ _DISPLAY = Record(
         "diverging_colormap": _color_map,
         "sequential_colormap": _color_map,
         "fields": Record({name: _family(family) for name, family in FAMILIES.items()}),
-        "log_scales": Record(dict.fromkeys(FAMILIES, Flag())),
-        "policies": Record(dict.fromkeys(FAMILIES, _policy)),
+        "log_scales": _by_key(Flag()),
+        "policies": _by_key(_policy),
         "cut": Cut.entries(),
         "shape": Shape.entries(),
     }

@@ -162,9 +162,8 @@ class Field:
 
     def colors(self, display: Display) -> tuple[Limits, str | tuple[str, ...]]:
         """Limits of its colours, and their map: a name, or the colours of its labels."""
-        name = self.family.name
-        ends = self.limits(display.policies.get(name))
-        limits = self.scaled(ends, display.log_scales.get(name))
+        key = self.family.limits_key
+        limits = self.scaled(self.limits(display.policies.get(key)), display.log_scales.get(key))
         if self.labels:
             return limits, tuple(label.color for label in self.labels)
         if self.signed:
@@ -183,10 +182,9 @@ class Field:
         keys = np.nan_to_num(self.values, nan=-1.0).astype(np.int64)
         return VertexMap(name, keys, labels)
 
-    def kept_colors(self, logarithmic: bool | None) -> tuple[float, ...]:
-        """Return the entry of `OwnMaps.colors` for a map of these values, on a scale."""
-        limits = self.scaled(self.limits(None), logarithmic)
-        return tuple(map(float, (*limits, self.signed)))
+    def kept_colors(self, display: Display) -> tuple[float, ...]:
+        """Return the entry of `OwnMaps.colors` for a map of these values, coloured alike."""
+        return tuple(map(float, (*self.colors(display)[0], self.signed)))
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
         """Return the field on another mesh, with the values at `vertices`; NaN for -1."""

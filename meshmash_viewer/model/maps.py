@@ -132,7 +132,10 @@ class Maps:
         )
         self._history.record("name of a map", "mesh")
         self._take(mesh.with_only_maps(*renamed))
-        colors = dict(self._display[OwnMaps].colors).get(name, ())
+        display, keys = self._display, [OwnMaps(chosen=each).limits_key for each in (name, given)]
+        display.set_limits(display.policies.get(keys[0]), keys[1])
+        display.set_log_scale(display.log_scales.get(keys[0]), keys[1])
+        colors = dict(display[OwnMaps].colors).get(name, ())
         if self.displayed == name or colors:
             self.show(given, colors)
         self._opened.spectrum_changed.emit()

@@ -358,10 +358,10 @@ class Pair:
             None where each mesh keeps its own limits: the link is off, families, signs or units
             differ, or a field consists of labels.
         """
-        if "colors" not in self.links or first.family.name != second.family.name:
+        key, display = first.family.limits_key, self.first.display
+        if "colors" not in self.links or key != second.family.limits_key:
             return None
-        name, display = first.family.name, self.first.display
-        policy, logarithmic = display.policies.get(name), display.log_scales.get(name)
+        policy, logarithmic = display.policies.get(key), display.log_scales.get(key)
         second.limits(policy)  # once, before they are scaled
         second = second.at_size(self.correspondence.length, first.request.unit)
         if (first.unit, first.signed) != (second.unit, second.signed):

@@ -45,6 +45,7 @@ CONTENT = {
     },
     "policies": {"hks": {"policy": "LockedLimits", "low": -2.0, "high": 3e-8}},
 }
+BY_MAP = {"map:lh.sulc: depth": LockedLimits(1.0, 4.5), "map:other": PercentileLimits(1.0, 90.0)}
 PATH = Path("some") / "now.meshmash.json"
 
 
@@ -63,7 +64,7 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
         log_scales={"hks": True, "band": False},
         hide_small=True,
         cut=Cut(True, (0.0, 0.6, 0.8), -0.25),
-        policies={} if limits is None else {"hks": limits},
+        policies={} if limits is None else {"hks": limits, **BY_MAP},
     )
     before.put(
         Eigenfunctions(7, frozenset({3, 5})),

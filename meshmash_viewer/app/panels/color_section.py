@@ -86,6 +86,8 @@ class ColorSection(QWidget):
         super().__init__()
         self._document = document
         self._signed: bool | None = None
+        #: `Family.limits_key` of the field.
+        self._field_key = ""
         self._limits: Limits | None = None
         self._unit = ""
         self._labelled = self._bright_low = False
@@ -169,22 +171,23 @@ class ColorSection(QWidget):
 
     def _choose_policy(self, key: str) -> None:
         kind, ends = _POLICIES[key][0], (self._limits or (-1.0, 1.0))[:2]
-        self._document.display.limits = kind(*ends) if kind is LockedLimits else kind()
+        policy = kind(*ends) if kind is LockedLimits else kind()
+        self._document.display.set_limits(policy, self._key)
 
     def _choose_scale(self, key: str) -> None:
-        self._document.display.log_scale = _SCALES[key][0]
+        self._document.display.set_log_scale(_SCALES[key][0], self._key)
 
     def _choose_percentiles(self, _value: float) -> None:
         low, high = self.percent_low.value(), self.percent_high.value()
         if low < high:
-            self._document.display.limits = PercentileLimits(low, high)
+            self._document.display.set_limits(PercentileLimits(low, high), self._key)
         self.fault.setText("" if low < high else "The low percentile has to be below the high one.")
 
     def _lock(self, _value: float) -> None:
         low, high = self.low.value, self.high.value
         if low is not None and high is not None:
             self.fault.setText("")
-            self._document.display.limits = LockedLimits(low, high)
+            self._document.display.set_limits(LockedLimits(low, high), self._key)
 
     def _fault(self, low: float | None, high: float | None) -> str:
         disorder = low is not None and high is not None and low >= high
@@ -195,6 +198,7 @@ class ColorSection(QWidget):
     def set_field(self, field: Field | None, limits: Limits | None) -> None:
         """Show the limits of the displayed field; None while there is none."""
         self._signed = None if field is None else field.signed
+        self._field_key = "" if field is None else field.family.limits_key
         self._unit = "" if field is None else field.unit
         self._labelled = field is not None and bool(field.labels)
         self._limits = None if field is None else limits
@@ -203,6 +207,13 @@ class ColorSection(QWidget):
     def _forget(self) -> None:
         if self._document.spectrum is None:
             self.set_field(None, None)
+
+    @property
+    def _key(self) -> str:
+        """What limits are chosen for: the field, if it is of the displayed family."""
+        family = self._document.display.family
+        is_shown = self._field_key.partition(":")[0] == family.name
+        return self._field_key if is_shown else family.limits_key
 
     def _is_signed(self) -> bool:
         if self._signed is not None:
@@ -224,7 +235,7 @@ class ColorSection(QWidget):
                 shown = reversed_map(name) if bright_low else name
                 self.map_combo.addItem(swatch_icon(shown), names.get(name, name), name)
         self.map_combo.setCurrentIndex(wanted.index(chosen))
-        policy = display.limits
+        policy = display.policies.get(self._key)
         known = type(policy) in _KINDS
         self.policy_combo.setCurrentIndex(_KINDS.index(type(policy)) if known else 0)
         self.percentiles.setVisible(isinstance(policy, PercentileLimits))
@@ -240,7 +251,7 @@ class ColorSection(QWidget):
             control.setEnabled(not self._labelled)
         self.scale_combo.setEnabled(not (self._labelled or signed))
         scales = [scale for scale, _ in _SCALES.values()]
-        self.scale_combo.setCurrentIndex(scales.index(display.log_scale))
+        self.scale_combo.setCurrentIndex(scales.index(display.log_scales.get(self._key)))
         # says what was chosen for this field
         logarithmic = limits is not None and limits.logarithmic
         serves = "logarithmic" if logarithmic else "linear"

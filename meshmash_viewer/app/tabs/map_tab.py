@@ -187,7 +187,7 @@ class MapTab(FamilyTab):
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
             self.list.setFocus()  # as the button hides, and would pass the focus to any control
-            colors = field.kept_colors(document.display.log_scales.get(self.family.name))
+            colors = field.kept_colors(document.display)
             document.maps.add(document.mesh, [field.as_map()], colors=colors)
 
     def _can_keep(self) -> bool:
