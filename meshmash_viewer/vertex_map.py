@@ -24,7 +24,7 @@ _TABLE = 2**16
 #: Numbers of labels below this are kept with four bytes, as each stroke of a brush keeps them all.
 _SMALL = 2**30
 #: Characters of a name.
-_LONGEST = 60
+_LONGEST = 100
 #: Labels that a message names.
 _NAMED = 12
 #: Share of the largest magnitude that signed values pass on both sides of zero, at this share of

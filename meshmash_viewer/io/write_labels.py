@@ -90,7 +90,7 @@ def write_labels(
     ['north', 'south']
     """
     surface = as_mesh(mesh)
-    known = surface.with_maps(labels).maps[-1]
+    known = surface.with_only_maps(labels).maps[0]
     _check_labels(known)
     numbers = np.where(np.isnan(known.shown), known.no_label, known.values).astype(np.int64)
     names, keys = [each.name for each in known.labels], [each.key for each in known.labels]

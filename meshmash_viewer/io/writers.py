@@ -205,6 +205,9 @@ def _write_gifti(
         shares = [share / 255.0 for share in bytes.fromhex(label.color[1:])]
         names.labels.append(gifti.GiftiLabel(label.key, *shares, 1.0))
         names.labels[-1].label = label.name
+    if labels and 0 not in [label.key for label in labels]:  # as Connectome Workbench writes it
+        names.labels.append(gifti.GiftiLabel(0, 0.0, 0.0, 0.0, 0.0))
+        names.labels[-1].label = "???"
     image = gifti.GiftiImage(
         meta=gifti.GiftiMetaData(about), darrays=arrays, labeltable=names if labels else None
     )

@@ -66,9 +66,13 @@ def test_other_libraries_read_them(tmp_path: Path) -> None:
     paths = {ending: tmp_path / f"lh.set{ending}" for ending in LABEL_WRITERS}
     for ending, path in paths.items():
         if ending != ".label":
-            mv.write_labels(path, SET, MESH)
+            mv.write_labels(path, SET, MESH.with_maps(SET))
     image = nibabel.load(paths[".label.gii"])
-    assert image.labeltable.get_labels_as_dict() == {each.key: each.name for each in LABELS}
+    # and what Connectome Workbench shows where there is no label
+    expected = {each.key: each.name for each in LABELS} | {0: "???"}
+    assert image.labeltable.get_labels_as_dict() == expected
+    assert image.labeltable.labels[-1].alpha == 0.0
+    assert image.darrays[0].meta["Name"] == SET.name
     np.testing.assert_array_equal(image.darrays[0].data, VALUES)
     assert image.darrays[0].intent == nibabel.nifti1.intent_codes["NIFTI_INTENT_LABEL"]
     assert image.meta["AnatomicalStructurePrimary"] == "CortexLeft"
