@@ -189,6 +189,31 @@ def test_a_map_of_the_mesh_keeps_its_name_in_the_table() -> None:
     assert "mean height" in table.columns
 
 
+def test_whole_labels_have_one_row_each() -> None:
+    """Two caps of a ball, and the ring between them less a vertex that is not labelled."""
+    ball = shapes.icosphere(3)
+    z = ball.vertices[:, 2]
+    values = np.where(np.abs(z) > 0.5, 4, 7)
+    values[np.argmin(np.abs(z))] = 0
+    height = mv.VertexMap("height", z)
+    table = mv.regions(ball, values, [height], whole=True, lambda2=True)
+    assert table["label"].tolist() == ["4", "7"]
+    areas = ball.vertex_areas
+    for row, number in enumerate((4, 7)):
+        mask = values == number
+        np.testing.assert_array_equal(table.mask(row), mask)
+        assert table["vertices"][row] == mask.sum()
+        assert table["area"][row] == pytest.approx(areas[mask].sum(), rel=1e-12)
+        assert table["mean height"][row] == pytest.approx(
+            np.average(z[mask], weights=areas[mask]), abs=1e-12
+        )
+    parts = mv.regions(ball, values, neck=False)
+    assert parts["label"].tolist() == ["4", "4", "7"]
+    assert table["volume"][0] == pytest.approx(parts["volume"][:2].sum(), rel=1e-9)
+    assert not {"neck_width", "lambda2"} & set(table.columns)
+    assert table.remarks == ("1 vertex without a label.",)
+
+
 def test_maps_are_averaged_over_the_area() -> None:
     ball = shapes.icosphere(4)
     height = mv.VertexMap("height", ball.vertices[:, 2].copy(), unit="mV")

@@ -287,8 +287,9 @@ def _write_measured(mesh: Mesh, options: Namespace) -> Report:
     maps = with_maps(mesh, options.map).maps[len(mesh.maps) :]
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
         table = measured_regions(
-            mesh, labels, maps, lambda2=options.lambda2, progress=bar, cancel=cancel
-        )
+            mesh, labels, maps, lambda2=options.lambda2, whole=options.whole_labels,
+            progress=bar, cancel=cancel,
+        )  # fmt: skip
     if options.points is not None:
         table = table.with_points(projected(mesh, options))
     made: dict[str, Any] = {"labels": options.labels, "repairs": list(options.repair)}

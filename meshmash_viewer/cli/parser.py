@@ -168,6 +168,8 @@ def command_parser() -> argparse.ArgumentParser:
     add_maps(measured)
     about = "the first eigenvalue above zero of each region with a free border"
     add_switch(measured, "--lambda2", about)
+    about = "one row a label, not one a connected part; without neck and λ₂"
+    add_switch(measured, "--whole-labels", about)
     add_points(measured, required=False)
     add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
 

@@ -138,14 +138,15 @@ def regions(
     *,
     neck: bool = True,
     lambda2: bool = False,
+    whole: bool = False,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> Regions:
-    """Measure the connected parts of each label.
+    """Measure the connected parts of each label, or whole labels.
 
     A region consists of faces whose three corners have the label and that share a vertex with one
     another. Vertices with the label that are in no such face are in no region; `Regions.remarks`
-    counts them.
+    counts them. With `whole`, a region consists of all vertices with the label.
 
     `InputError` is raised if labels or maps are of another number of vertices, labels are no whole
     numbers, or no face has three corners with the same label.
@@ -161,6 +162,9 @@ def regions(
         Whether to measure ``neck_width``.
     lambda2 : bool
         Whether to compute ``lambda2``, which takes longest.
+    whole : bool
+        Whether each label is one region, without ``neck_width`` and ``lambda2``, which are of
+        connected ones.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -206,7 +210,7 @@ def regions(
     surface = as_mesh(mesh)
     surface = surface.with_only_maps(*maps, label_map(labels))
     *measured, known = surface.maps
-    rows, numbers = _rows(surface, known)
+    rows, numbers = _rows(surface, known, whole)
     k = len(numbers)
     inside = np.flatnonzero(rows >= 0)
     order = inside[np.argsort(rows[inside], kind="stable")]
@@ -226,9 +230,9 @@ def regions(
     columns["volume"] = np.where(np.abs(volume) < 1e-12 * area**1.5, 0.0, volume)  # flat ones
     columns["loops"] = loops
     columns["extent"] = _extents(points - centroids[of_row], weights, of_row, k)
-    if neck:
+    if neck and not whole:
         columns["neck_width"] = neck_widths(surface, rows, k)
-    if lambda2:
+    if lambda2 and not whole:
         columns["lambda2"] = _first_eigenvalues(surface, rows, k, progress, cancel)
     columns |= zip("xyz", centroids.T, strict=True)
     starts = np.searchsorted(of_row, np.arange(k))
@@ -267,9 +271,13 @@ def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
     return VertexMap(name, numbers, names)
 
 
-def _rows(mesh: Mesh, known: VertexMap) -> tuple[IntArray, IntArray]:
+def _rows(mesh: Mesh, known: VertexMap, whole: bool) -> tuple[IntArray, IntArray]:
     """Find the row of each vertex, shape (n,), and the place of the label of each row."""
     places = np.nan_to_num(known.shown, nan=-1.0).astype(np.int64)
+    if whole:
+        label, rows = np.unique(places, return_inverse=True)
+        without = int(label[0] < 0)
+        return rows - without, label[without:]
     faces = mesh.faces[_whole_faces(mesh, places)]
     if not len(faces):
         raise InputError(

@@ -209,6 +209,10 @@ class PinExportJob:
         }
         for each in named_apart(mesh.maps, tuple(columns)):
             columns[each.name] = each.values[vertices].tolist()
+            if each.labels:
+                names = [*(label.name for label in each.labels), ""]
+                at = np.nan_to_num(each.shown[vertices], nan=-1.0).astype(int)
+                columns[f"{each.name} name"] = [names[place] for place in at]
         if any(family.of_pairs for family in self.families):
             pairs = stored_pairs(self.part or mesh, self.operator, self.n_pairs, channel)
         for family in self.families:

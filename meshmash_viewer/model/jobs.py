@@ -110,6 +110,7 @@ class RegionsJob(_OnMesh):
     labels: VertexMap
     maps: tuple[VertexMap, ...] = ()
     lambda2: bool = False
+    whole: bool = False
 
     doing: ClassVar[str] = "Measuring the regions of"
 
@@ -122,6 +123,7 @@ class RegionsJob(_OnMesh):
             self.labels,
             self.maps,
             lambda2=self.lambda2,
+            whole=self.whole,
             progress=channel.report,
             cancel=channel.cancelled,
         )

@@ -246,11 +246,13 @@ class Labels:
 
     # -- regions ------------------------------------------------------------------------------
 
-    def measure_regions(self, maps: tuple[VertexMap, ...] = (), *, lambda2: bool = False) -> None:
-        """Request the regions of the current set, with the means of maps in them."""
+    def measure_regions(
+        self, maps: tuple[VertexMap, ...] = (), *, lambda2: bool = False, whole: bool = False
+    ) -> None:
+        """Request the regions of the current set, with the means of maps; see `regions`."""
         mesh, known = self._opened.mesh, self.current
         if mesh is not None and known is not None:
-            self._work.request(RegionsJob(mesh, known, maps, lambda2))
+            self._work.request(RegionsJob(mesh, known, maps, lambda2, whole))
 
     def accept_regions(self, job: RegionsJob, found: RegionsReady) -> None:
         """Take the regions of a set, if its mesh is still open."""

@@ -33,6 +33,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import pin_at
 from meshmash_viewer.quantities import parse_number
 from meshmash_viewer.units import NO_BREAK
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 LEFT, RIGHT = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton
 
@@ -301,6 +302,10 @@ def test_pins_are_exported_with_features_and_distances(
     document, path = window.document, tmp_path / "pins.csv"
     assert document.mesh is not None
     window.add_map("height", np.arange(document.mesh.n_vertices))
+    sides = np.full(document.mesh.n_vertices, 11)
+    sides[310] = 0
+    side = VertexMap("side", sides, (Label(11, "left", "#4477aa"),))
+    document.maps.add(document.mesh, [side])
     window.add_pins([200, 310], names=["soma", ""], colors=["", "#123456"])
     window.wait()
     window.actions_["export_pins"].trigger()
@@ -320,6 +325,7 @@ def test_pins_are_exported_with_features_and_distances(
     assert [row["name"] for row in rows] == ["soma", ""]
     assert rows[1]["color"] == "#123456"
     assert [float(row["height"]) for row in rows] == [200.0, 310.0]
+    assert [(row["side"], row["side name"]) for row in rows] == [("11", "left"), ("0", "")]
     place = [float(rows[0][axis]) for axis in "xyz"]
     assert place == document.mesh.vertices[200].tolist()
     length = np.linalg.norm(np.subtract(*document.mesh.vertices[[200, 310]]))

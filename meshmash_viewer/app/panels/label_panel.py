@@ -126,6 +126,11 @@ class LabelPanel(QWidget):
             "with λ₂", "region_lambda_check", "Compute the first eigenvalue of each region, too",
             tip="The first eigenvalue above zero with a free border; takes longest",
         )  # fmt: skip
+        self.whole_check = make.check(
+            "Whole labels", "region_whole_check", "Measure whole labels, not their connected parts",
+            self.lambda_check.setDisabled,
+            tip="One row a label, without neck and λ₂, which are of connected parts",
+        )  # fmt: skip
         self.export_button = make.button(
             "Export…", "region_export_button", "Export the table of regions", self._export
         )
@@ -144,7 +149,8 @@ class LabelPanel(QWidget):
                 self.classes,
                 make.line(),
                 make.heading("Regions"),
-                row(self.measure_button, self.lambda_check, None, self.export_button),
+                row(self.whole_check, self.lambda_check, None),
+                row(self.measure_button, self.export_button, None),
                 self.region_hint,
                 self.regions,
             )
@@ -187,7 +193,9 @@ class LabelPanel(QWidget):
         field = self._field
         shown = field is not None and not field.labels and not field.draft
         maps = (field.as_map(),) if field is not None and shown else ()
-        self._document.labels.measure_regions(maps, lambda2=self.lambda_check.isChecked())
+        self._document.labels.measure_regions(
+            maps, lambda2=self.lambda_check.isChecked(), whole=self.whole_check.isChecked()
+        )
 
     def _export(self) -> None:
         table = self._document.labels.regions
