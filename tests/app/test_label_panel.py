@@ -417,6 +417,13 @@ def test_regions_are_measured_looked_at_and_exported(
     press(labelled, "region_export_button")
     qtbot.waitUntil(lambda: labelled.background_io.idle and file.exists(), timeout=60_000)
     assert file.read_text().splitlines()[1].startswith('"label 1",1,')
+    # whole labels have neither neck nor eigenvalue
+    QTest.mouseClick(part(labelled, "region_whole_check"), LEFT)
+    assert not part(labelled, "region_lambda_check").isEnabled()
+    press(labelled, "region_measure_button")
+    qtbot.waitUntil(lambda: model.rowCount() == 2, timeout=60_000)
+    titles = [model.headerData(at, Qt.Orientation.Horizontal) for at in range(model.columnCount())]
+    assert not [title for title in titles if title.startswith(("λ₂", "Neck"))]
     # what has changed since is said
     document.labels.delete([2])
     catch_up()
