@@ -20,11 +20,13 @@ from tiers import slow_but
 
 from meshmash_viewer.app.view import picture
 from meshmash_viewer.cli import main as cli
+from meshmash_viewer.cli.outputs import output_paths
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
     decompose_laplacian,
 )
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -283,6 +285,18 @@ def test_zero_eigenvalues_alone_give_constants_and_a_warning(
     assert np.isfinite(features).all()
     pieces = features.reshape(3, -1, features.shape[1])
     np.testing.assert_allclose(pieces, np.broadcast_to(pieces[:, :1], pieces.shape), rtol=1e-12)
+
+
+def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+    meshes = [tmp_path / each / "surf" / "lh.white" for each in ("sub-01", "sub-02")]
+    other = tmp_path / "ball.ply"
+    found = output_paths([*meshes, other], f"{tmp_path}/out/", "hks", ".npz")
+    assert [path.name for path in found] == [
+        "sub-01_lh.white.npz", "sub-02_lh.white.npz", "ball.npz",
+    ]  # fmt: skip
+    twice = [*meshes, meshes[0]]
+    with pytest.raises(InputError, match="would go over"):
+        output_paths(twice, f"{tmp_path}/out/", "hks", ".npz")
 
 
 def test_many_meshes_to_a_folder_and_a_template(

@@ -28,8 +28,10 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     """Return the output file of each mesh.
 
     `output` is a file (for one mesh), a folder, whose files have the given ending, or a template
-    such as "out/{name}_{kind}.csv". `InputError` is raised if two results would go to one file, or
-    one over a mesh.
+    such as "out/{name}_{kind}.csv". The names of meshes whose files have the same name begin with
+    that of the folder in which they differ: "sub-01_lh.white".
+
+    `InputError` is raised if two results would go to one file, or one over a mesh.
     """
     literal = output.replace("{", "{{").replace("}", "}}")
     if "{" in output:
@@ -44,7 +46,7 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
             ' end) or a template such as "{name}_{kind}.npz".'
         )
     try:
-        paths = [Path(template.format(name=mesh_name(mesh), kind=kind)) for mesh in meshes]
+        paths = [Path(template.format(name=name, kind=kind)) for name in _names(meshes)]
     except (KeyError, IndexError, ValueError, AttributeError) as fault:
         raise InputError(
             f"The template {output} is not one; it may hold {{name}} and {{kind}}."
@@ -58,6 +60,19 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
                 " the mesh itself; choose another name."
             )
     return paths
+
+
+def _names(meshes: list[Path]) -> list[str]:
+    """Names of meshes, those that several have with the folder that tells these apart, if any."""
+    names = [mesh_name(mesh) for mesh in meshes]
+    for name in {name for name in names if names.count(name) > 1}:
+        alike = [at for at, each in enumerate(names) if each == name]
+        for folders in zip(*(meshes[at].resolve().parents for at in alike), strict=False):
+            if len({folder.name for folder in folders}) == len(alike):
+                for at, folder in zip(alike, folders, strict=True):
+                    names[at] = f"{folder.name}_{name}"
+                break
+    return names
 
 
 def folder_of(output: str) -> contextlib.AbstractContextManager[Any]:
