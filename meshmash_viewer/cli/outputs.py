@@ -63,7 +63,7 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
 
 
 def _names(meshes: list[Path]) -> list[str]:
-    """Names of meshes, those that several have with the folder that tells these apart, if any."""
+    """Names of meshes, those that several have with the folder in which these differ, if any."""
     names = [mesh_name(mesh) for mesh in meshes]
     for name in {name for name in names if names.count(name) > 1}:
         alike = [at for at, each in enumerate(names) if each == name]

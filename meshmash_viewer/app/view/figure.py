@@ -147,13 +147,17 @@ def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a panel is: its part of the page, room of the image, image, and lines below `top`."""
+    """Where a panel is: its part of the page, room of the image, image, and lines below `top`.
+
+    `bar` is its colour bar, if it has one.
+    """
 
     part: Box
     room: Box
     image: Box
     lines: Sequence[Line]
     top: float
+    bar: Caption | None
 
 
 def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> Panel:
@@ -270,12 +274,16 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     `InputError` is raised if the text leaves no room for them.
     """
     font = options.font_points / POINTS * MM
-    across, edge = options.width_mm / len(panels), 0.4 * font
+    edge = 0.4 * font
     around = [panel.around for panel in panels]
-    barred = [each.bar for each in around if each.bar is not None and options.color_bar]
+    bars = _bars(around) if options.color_bar else [None] * len(panels)
+    barred = [bar for bar in bars if bar is not None]
     legends = [each.legend for each in around if each.legend is not None and options.color_bar]
     aside = font * max((*map(bar_width, barred), *map(legend_width, legends)), default=0.0)
-    wide = across - 2.0 * edge - aside
+    # one bar for all panels, next to the last, takes its width once
+    once = aside if len(barred) < len(panels) and not legends else 0.0
+    across = (options.width_mm - once) / len(panels)
+    wide = across - 2.0 * edge - aside + once
     if wide < 5.0:
         raise InputError("The text leaves no room for the mesh: choose a wider figure.")
     named = len(panels) > 1
@@ -291,9 +299,18 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
         height = width * panel.shape
         left = at * across + edge + 0.5 * (wide - width)
         image = Box(left, foot + 0.5 * (tall - height), width, height)
-        part = Box(at * across + edge, 0.0, across - 2.0 * edge, high)
-        places.append(_Place(part, Box(part.left, foot, wide, tall), image, some, high - edge))
+        last = once if at + 1 == len(panels) else 0.0
+        part = Box(at * across + edge, 0.0, across - 2.0 * edge + last, high)
+        room = Box(part.left, foot, wide, tall)
+        places.append(_Place(part, room, image, some, high - edge, bars[at]))
     return places
+
+
+def _bars(around: Sequence[Around]) -> list[Caption | None]:
+    """The colour bar of each panel: that of the last one alone where all are the same."""
+    bars = [each.bar for each in around]
+    plain = {bar and replace(bar, title="", quantity="", formula="", lines=None) for bar in bars}
+    return bars if len(plain) > 1 else [*(None for _ in bars[1:]), bars[-1]]
 
 
 def _lines(
@@ -322,15 +339,15 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
     if legend is not None:
         low = page.legend(legend, right - font * legend_width(legend), room.below)
         room = Box(room.left, low, room.width, max(room.below + room.height - low, 8.0 * font))
-    if options.color_bar and around.bar is not None:
-        page.bar(around.bar, right - font * bar_width(around.bar), room)
+    if place.bar is not None:
+        page.bar(place.bar, right - font * bar_width(place.bar), room)
     if options.pins:
         page.pins(around.pins, view, image)
     if options.axes:
         page.directions(view.axes, (part.left, 0.4 * font))
     if options.scale_bar:
         millimetre = 2.0 * panel.view.half_size / image.width
-        length = round_length(0.25 * part.width * millimetre)
+        length = round_length(0.3 * place.room.width * millimetre)
         long, up = length / millimetre, 0.8 * font
         page.line([(right - long, up), (right, up)], page.ink, 0.2)
         text = scale_bar_text(length, around.unit)

@@ -140,6 +140,21 @@ def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Pat
     )
 
 
+def test_one_colour_bar_serves_two_meshes_with_the_same_colours(qapp) -> None:
+    """It is next to the last, and takes its width from both; other limits have a bar each."""
+    options = FigureOptions(width_mm=85.0, dpi=100)
+
+    def found(*sizes: float) -> tuple[int, float]:
+        figure = compose_figure([drawing(size) for size in sizes], options)
+        units = [text for text in figure.texts if text.get_text() == "mm"]
+        images = [axes.get_position().width for axes in figure.axes if axes.images]
+        return len(units), min(images)
+
+    (one, wide), (two, narrow) = found(20.0, 20.0), found(20.0, 30.0)
+    assert (one, two) == (1, 2)
+    assert wide > 1.1 * narrow
+
+
 def test_a_view_of_a_part_is_as_wide_as_on_the_screen(qapp) -> None:
     near = drawing()
     near.view = replace(near.view, half_size=5.0)
