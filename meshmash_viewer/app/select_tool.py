@@ -364,7 +364,7 @@ class SelectTool(QObject):
 
     def _show_circle(self) -> None:
         """Show the size of the brush around the pointer."""
-        if self.on and self.mode == "brush":
+        if self.on and self.mode == "brush" and self.prepared:
             pixel = self._scene.unit_per_pixel
             radius = self.radius / pixel if pixel else 0.0
             self._scene.outline.show_circle(self._scene.plotter.pointer, radius)
@@ -375,12 +375,16 @@ class SelectTool(QObject):
         mesh = self._document.mesh
         if self.on and mesh is not None and not self.prepared:
             self._preparing.ask(mesh)
+            if self.mode in ("brush", "disc"):
+                self._scene.plotter.setCursor(Qt.CursorShape.BusyCursor)
 
     def _take_prepared(self, mesh: Mesh, made: Geodesics | Exception) -> None:
         if isinstance(made, Exception):
             raise made
         if self._document.is_shown(mesh):
             self._geodesics = mesh, made
+            self._scene.take_strokes(self.strokes)
+            self._show_circle()
             self._document.notices.review()
             self.changed.emit()
 

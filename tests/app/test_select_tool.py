@@ -111,6 +111,17 @@ def angles(hand: Hand) -> np.ndarray:
     return np.arccos(np.clip(hand.mesh.vertices[:2562, 2], -1.0, 1.0))
 
 
+def test_the_circle_of_the_brush_is_the_only_one(hand: Hand) -> None:
+    ring, place = part(hand.window, "hover_ring"), hand.at(0.0, 0.0, 1.0)
+    assert hand.canvas.cursor().shape() == Qt.CursorShape.CrossCursor, "it is prepared"
+    for shown in (False, True):
+        hand.tool.select(not shown)
+        with hand.qtbot.waitSignal(hand.window.scene.vertex_hovered, timeout=PATIENCE):
+            QTest.mouseMove(hand.canvas, place + QPoint(40, 0))
+            QTest.mouseMove(hand.canvas, place)
+        assert ring.isVisible() == shown
+
+
 def test_a_brush_paints_what_is_visible_and_is_one_change(hand: Hand) -> None:
     assert part(hand.window, "select_bar").isVisible()
     hand.tool.set_radius(0.3)

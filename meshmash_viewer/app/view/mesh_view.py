@@ -528,7 +528,7 @@ class MeshView(QWidget):
 
     def _place_ring(self) -> None:
         vertex = self._hovered if self._hovered >= 0 else self._pointed
-        if vertex >= 0:
+        if vertex >= 0 and not self.plotter.strokes:  # the brush has a circle of its own
             self._ring.show_at(self.display_point(vertex))
         else:
             self._ring.hide()
