@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from typing import Any
@@ -49,7 +49,7 @@ from meshmash_viewer.io.movie import (
 from meshmash_viewer.io.write import check_output, write_picture
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.field import LiveFeatures
+from meshmash_viewer.model.field import FieldRequest, LiveFeatures
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.progress import Progress, ProgressBar
 from meshmash_viewer.spectral.cost import written_bytes
@@ -102,7 +102,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
         elif not options_of(type(family)):
             family = family.for_other_mesh(mesh.n_components)
         shot = shots_of([family], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
-        display = _display(options, family)
+        display = _display(options, [shot.request])
         field = compute_shot(shot, display, LiveFeatures())
         assert field is not None
         if options.kind == OwnMaps.name:
@@ -197,7 +197,7 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> Report:
         ground="" if options.transparent else None,
     )
     drawing.view = series_view(drawing, sheet.picture_size)
-    display = _display(options, family)
+    display = _display(options, requests)
     series = draw_series(drawing, sheet.picture_size, shots, display, transparent=True)
     with progress_bar(mesh) as bar:
         for at, picture in enumerate(series):
@@ -231,7 +231,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
     path, size = options.output, options.size
     mesh, family, spectrum, report = _swept(mesh, family, options)
     most = n_columns(family, spectrum)
-    drawing, display = _drawing(mesh, options), _display(options, family)
+    drawing = _drawing(mesh, options)
     rate, seconds, column = options.rate, options.seconds, options.column
     if options.sweep is not None:
         if column is not None:
@@ -239,6 +239,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
         columns = chosen_columns(options.sweep, most)
         families, rate = film(family, spectrum, columns, rate, seconds)
         shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
+        display = _display(options, [each.request for each in shots])
     else:
         rate = TURN_RATE if rate is None else rate
         count = n_frames(rate, TURN_SECONDS if seconds is None else seconds)
@@ -247,6 +248,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
         if column is not None:
             shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
         one = shots_of([shown], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
+        display = _display(options, [one.request])
         show_shot(drawing, one, compute_shot(one, display, LiveFeatures()), display)
         view = series_view(drawing, size, turning=True)
         shots = [Shot(view=each) for each in turntable(drawing, view, count)]
@@ -310,12 +312,13 @@ def _policy(options: Namespace) -> LockedLimits | None:
     return LockedLimits(low, high)
 
 
-def _display(options: Namespace, family: Family) -> Display:
+def _display(options: Namespace, requests: Sequence[FieldRequest | None]) -> Display:
     """Return the limits and colour map of all pictures."""
-    policy = _policy(options)
-    display = Display(policies={} if policy is None else {family.name: policy})
-    if options.color_scale != "automatic":
-        display.log_scales = {family.name: options.color_scale == "log"}
+    display, policy = Display(), _policy(options)
+    for key in (each.family.limits_key for each in requests if each is not None):
+        display.set_limits(policy, key)
+        if options.color_scale != "automatic":
+            display.set_log_scale(options.color_scale == "log", key)
     if options.colormap:
         display.sequential_colormap = display.diverging_colormap = options.colormap
     return display

@@ -116,7 +116,7 @@ class GalleryDialog(SeriesDialog):
         pinned = _at_pins(family, document)
         state = (
             family.name, pinned or family.at_rest(), document.spectrum, display.kind,
-            display.policies.get(family.name), display.nodal_lines, display.sequential_colormap,
+            display.policies, display.nodal_lines, display.sequential_colormap,
             display.diverging_colormap, [(pin.vertex, pin.name) for pin in document.pins.placed],
         )  # fmt: skip
         if state != self._state:
