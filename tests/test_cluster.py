@@ -356,6 +356,7 @@ def test_the_script_for_slurm_starts_a_command_that_exists(
     assert options.resume
 
 
+@pytest.mark.slow
 def test_segments_of_a_link_have_rows_of_their_own(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

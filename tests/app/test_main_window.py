@@ -263,6 +263,7 @@ def test_help_lists_every_command_and_finds_one(qtbot: QtBot, empty: MainWindow)
     dialog.reject()
 
 
+@pytest.mark.slow
 def test_controls_have_names_for_scripts_and_for_screen_readers(ball: MainWindow) -> None:
     kinds = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit)
     for kind in kinds:
@@ -304,6 +305,7 @@ def test_names_that_scripts_rely_on(empty: MainWindow) -> None:
 # -- the mesh panel --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_extent_fits_the_panel_with_its_unit(used: MainWindow, tmp_path: Path) -> None:
     used.resize(1000, 640)  # with a scroll bar beside it
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])

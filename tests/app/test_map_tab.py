@@ -149,6 +149,7 @@ def window(one_window: MainWindow) -> MainWindow:
     return one_window
 
 
+@pytest.mark.slow
 def test_files_are_dropped_on_the_mesh(window: MainWindow, folder: Path) -> None:
     assert names(window) == ["depth", *CURVATURES]
     spectrum, camera = window.document.spectrum, window.scene.camera()

@@ -48,6 +48,7 @@ def type_in(dialog: QDialog, **texts: str) -> None:
         QTest.keyClick(spin, Qt.Key.Key_Tab)
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_a_sweep_is_told_first_and_then_made(
     qtbot: QtBot, window: MainWindow, tmp_path: Path

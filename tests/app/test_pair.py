@@ -163,6 +163,7 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     return window.opening.second_view
 
 
+@pytest.mark.slow
 def test_the_colours_of_the_first_are_kept_on_the_second(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -493,6 +494,7 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     assert window.document.pins.placed == ()
 
 
+@pytest.mark.slow
 def test_both_are_cut_and_the_handle_of_either_is_dragged(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

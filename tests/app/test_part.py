@@ -119,6 +119,7 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
     assert np.allclose(document.spectrum.eigenvalues, whole, atol=1e-9 * whole[-1])
 
 
+@pytest.mark.slow
 def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     solved: MainWindow, qtbot: QtBot
 ) -> None:
@@ -142,6 +143,7 @@ def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     assert len(document.spectrum) == N + 5
 
 
+@pytest.mark.slow
 def test_a_part_is_compared_by_index_and_says_that_the_second_is_whole(
     solved: MainWindow, qtbot: QtBot, tmp_path: Path
 ) -> None:
@@ -163,6 +165,7 @@ def test_a_part_is_compared_by_index_and_says_that_the_second_is_whole(
     np.testing.assert_array_equal(carried, np.where(mask, height, np.nan))
 
 
+@pytest.mark.slow
 def test_a_part_stays_with_its_maps_and_unit_and_goes_by_a_repair(
     solved: MainWindow, qtbot: QtBot, tmp_path: Path
 ) -> None:
@@ -191,6 +194,7 @@ def test_a_part_stays_with_its_maps_and_unit_and_goes_by_a_repair(
     assert np.array_equal(document.part_mesh.referenced, mask)
 
 
+@pytest.mark.slow
 def test_a_session_has_the_part(
     solved: MainWindow, qtbot: QtBot, tmp_path: Path, open_window: Callable[..., MainWindow]
 ) -> None:
@@ -211,6 +215,7 @@ def test_a_session_has_the_part(
     assert (other.document.part_mesh.referenced == document.part_mesh.referenced).all()
 
 
+@pytest.mark.slow
 def test_a_selection_without_a_face_is_refused_and_nothing_is_computed(
     solved: MainWindow, qtbot: QtBot
 ) -> None:

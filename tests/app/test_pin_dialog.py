@@ -158,6 +158,7 @@ def test_positions_in_voxels_and_far_away() -> None:
         nearest_vertex(voxels, 1e9, 0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_number_with_separators_is_an_index(qtbot: QtBot, window: MainWindow) -> None:
     ask(qtbot, window)
     edit, fault = part(window, "pin_index_edit"), part(window, "pin_fault_label")

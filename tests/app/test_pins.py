@@ -135,6 +135,7 @@ def test_a_menu_closes_when_another_mesh_is_shown(window: MainWindow, qtbot: QtB
     assert QApplication.activePopupWidget() is None
 
 
+@pytest.mark.slow
 def test_names_and_colours_are_given_by_the_menu(window: MainWindow, qtbot: QtBot) -> None:
     document, scene = window.document, window.scene
     document.pins.toggle(200)
@@ -242,6 +243,7 @@ def test_the_table_lists_renames_and_flies(window: MainWindow, qtbot: QtBot) -> 
     assert window.controller.field.value_text(310).startswith(table.model().index(1, 3).data())
 
 
+@pytest.mark.slow
 def test_a_pin_is_dragged_along_the_surface_in_one_step(window: MainWindow) -> None:
     document, scene = window.document, window.scene
     document.pins.toggle(200)
@@ -296,6 +298,7 @@ def test_a_table_is_imported_in_one_step_and_faults_are_said(
     assert pinned(window) == [200]
 
 
+@pytest.mark.slow
 def test_pins_are_exported_with_features_and_distances(
     window: MainWindow, qtbot: QtBot, tmp_path: Path
 ) -> None:

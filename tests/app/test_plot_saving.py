@@ -93,6 +93,7 @@ def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
     assert plot.grab().toImage() == before, "and is as it was on the screen"
 
 
+@pytest.mark.slow
 def test_profiles_and_responses_are_numbers_too(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

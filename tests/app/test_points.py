@@ -144,6 +144,7 @@ def test_dropped_points_are_drawn_coloured_undone_and_removed(
     np.testing.assert_array_equal(scene.picture((400, 300)), colored)
 
 
+@pytest.mark.slow
 def test_hidden_parts_hide_their_points(opened: MainWindow, files: Path, qtbot: QtBot) -> None:
     drop(opened, files / "synapses.parquet", qtbot)
     document = opened.document
@@ -200,12 +201,14 @@ def test_several_positions_are_asked_about(
     assert said(opened).startswith("300 points in nm from both.csv")
 
 
+@pytest.mark.slow
 def test_a_table_for_each_vertex_is_a_map(opened: MainWindow, files: Path, qtbot: QtBot) -> None:
     drop(opened, files / "map.csv", qtbot)
     assert [each.name for each in opened.document.mesh.maps] == ["x", "y", "z", "height"]
     assert opened.document.points.shown is None
 
 
+@pytest.mark.slow
 def test_regions_count_the_points_in_a_thread(
     opened: MainWindow, files: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -246,6 +249,7 @@ def wait_for_points(document: Document, counted: bool, qtbot: QtBot) -> None:
     qtbot.waitUntil(shown, timeout=PATIENCE)
 
 
+@pytest.mark.slow
 def test_points_are_there_again_and_follow_a_repair(
     files: Path, open_window: Callable[..., MainWindow], qtbot: QtBot
 ) -> None:
@@ -269,6 +273,7 @@ def test_points_are_there_again_and_follow_a_repair(
     assert found.mesh.vertices is again.document.mesh.vertices
 
 
+@pytest.mark.slow
 def test_pictures_have_the_points_and_their_legend(
     opened: MainWindow, files: Path, qtbot: QtBot
 ) -> None:

@@ -107,6 +107,7 @@ def said(window: MainWindow) -> str:
     return "" if notice is None else notice.text
 
 
+@pytest.mark.slow
 def test_the_largest_component_is_kept_and_computed_by_one_click(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path
 ) -> None:
@@ -157,6 +158,7 @@ def test_keys_pressed_while_a_repair_is_undone_are_not_lost(
     assert [pin.vertex for pin in document.pins.placed] == [20]
 
 
+@pytest.mark.slow
 def test_what_is_shown_and_written_counts_as_the_file(
     qtbot: QtBot, start: Callable[[], MainWindow], path: Path, tmp_path: Path
 ) -> None:

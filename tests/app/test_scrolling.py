@@ -46,6 +46,7 @@ def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
     return window
 
 
+@pytest.mark.slow
 def test_two_hundred_notches_in_a_row(
     qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:

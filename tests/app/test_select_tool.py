@@ -192,6 +192,7 @@ def test_a_lasso_takes_the_visible_or_what_is_behind_too(hand: Hand) -> None:
     assert not hand.chosen.any()
 
 
+@pytest.mark.slow
 def test_a_disc_grows_with_the_drag_around_the_back(hand: Hand) -> None:
     hand.choose("disc")
     pole, edge = hand.at(0.0, 0.0, 1.0), hand.at(1.0, 0.0, 0.0)
@@ -203,6 +204,7 @@ def test_a_disc_grows_with_the_drag_around_the_back(hand: Hand) -> None:
     assert [step.label for step in hand.document.history.past] == ["disc"]
 
 
+@pytest.mark.slow
 def test_components_growing_and_inverting(hand: Hand) -> None:
     hand.choose("component")
     hand.drag(hand.at(0.0, 0.0, 1.0))
@@ -218,6 +220,7 @@ def test_components_growing_and_inverting(hand: Hand) -> None:
     assert np.flatnonzero(hand.chosen).tolist() == [5]
 
 
+@pytest.mark.slow
 def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> None:
     hand.document.display.kind = OwnMaps.name
     hand.window.wait()
@@ -268,6 +271,7 @@ def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> 
     assert scene.renderer.annotations.bar_range is None
 
 
+@pytest.mark.slow
 def test_the_connected_part_of_a_label(hand: Hand) -> None:
     hand.choose("part")
     hand.drag(hand.at(0.5, 0.0, 0.8))
@@ -280,6 +284,7 @@ def test_the_connected_part_of_a_label(hand: Hand) -> None:
     assert np.array_equal(hand.chosen, right)
 
 
+@pytest.mark.slow
 def test_the_middle_button_turns_and_without_the_tool_a_click_pins(hand: Hand) -> None:
     before = hand.window.scene.camera()
     pole = hand.at(0.0, 0.0, 1.0)
@@ -304,6 +309,7 @@ def test_alike_needs_a_pin(hand: Hand) -> None:
     assert "pin a vertex" in notice.text
 
 
+@pytest.mark.slow
 def test_what_is_hidden_is_not_drawn_and_not_picked(hand: Hand) -> None:
     scene, mesh = hand.window.scene, hand.mesh
     pole = hand.at(0.0, 0.0, 1.0)
@@ -339,6 +345,7 @@ def test_what_is_hidden_is_not_drawn_and_not_picked(hand: Hand) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_minus_that_is_typed_is_no_command(hand: Hand) -> None:
     hand.document.display.kind = OwnMaps.name
     hand.window.wait()
@@ -354,6 +361,7 @@ def test_a_minus_that_is_typed_is_no_command(hand: Hand) -> None:
     assert np.array_equal(hand.chosen, mask)
 
 
+@pytest.mark.slow
 def test_a_selection_is_drawn_and_hidden_after_a_map_was_added(hand: Hand) -> None:
     renderer, mask = hand.window.scene.renderer, hand.mesh.vertices[:, 2] > 0.5
     hand.window.add_map("depth", hand.mesh.vertices[:, 2])
@@ -377,6 +385,7 @@ def trigger(hand: Hand, command: str) -> None:
     hand.wait()
 
 
+@pytest.mark.slow
 def test_what_is_cut_away_is_not_drawn_not_picked_and_not_painted(hand: Hand) -> None:
     scene, x = hand.window.scene, hand.mesh.vertices[:, 0]
     whole = scene.picture((300, 200), transparent=True)[..., 3] > 0
@@ -408,6 +417,7 @@ def test_what_is_cut_away_is_not_drawn_not_picked_and_not_painted(hand: Hand) ->
     assert scene.vertex_at(right.x(), right.y()) >= 0
 
 
+@pytest.mark.slow
 def test_the_handle_moves_and_turns_the_plane_and_is_one_change(
     hand: Hand, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -171,6 +171,7 @@ def test_return_in_a_panel_that_floats_gives_the_keys_back(
     qtbot.waitUntil(window.stage.hasFocus, timeout=PATIENCE)
 
 
+@pytest.mark.slow
 def test_what_is_refused_can_be_typed_over(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
@@ -280,6 +281,7 @@ def test_a_unit_given_by_hand_is_remembered_for_its_file(
 # -- what is computed --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_proof_cost_and_compute_speak_of_one_state(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
@@ -309,6 +311,7 @@ def test_proof_cost_and_compute_speak_of_one_state(
     assert part(window, "compute_button").isEnabled(), "of another Laplacian there are none"
 
 
+@pytest.mark.slow
 def test_a_proof_is_of_what_is_computed_and_not_of_a_preview(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:

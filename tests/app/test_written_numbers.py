@@ -63,6 +63,7 @@ TYPED = (
 )
 
 
+@pytest.mark.slow
 def test_numbers_and_units_in_the_fields_of_the_panels(window: MainWindow) -> None:
     for kind, name, text, number in TYPED:
         window.document.display.kind = kind
@@ -112,6 +113,7 @@ def test_compute_does_not_begin_with_what_is_refused(window: MainWindow, qtbot: 
     assert len(jobs) == 1, "the next click means what is there"
 
 
+@pytest.mark.slow
 def test_a_session_has_what_is_being_typed(window: MainWindow) -> None:
     field = type_in(window, "mollify_spin", "1e-4")
     assert window.document.solve.operator.mollify_factor != 1e-4

@@ -73,6 +73,7 @@ def test_axes_that_point_left_or_down_are_on_the_page(
     assert all((edge == 255).all() for edge in edges), "nothing is cut off"
 
 
+@pytest.mark.slow
 def test_text_of_svg_and_pdf_is_text(qapp, tmp_path: Path) -> None:
     figure = compose_figure([drawing()], FigureOptions())
     save_figure(figure, tmp_path / "a.svg")
@@ -179,6 +180,7 @@ def test_the_scale_bar_is_true(qapp, tmp_path: Path) -> None:
     assert bar / ball == pytest.approx(float(length) / 40.0, rel=0.03)
 
 
+@pytest.mark.slow
 def test_backgrounds(qapp, tmp_path: Path) -> None:
     corner = {}
     for background in ("white", "transparent", "window"):

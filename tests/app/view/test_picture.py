@@ -114,6 +114,7 @@ def test_no_display_and_no_qt_are_needed(tmp_path: Path) -> None:
         assert picture.size == (200, 150)
 
 
+@pytest.mark.slow
 def test_a_log_scale_has_the_middle_colour_at_the_geometric_mean(sphere: Mesh) -> None:
     pictures = []
     for value, limits in ((1e-6, (1e-9, 1e-3, True)), (0.5, (0.0, 1.0)), (-1.0, (1e-9, 1.0, True))):
