@@ -90,6 +90,7 @@ def test_a_small_window_has_room_for_what_matters(
         assert below + tall + 22 * ratio < quantity - 12, "the colour bar begins below the title"
 
 
+@pytest.mark.slow
 def test_a_narrow_window_leaves_room_for_the_render(qtbot: QtBot, window: MainWindow) -> None:
     field, mesh = window.field_panel, window.mesh_panel
     for _ in range(2):
@@ -105,6 +106,7 @@ def test_a_narrow_window_leaves_room_for_the_render(qtbot: QtBot, window: MainWi
         assert field.mapTo(window, QPoint(0, 0)).x() > window.width() / 2
 
 
+@pytest.mark.slow
 def test_the_layout_of_a_small_window_is_not_that_of_a_large_one(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
@@ -202,6 +204,7 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
     assert before.items() <= places(window).items(), "a range the wrong way round"
 
 
+@pytest.mark.slow
 def test_a_pin_is_pointed_at_in_list_plot_and_render_together(
     qtbot: QtBot, window: MainWindow
 ) -> None:

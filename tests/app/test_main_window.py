@@ -400,6 +400,7 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     assert asked[0].target == Target("count", document.mesh.n_vertices)
 
 
+@pytest.mark.slow
 def test_the_targets_are_translated_into_each_other(
     qtbot: QtBot, used: MainWindow, ball_file: Path
 ) -> None:
@@ -609,6 +610,7 @@ def test_a_file_is_dropped_on_the_render_and_remembered(
     assert len(ball.settings.recent) == 2
 
 
+@pytest.mark.slow
 def test_a_mesh_in_memory_is_shown(qtbot: QtBot, used: MainWindow, neuron: Mesh) -> None:
     used.document.take_mesh(neuron)
     document = used.document

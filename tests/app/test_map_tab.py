@@ -183,6 +183,7 @@ def test_the_mean_is_in_the_unit_of_the_range(window: MainWindow) -> None:
     assert part(window, QLabel, "map_mean_label").text() == written
 
 
+@pytest.mark.slow
 def test_what_is_no_map_costs_a_sentence(window: MainWindow, folder: Path) -> None:
     before = window.document.mesh
     drop(window, folder / "short.npy")

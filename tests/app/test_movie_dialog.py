@@ -103,6 +103,7 @@ def test_a_turn_can_be_cancelled_and_leaves_nothing(
         assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_what_cannot_be_filmed_is_said_before(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,6 +131,7 @@ def test_what_cannot_be_filmed_is_said_before(
     assert dialog.isVisible()
 
 
+@pytest.mark.slow
 def test_a_size_that_is_refused_starts_no_movie(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

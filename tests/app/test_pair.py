@@ -866,6 +866,7 @@ def test_a_session_and_a_script_have_both(
     assert again.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_closed_second_mesh_is_let_go(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -39,6 +39,7 @@ def pinned(window: MainWindow) -> list[int]:
     return [pin.vertex for pin in window.document.pins.placed]
 
 
+@pytest.mark.slow
 def test_what_is_no_index_is_refused_with_the_range(qtbot: QtBot, window: MainWindow) -> None:
     last = window.document.mesh.n_vertices - 1
     ask(qtbot, window)
@@ -126,6 +127,7 @@ def test_a_position_pins_the_nearest_vertex_and_goes_there(
         np.testing.assert_allclose(window.scene.camera()["focus"], mesh.vertices[123])
 
 
+@pytest.mark.slow
 def test_the_name_of_a_pin_goes_there(qtbot: QtBot, window: MainWindow) -> None:
     document = window.document
     document.pins.toggle(123)

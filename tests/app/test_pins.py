@@ -114,6 +114,7 @@ def test_a_right_click_next_to_the_mesh_offers_the_view(window: MainWindow, qtbo
     assert scene.camera()["half_size"] == pytest.approx(before["half_size"], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_right_drag_pans_and_opens_no_menu(window: MainWindow) -> None:
     scene, start = window.scene, window.scene.display_point(200)
     before = scene.camera()

@@ -156,6 +156,7 @@ def test_hidden_parts_hide_their_points(opened: MainWindow, files: Path, qtbot: 
     np.testing.assert_array_equal(opened.scene.picture((400, 300)), shown)
 
 
+@pytest.mark.slow
 def test_hovering_says_what_a_point_is_and_a_click_takes_its_vertex(
     opened: MainWindow, files: Path, qtbot: QtBot
 ) -> None:
@@ -176,6 +177,7 @@ def test_hovering_says_what_a_point_is_and_a_click_takes_its_vertex(
     assert [pin.vertex for pin in window.document.pins.placed] == [vertex]
 
 
+@pytest.mark.slow
 def test_points_in_voxels_are_asked_about(opened: MainWindow, files: Path, qtbot: QtBot) -> None:
     drop(opened, files / "voxels.csv", qtbot)
     dialog = part(opened, "points_dialog")
@@ -186,6 +188,7 @@ def test_points_in_voxels_are_asked_about(opened: MainWindow, files: Path, qtbot
     assert said(opened).startswith("300 points in 4 × 4 × 40 nm from voxels.csv, 300 within")
 
 
+@pytest.mark.slow
 def test_several_positions_are_asked_about(
     opened: MainWindow, files: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

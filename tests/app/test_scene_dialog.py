@@ -81,6 +81,7 @@ def test_a_page_without_trame_is_one_sentence(
         scene.write_scene(mesh_to_poly(mesh), tmp_path / "plate.html")
 
 
+@pytest.mark.slow
 def test_closing_ends_what_is_being_written(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

@@ -302,6 +302,7 @@ def test_the_middle_button_turns_and_without_the_tool_a_click_pins(hand: Hand) -
     assert not hand.chosen.any()
 
 
+@pytest.mark.slow
 def test_alike_needs_a_pin(hand: Hand) -> None:
     hand.choose("alike")
     notice = hand.window.stage.message_bar.notice

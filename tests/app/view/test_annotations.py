@@ -148,6 +148,7 @@ def test_a_title_too_long_for_the_picture_ends_in_an_ellipsis(qapp) -> None:
     assert text_size(text, 15, True)[0] <= SIZE[0] - 32
 
 
+@pytest.mark.slow
 def test_plates_have_the_colour_of_the_ground(qapp) -> None:
     picture = draw_picture(shown("i.", ""), SIZE)[..., :3].astype(int)
     # beside and below the letters their plate, and left of that the ground
