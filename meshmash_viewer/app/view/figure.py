@@ -281,7 +281,7 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     legends = [each.legend for each in around if each.legend is not None and options.color_bar]
     aside = font * max((*map(bar_width, barred), *map(legend_width, legends)), default=0.0)
     # one bar for all panels, next to the last, takes its width once
-    once = aside if len(barred) < len(panels) and not legends else 0.0
+    once = aside if len(panels) > 1 and barred == bars[-1:] and not legends else 0.0
     across = (options.width_mm - once) / len(panels)
     wide = across - 2.0 * edge - aside + once
     if wide < 5.0:

@@ -15,6 +15,7 @@ from tiers import slow
 
 from meshmash_viewer.app.view.figure import (
     FigureOptions,
+    compose,
     compose_figure,
     picture_of,
     save_figure,
@@ -145,8 +146,11 @@ def test_one_colour_bar_serves_two_meshes_with_the_same_colours(qapp) -> None:
     """It is next to the last, and takes its width from both; other limits have a bar each."""
     options = FigureOptions(width_mm=85.0, dpi=100)
 
-    def found(*sizes: float) -> tuple[int, float]:
-        figure = compose_figure([drawing(size) for size in sizes], options)
+    def found(*sizes: float, plain: bool = False) -> tuple[int, float]:
+        panels = [seen_of(drawing(size)) for size in sizes]
+        if plain:
+            panels[1] = replace(panels[1], around=replace(panels[1].around, caption=None))
+        figure = compose(panels, options)
         units = [text for text in figure.texts if text.get_text() == "mm"]
         images = [axes.get_position().width for axes in figure.axes if axes.images]
         return len(units), min(images)
@@ -154,6 +158,9 @@ def test_one_colour_bar_serves_two_meshes_with_the_same_colours(qapp) -> None:
     (one, wide), (two, narrow) = found(20.0, 20.0), found(20.0, 30.0)
     assert (one, two) == (1, 2)
     assert wide > 1.1 * narrow
+    bars, beside = found(20.0, 20.0, plain=True)
+    assert bars == 1
+    assert beside < 0.95 * wide, "the bar of the first has its room there"
 
 
 def test_a_view_of_a_part_is_as_wide_as_on_the_screen(qapp) -> None:
