@@ -17,8 +17,8 @@ from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.view.colors import ColorMap
     from meshmash_viewer.app.view.mesh_view import MeshView
+    from meshmash_viewer.app.view.style import ColorMap
 
 #: Seconds without a newer request after which the table for the last one is built.
 _REST = 0.15

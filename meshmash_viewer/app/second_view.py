@@ -32,7 +32,7 @@ from meshmash_viewer.model.pair import ComparisonRequest, Pair
 from meshmash_viewer.units import format_share
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.view.colors import ColorMap
+    from meshmash_viewer.app.view.style import ColorMap
 
 #: The field of the second as it is shown next to the first, and limits for both.
 _Linked: TypeAlias = tuple[Field, Limits] | None

@@ -39,7 +39,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.panels.target_box import quarter_steps
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.view.text import text_size
+from meshmash_viewer.app.view.style import text_size
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature

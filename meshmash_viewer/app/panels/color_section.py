@@ -18,7 +18,7 @@ from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.spin import DecimalField
 from meshmash_viewer.app.listening import follow, listen
-from meshmash_viewer.app.view.colors import color_table
+from meshmash_viewer.app.view.style import color_table
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, reversed_map
 from meshmash_viewer.model.limits import (

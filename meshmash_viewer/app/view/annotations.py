@@ -20,16 +20,20 @@ from vtkmodules.vtkPythonContext2D import vtkPythonItem
 from vtkmodules.vtkRenderingContext2D import vtkContext2D, vtkContextActor, vtkPen
 
 from meshmash_viewer.app.view.camera import Margins, View
-from meshmash_viewer.app.view.colors import (
+from meshmash_viewer.app.view.marks import PointLegend
+from meshmash_viewer.app.view.style import (
     LIGHT,
     NAN_COLOR,
     ColorMap,
     RenderTheme,
+    bar_labels,
     color_table,
+    fitted,
     rgb,
+    scale_bar_text,
+    set_style,
+    text_size,
 )
-from meshmash_viewer.app.view.marks import PointLegend
-from meshmash_viewer.app.view.text import bar_labels, fitted, scale_bar_text, set_style, text_size
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.units import round_length

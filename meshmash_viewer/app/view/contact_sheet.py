@@ -10,8 +10,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from meshmash_viewer.app.view.annotations import Caption
-from meshmash_viewer.app.view.colors import DARK, LIGHT
-from meshmash_viewer.app.view.text import fitted, font_file
+from meshmash_viewer.app.view.style import DARK, LIGHT, fitted, font_file
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import format_range
 

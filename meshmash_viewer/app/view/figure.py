@@ -19,7 +19,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.app.view.annotations import Caption, Pin
 from meshmash_viewer.app.view.camera import View
-from meshmash_viewer.app.view.colors import LIGHT, RenderTheme
 from meshmash_viewer.app.view.marks import PointLegend
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.page import (
@@ -34,7 +33,7 @@ from meshmash_viewer.app.view.page import (
     wrapped,
 )
 from meshmash_viewer.app.view.picture import OffScreen, straight
-from meshmash_viewer.app.view.text import scale_bar_text
+from meshmash_viewer.app.view.style import LIGHT, RenderTheme, scale_bar_text
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.write import check_output

@@ -10,7 +10,7 @@ from vtkmodules.vtkInteractionWidgets import vtkImplicitPlaneRepresentation
 from vtkmodules.vtkRenderingCore import vtkCellPicker, vtkProp, vtkPropCollection
 
 from meshmash_viewer.app.view.annotations import BAR, bar_place
-from meshmash_viewer.app.view.colors import rgb
+from meshmash_viewer.app.view.style import rgb
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.surface.rays import Plane
 

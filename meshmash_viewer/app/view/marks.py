@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPlane, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkMapper, vtkPolyDataMapper
 
-from meshmash_viewer.app.view.colors import rgb
+from meshmash_viewer.app.view.style import rgb
 from meshmash_viewer.arrays import IntArray
 
 #: Widths in points of points, of the corners of edges and faces, which are seen where these are

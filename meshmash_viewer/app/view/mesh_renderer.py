@@ -14,10 +14,10 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkCamera, vtkLight, vtkProp, 
 
 from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
 from meshmash_viewer.app.view.camera import View, fitted_view
-from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.app.view.marks import Overlay, PointLegend
 from meshmash_viewer.app.view.points import PointCloud
+from meshmash_viewer.app.view.style import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh

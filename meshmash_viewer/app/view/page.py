@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.app.view.annotations import AXIS_COLORS, Caption, Pin
 from meshmash_viewer.app.view.camera import View
-from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table
 from meshmash_viewer.app.view.marks import PointLegend
-from meshmash_viewer.app.view.text import bar_labels
+from meshmash_viewer.app.view.style import NAN_COLOR, RenderTheme, bar_labels, color_table
 
 if TYPE_CHECKING:  # loaded when the first figure is composed
     from matplotlib.axes import Axes

@@ -15,8 +15,8 @@ from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.view.annotations import Caption
-from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.style import ColorMap
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import (
     Limits,

@@ -6,7 +6,7 @@ import importlib.util
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR
+from meshmash_viewer.app.view.style import LIGHT, NAN_COLOR
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.write import check_output

@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyDa
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.annotations import Caption
-from meshmash_viewer.app.view.colors import (
+from meshmash_viewer.app.view.style import (
     LIGHT,
     NAN_COLOR,
     SELECTION_COLOR,

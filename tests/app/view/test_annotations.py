@@ -12,7 +12,7 @@ from written_annotations import Written
 from meshmash_viewer.app.view.annotations import Caption, title_size
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
-from meshmash_viewer.app.view.text import text_size
+from meshmash_viewer.app.view.style import text_size
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.units import NO_BREAK
 

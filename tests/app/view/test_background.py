@@ -9,9 +9,9 @@ from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.panels.color_section import DIVERGING, SEQUENTIAL
-from meshmash_viewer.app.view.colors import DARK, LIGHT, RenderTheme, color_table, rgb
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
+from meshmash_viewer.app.view.style import DARK, LIGHT, RenderTheme, color_table, rgb
 from meshmash_viewer.mesh import Mesh
 
 pytestmark = pytest.mark.pixels

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.app.view.text import bar_labels, exponent_text, scale_bar_text, ticks
+from meshmash_viewer.app.view.style import bar_labels, exponent_text, scale_bar_text, ticks
 from meshmash_viewer.units import NO_BREAK, round_length
 
 
