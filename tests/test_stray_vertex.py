@@ -11,8 +11,7 @@ import shapes
 from tiers import slow
 
 import meshmash_viewer as mv
-from meshmash_viewer.app.view.camera import default_axes
-from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.app.view.camera import default_axes, geometry_of
 from meshmash_viewer.features.distances import GeodesicSolver
 from meshmash_viewer.health import REPAIRS, median_edge_length, mesh_health
 from meshmash_viewer.io.write import write_mesh

@@ -14,7 +14,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
-from meshmash_viewer.app.view.geometry import drawn_points, geometry_of
+from meshmash_viewer.app.view.camera import drawn_points, geometry_of
 from meshmash_viewer.features.shape import Reconstruction
 from meshmash_viewer.io.provenance import export_options, provenance
 from meshmash_viewer.io.write import write_mesh

@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, Qt, Signal
 from meshmash_viewer.app.background_io import saved_notice
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.listening import listen, stop_listening
-from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.app.view.camera import geometry_of
 from meshmash_viewer.model.classes import ClassesJob, Classified
 from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document

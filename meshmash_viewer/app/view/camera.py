@@ -1,4 +1,4 @@
-"""Camera as plain numbers, with a parallel projection, in which one scale holds everywhere."""
+"""How a mesh is seen: its arrays near the origin, and the camera in a parallel projection."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.arrays import FloatArray
@@ -247,3 +248,59 @@ def view_axes(name: str, mesh: Mesh) -> FloatArray:
     if axis == upright == 1:
         up = -sign * np.eye(3)[2]  # from above, the front is below
     return np.array([np.cross(up, eye), up, eye])
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Arrays for VTK, and the data of the first view."""
+
+    #: Centre of the mesh, in its coordinates.
+    centre: FloatArray
+    #: `drawn_points`, shape (n, 3): relative to `centre`, so that single precision is enough.
+    points: npt.NDArray[np.float32]
+    faces: npt.NDArray[np.int32]
+    #: Bounding box of `points`, shape (2, 3).
+    bounds: FloatArray
+    #: `camera.sampled_points`.
+    sample: FloatArray
+    #: `camera.default_axes`.
+    axes: FloatArray
+
+
+def geometry_of(mesh: Mesh) -> Geometry:
+    """Geometry of a mesh, computed once.
+
+    Takes some tenths of a second at a million vertices, so the first call belongs in a thread.
+    """
+    known = mesh.derived.get((Geometry, mesh.unit))
+    if known is None:
+        others = (each for each in list(mesh.derived.values()) if isinstance(each, Geometry))
+        same = next(others, None)
+        if same is None:
+            known = _new_geometry(mesh)
+        else:
+            known = replace(same, axes=default_axes(mesh, same.sample))
+        mesh.derived[Geometry, mesh.unit] = known
+    return known
+
+
+def drawn_points(
+    mesh: Mesh, vertices: FloatArray, centre: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float32]:
+    """Positions of the vertices of a mesh relative to a centre, shape (n, 3).
+
+    Unreferenced vertices are not drawn, and may be outside the range of single precision: they
+    are moved into the bounds of the surface.
+    """
+    if len(unused := mesh.unreferenced):
+        vertices = vertices.copy()
+        vertices[unused] = np.clip(vertices[unused], *mesh.bounds)
+    return (vertices - centre).astype(np.float32)
+
+
+def _new_geometry(mesh: Mesh) -> Geometry:
+    sample = sampled_points(mesh)
+    centre = (sample.min(axis=0) + sample.max(axis=0)) / 2
+    points = drawn_points(mesh, mesh.vertices, centre)
+    faces, bounds = mesh.faces.astype(np.int32), mesh.bounds - centre
+    return Geometry(centre, points, faces, bounds, sample, default_axes(mesh, sample))

@@ -13,8 +13,7 @@ from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkRenderingCore import vtkActor, vtkCamera, vtkLight, vtkProp, vtkRenderer
 
 from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
-from meshmash_viewer.app.view.camera import View, fitted_view
-from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.app.view.camera import View, fitted_view, geometry_of
 from meshmash_viewer.app.view.marks import Overlay, PointLegend
 from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.style import DARK, LIGHT, color_table, rgb
