@@ -174,9 +174,14 @@ def gallery(options: Namespace) -> int:
 
 
 def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> Report:
-    from meshmash_viewer.app.view.contact_sheet import ContactSheet
     from meshmash_viewer.app.view.picture import straight
-    from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
+    from meshmash_viewer.app.view.series import (
+        ContactSheet,
+        aspect,
+        draw_series,
+        series_view,
+        shots_of,
+    )
 
     mesh, family, spectrum, report = _swept(mesh, family, options)
     most, columns = n_columns(family, spectrum), options.columns

@@ -21,12 +21,11 @@ from meshmash_viewer.app.dialogs.series import SeriesDialog
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.series_painter import Picture, Run
 from meshmash_viewer.app.view.annotations import Caption
-from meshmash_viewer.app.view.contact_sheet import ContactSheet
 from meshmash_viewer.app.view.figure import FigureOptions
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.page import MM
 from meshmash_viewer.app.view.picture import straight
-from meshmash_viewer.app.view.series import aspect, series_view
+from meshmash_viewer.app.view.series import ContactSheet, aspect, series_view
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.sweep import evenly, n_columns, sweep
