@@ -165,7 +165,7 @@ class Pictures:
     def save_scene(self) -> None:
         """Ask for format and file, and save the mesh with its field as a scene."""
         from meshmash_viewer.app.dialogs.files import FormatDialog
-        from meshmash_viewer.app.view.scene import SCENES, missing_pages
+        from meshmash_viewer.app.view.picture import SCENES, missing_pages
 
         mesh = self._document.mesh
         assert mesh is not None
@@ -176,7 +176,7 @@ class Pictures:
         ask(dialog, lambda: self._write_scene(dialog.path))
 
     def _write_scene(self, path: Path) -> None:
-        from meshmash_viewer.app.view.scene import displayed_surface, write_scene
+        from meshmash_viewer.app.view.picture import displayed_surface, write_scene
 
         assert self.scene is not None
         try:

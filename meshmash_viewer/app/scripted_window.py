@@ -45,7 +45,7 @@ class ScriptedWindow(QMainWindow):
 
     def to_pyvista(self) -> Any:
         """The mesh with the displayed field (`app.view.scene.displayed_surface`)."""
-        from meshmash_viewer.app.view.scene import displayed_surface
+        from meshmash_viewer.app.view.picture import displayed_surface
 
         return displayed_surface(self.scene.renderer)
 

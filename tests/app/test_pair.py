@@ -39,7 +39,7 @@ from meshmash_viewer.app.plots.matrix_view import MatrixView
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.second_view import SecondView
 from meshmash_viewer.app.view.mesh_view import MeshView
-from meshmash_viewer.app.view.scene import displayed_surface
+from meshmash_viewer.app.view.picture import displayed_surface
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature

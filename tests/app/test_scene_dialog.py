@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QDialog
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.view import scene
+from meshmash_viewer.app.view import picture
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import mesh_to_poly
@@ -68,17 +68,17 @@ def test_a_scene_is_the_mesh_in_the_colours_of_its_field(
 def test_a_page_without_trame_is_one_sentence(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scene, "_PAGE_MAKERS", ("no_such_library",))
-    assert 'pip install "meshmash-viewer[html]"' in scene.missing_pages()
+    monkeypatch.setattr(picture, "_PAGE_MAKERS", ("no_such_library",))
+    assert 'pip install "meshmash-viewer[html]"' in picture.missing_pages()
     dialog = opened(qtbot, window, tmp_path / "plate.html")
     formats = part(dialog, "scene_format_combo")
     assert not formats.model().item(formats.findData(".html")).isEnabled()
-    assert part(dialog, "scene_remark_label").text() == scene.missing_pages()
+    assert part(dialog, "scene_remark_label").text() == picture.missing_pages()
     assert not part(dialog, "scene_save_button").isEnabled()
     mesh = window.document.mesh
     assert mesh is not None
     with pytest.raises(InputError, match="trame"):
-        scene.write_scene(mesh_to_poly(mesh), tmp_path / "plate.html")
+        picture.write_scene(mesh_to_poly(mesh), tmp_path / "plate.html")
 
 
 @pytest.mark.slow

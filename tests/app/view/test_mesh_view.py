@@ -18,8 +18,8 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 import meshmash_viewer.app.view.frames as frames_module
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.app.view.picture import displayed_surface
 from meshmash_viewer.app.view.render_widget import Ring
-from meshmash_viewer.app.view.scene import displayed_surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
