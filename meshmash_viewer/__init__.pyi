@@ -56,7 +56,7 @@ from meshmash_viewer.spectral.weyl import weyl_eigenvalue as weyl_eigenvalue
 
 # isort: split
 # Filter banks, and features in two steps
-from meshmash_viewer.features.filter_parameters import hks_times as hks_times
+from meshmash_viewer.features.filter_responses import hks_times as hks_times
 from meshmash_viewer.features.filters import FilterBank as FilterBank
 from meshmash_viewer.features.filters import band_pass_bank as band_pass_bank
 from meshmash_viewer.features.filters import bspline_bank as bspline_bank

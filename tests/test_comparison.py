@@ -15,7 +15,7 @@ from meshmash_viewer.features.comparison import (
     match_functions,
     unit_area_spectrum,
 )
-from meshmash_viewer.features.filter_parameters import hks_times
+from meshmash_viewer.features.filter_responses import hks_times
 from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank
 from meshmash_viewer.features.shape import distinct_matches
 from meshmash_viewer.laplacian import cotangent_laplacian

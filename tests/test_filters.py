@@ -9,7 +9,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_parameters import (
+from meshmash_viewer.features.filter_responses import (
     first_nonzero_eigenvalue,
     hks_time_range,
     hks_times,

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning, of_mesh
-from meshmash_viewer.features.filter_parameters import check_times, checked_coefficients
+from meshmash_viewer.features.filter_responses import check_times, checked_coefficients
 from meshmash_viewer.features.filters import (
     FilterBank,
     HeatKernelFilter,
@@ -183,7 +183,7 @@ def compute_hks(
         Largest eigenvalue to use. Times below ``5 / max_eigenvalue`` need more.
     t_max, t_min : float, optional
         Longest and shortest time, in squared unit of the mesh; None: from the spectrum, see
-        `meshmash_viewer.features.filter_parameters.hks_time_range`.
+        `meshmash_viewer.features.filter_responses.hks_time_range`.
     n_components : int
         Number of times, evenly spaced in log t.
     count : int or "auto", optional

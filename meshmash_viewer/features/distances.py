@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_parameters import ZERO_SHARE, as_spectrum
+from meshmash_viewer.features.filter_responses import ZERO_SHARE, as_spectrum
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.units import power_unit

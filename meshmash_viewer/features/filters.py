@@ -16,20 +16,18 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_parameters import (
-    as_parameters,
-    as_spectrum,
-    check_times,
-    first_nonzero_eigenvalue,
-    hks_times,
-    short_text,
-)
 from meshmash_viewer.features.filter_responses import (
     HeatResponse,
     LogGaussianResponse,
     SplineResponse,
     StepResponse,
     TailedResponse,
+    as_parameters,
+    as_spectrum,
+    check_times,
+    first_nonzero_eigenvalue,
+    hks_times,
+    short_text,
     wave_bands,
     wave_response,
 )

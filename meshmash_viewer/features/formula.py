@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.features.filter_parameters import (
+from meshmash_viewer.features.filter_responses import (
     ZERO_SHARE,
     as_parameters,
     as_spectrum,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, blocks
-from meshmash_viewer.features.filter_parameters import count_zeros
+from meshmash_viewer.features.filter_responses import count_zeros
 from meshmash_viewer.features.maps import as_map_values, check_decomposition, filled, without_gaps
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, MissingValuesWarning
-from meshmash_viewer.features.filter_parameters import checked_coefficients
+from meshmash_viewer.features.filter_responses import checked_coefficients
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:

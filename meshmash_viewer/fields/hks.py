@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.features.filter_parameters import check_times, hks_times
+from meshmash_viewer.features.filter_responses import check_times, hks_times
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.features.truncation import percent

@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_parameters import first_nonzero_eigenvalue
+from meshmash_viewer.features.filter_responses import first_nonzero_eigenvalue
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, Columns
 from meshmash_viewer.fields.family import ColumnArray, Description, Profile, Samples

@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_parameters import check_times, hks_time_range
+from meshmash_viewer.features.filter_responses import check_times, hks_time_range
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, wave_kernel_bank
 from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian

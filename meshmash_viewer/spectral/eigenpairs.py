@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.filter_parameters import count_zeros, hks_time_range
+from meshmash_viewer.features.filter_responses import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
 from meshmash_viewer.spectral.certificate import Certificate, verify_pairs

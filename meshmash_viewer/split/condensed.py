@@ -26,7 +26,7 @@ from meshmash_viewer.features.domains import (
     condense_mesh_to_graph,
     require,
 )
-from meshmash_viewer.features.filter_parameters import check_times
+from meshmash_viewer.features.filter_responses import check_times
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.features.truncation import Truncation, warn_of_truncation

@@ -12,7 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QToolButton, QWidget
 
 from meshmash_viewer.app.panels.profile_panel import ProfilePanel
-from meshmash_viewer.features.filter_parameters import hks_times
+from meshmash_viewer.features.filter_responses import hks_times
 from meshmash_viewer.features.filters import bspline_bank
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions

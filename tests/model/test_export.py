@@ -15,7 +15,7 @@ from listeners import Listener
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.distances import distance_features
-from meshmash_viewer.features.filter_parameters import hks_times
+from meshmash_viewer.features.filter_responses import hks_times
 from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, wave_kernel_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS

@@ -8,7 +8,7 @@ import pytest
 import shapes
 from solved import spectrum_of
 
-from meshmash_viewer.features.filter_parameters import hks_time_range, hks_times
+from meshmash_viewer.features.filter_responses import hks_time_range, hks_times
 from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank
 from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
