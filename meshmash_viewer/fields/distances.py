@@ -33,7 +33,7 @@ from meshmash_viewer.fields.family import (
     Table,
     evenly_in_log,
 )
-from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.live_tables import build_heat_table
 from meshmash_viewer.fields.parameter import (
     ABOVE_ZERO,
     MOST_INDEX,

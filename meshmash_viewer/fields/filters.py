@@ -32,7 +32,7 @@ from meshmash_viewer.fields.family import (
     Table,
     evenly_in_log,
 )
-from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
+from meshmash_viewer.fields.live_tables import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.parameter import Flag, Kind, Named, Number, Text, Whole, parameter
 from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs

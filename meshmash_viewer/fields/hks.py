@@ -28,7 +28,7 @@ from meshmash_viewer.fields.family import (
     Table,
     evenly_in_log,
 )
-from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.live_tables import build_heat_table
 from meshmash_viewer.fields.parameter import ABOVE_ZERO, Flag, Number, Whole, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, required_eigenvalue, resolved_time

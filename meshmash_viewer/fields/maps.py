@@ -29,15 +29,16 @@ from meshmash_viewer.fields.family import (
     Table,
 )
 from meshmash_viewer.fields.filters import Filters
-from meshmash_viewer.fields.map_results import (
+from meshmash_viewer.fields.live_tables import (
     MEANS,
     MapSums,
     band_labels,
+    build_pair_table,
     kept_by_map,
     mean_over,
     projected,
+    summed,
 )
-from meshmash_viewer.fields.pair_table import build_pair_table, summed
 from meshmash_viewer.fields.parameter import (
     MOST_INDEX,
     MOST_NAME,

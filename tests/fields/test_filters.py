@@ -12,7 +12,7 @@ import meshmash_viewer as mv
 from meshmash_viewer.features.filters import band_pass_bank, low_pass_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields.filters import READY, Filters
-from meshmash_viewer.fields.pair_table import build_pair_table
+from meshmash_viewer.fields.live_tables import build_pair_table
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures
 from meshmash_viewer.spectral import eigenpairs as spectra

@@ -15,8 +15,8 @@ from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
-from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.live_tables import build_heat_table
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh

@@ -1,27 +1,41 @@
-"""Fast approximation of the field of any filter, from a few stored columns and a few pairs.
+"""Tables from which the next field is computed fast while a control moves, kept once made.
 
-A smooth filter is approximated by the few functions that span all heat kernels. Any other filter is
-approximated by a piecewise linear function of λ with nodes at chosen eigenvalues. Its columns are
-the sums up to each node, so that columns of constant pieces need not be read; the few pairs with
-the largest remainder are added one by one. A sharp edge has a large remainder only at the pairs
-next to it.
+`PairTable` approximates the field of any filter from a few stored columns and a few pairs. A smooth
+filter is approximated by the few functions that span all heat kernels, any other one by a piecewise
+linear function of λ with nodes at chosen eigenvalues. Its columns are the sums up to each node, so
+that columns of constant pieces need not be read; the few pairs with the largest remainder are added
+one by one. A sharp edge has a large remainder only at the pairs next to it.
+
+`HeatTable` interpolates the heat kernel signature in time. The signature of a vertex is a smooth
+function of log t, so it is interpolated between nodes evenly spaced in log t. Polynomials would be
+inaccurate where ``exp(-λ t)`` decreases steeply; instead the six nodes around a time are combined
+with the weights of a least-squares fit of ``exp(-λ_k t)`` over the spectrum, with an error of at
+most 1e-4 of its sum.
+
+Of the maps of a mesh spectra, means and sums are kept.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.features.map_spectrum import partial_sum
+from meshmash_viewer.features.map_spectrum import MapSpectrum, band_edges, partial_sum
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.family import Answer, ColumnArray
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+from meshmash_viewer.spectral.weyl import wavelength
+from meshmash_viewer.units import format_quantity
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 #: Number of columns of smooth filters, and of nodes of the piecewise linear function.
 _SMOOTH, _BENDS = 12, 40
@@ -196,3 +210,140 @@ def _smooth_filters(spectrum: Eigenpairs) -> FloatArray:
     kernels /= np.linalg.norm(kernels, axis=1, keepdims=True)
     kernels[-1] *= 3.0  # higher weight of the constant, for accuracy
     return np.asarray(np.linalg.svd(kernels, full_matrices=False)[2][:_SMOOTH])
+
+
+#: Number of nodes combined for one time, and their distance in log t.
+_STENCIL, _STEP = 6, 0.27
+#: Share of the largest singular value below which others are neglected in a fit.
+_ROUNDING = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class HeatTable:
+    """Stored columns of the signature, and weights to combine them."""
+
+    #: Shortest and longest time, in squared length units.
+    times: tuple[float, float]
+    #: Shape (k,): Nonzero eigenvalues.
+    rates: FloatArray
+    #: Shape (m, n): The signature at the nodes without the null space, divided by the heat trace.
+    columns: ColumnArray
+    #: Shape (6, k): For each first node: matrix from the normalised decay of the pairs to weights.
+    fits: list[FloatArray]
+    #: Shape (n,): Contribution of the null space, constant in time and possibly much larger than
+    #: the rest.
+    base: ColumnArray
+
+    def covers(self, time: float, last: float | None = None) -> bool:
+        """Whether a time, or a range of times, is within that of the table."""
+        rounding = 1.0 + 1e-9
+        return self.times[0] <= time * rounding and (last or time) <= self.times[1] * rounding
+
+    def at(self, time: float) -> ColumnArray:
+        """Interpolate the signature at one time that the table `covers`, shape (n,), 1 / area."""
+        start = int(math.log(max(time / self.times[0], 1.0)) / _STEP)
+        start = min(start, len(self.fits) - 1)
+        weights = self.fits[start] @ _shares(self.rates, np.array([time]))[0]
+        weights *= np.exp(-self.rates * time).sum()
+        values: ColumnArray = weights.astype(np.float32) @ self.columns[start : start + _STENCIL]
+        values += self.base
+        return values
+
+
+def build_heat_table(
+    spectrum: Eigenpairs, times: tuple[float, float], cancel: CancelCallback | None = None
+) -> HeatTable:
+    """Compute the table for a range of times, in squared length units."""
+    n_zero = first_nonzero(spectrum)
+    rates = spectrum.eigenvalues[n_zero:]
+    n_fits = max(math.ceil(math.log(times[1] / times[0]) / _STEP), 1)
+    # As many nodes below a time as above it.
+    places = np.arange(n_fits + _STENCIL - 1) - (_STENCIL // 2 - 1)
+    shares = _shares(rates, times[0] * np.exp(_STEP * places))
+    coefficients = np.zeros((1 + len(shares), len(spectrum)))
+    coefficients[0, :n_zero] = 1.0
+    coefficients[1:, n_zero:] = shares
+    sums = sum_squares(spectrum.rows, coefficients, cancel=cancel)
+    stencils = (shares[start : start + _STENCIL] for start in range(n_fits))
+    fits = [np.asarray(np.linalg.pinv(stencil.T, rcond=_ROUNDING)) for stencil in stencils]
+    return HeatTable(times, rates, np.asarray(sums[1:]), fits, np.asarray(sums[0]))
+
+
+def _shares(rates: FloatArray, times: FloatArray) -> FloatArray:
+    """Compute the decay of each pair divided by the sum, without underflow, (times, k)."""
+    decay = np.exp(-np.outer(times, rates - rates[:1]))
+    return np.asarray(decay / np.maximum(decay.sum(axis=1, keepdims=True), 1e-300))
+
+
+#: Key of the means of maps in `Mesh.derived`.
+MEANS = "means of maps"
+#: Key of the spectra of maps in `Mesh.derived`, with their pairs.
+_PROJECTED = "spectra of maps"
+
+
+def projected(
+    spectrum: Eigenpairs,
+) -> WeakKeyDictionary[VertexMap, tuple[Eigenpairs, MapSpectrum]]:
+    """Return spectra by map: written in the computing thread, read in the main thread."""
+    return WeakKeyDictionary() if spectrum.mesh is None else kept_by_map(spectrum.mesh, _PROJECTED)
+
+
+def kept_by_map(mesh: Mesh, name: str) -> WeakKeyDictionary[VertexMap, Any]:
+    """Return a cache by map.
+
+    It is stored with the mesh, since entries refer to pairs, these to the mesh, and the mesh to the
+    maps: in an object that outlives the mesh, entries would never be freed.
+    """
+    known: WeakKeyDictionary[VertexMap, Any] = mesh.derived.setdefault(name, WeakKeyDictionary())
+    return known
+
+
+def mean_over(mesh: Mesh, values: FloatArray) -> float:
+    """Compute the mean over the surface where there are values."""
+    weights = mesh.vertex_areas * np.isfinite(values)
+    total = weights.sum()
+    return float(weights @ np.nan_to_num(values) / total) if total > 0.0 else np.nan
+
+
+class MapSums:
+    """The spectrum of a map, and its sum over the lowest pairs, updated from the last one."""
+
+    def __init__(self, spectrum: MapSpectrum, bands: ColumnArray | None) -> None:
+        self.spectrum = spectrum
+        self.bands = bands
+        self._last: tuple[int, FloatArray | None] = 0, None
+        #: Table of approximate filtered sums, once one has been requested.
+        self.near: PairTable | None = None
+
+    def up_to(self, count: int, rows: Any) -> ColumnArray:
+        """Compute the sum over a number of pairs by adding or subtracting the difference."""
+        known, total = self._last
+        if total is None or abs(count - known) > count:
+            known, total = 0, np.zeros(rows.shape[1])
+        first, last = sorted((count, known))
+        change = self.spectrum.coefficients[first:last] * (1.0 if count >= known else -1.0)
+        shown = np.empty(len(total), dtype=np.float32)
+
+        def fill(part: slice) -> None:
+            total[part] += change @ rows[first:last, part]
+            shown[part] = total[part]
+
+        fill_in_parts(len(total), fill)
+        self._last = count, total
+        return shown
+
+
+def band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:
+    """Return a label for each band, with its wavelengths, from yellow (long) to violet."""
+    from matplotlib import colormaps
+
+    edges = [wavelength(float(edge)) for edge in band_edges(eigenvalues)]
+    shades = colormaps["viridis_r"](np.linspace(0.0, 1.0, max(len(edges) - 1, 1)), bytes=True)
+    return tuple(
+        Label(
+            at,
+            f"{format_quantity(edges[at], unit)} to {format_quantity(edges[at + 1], unit)}",
+            "#" + "".join(f"{part:02x}" for part in shades[at][:3].tolist()),
+        )
+        for at in range(len(edges) - 1)
+    )
