@@ -21,10 +21,10 @@ from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.pin_commands import PinCommands
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
-from meshmash_viewer.model import stepping
+from meshmash_viewer.fields.sweep import FAR
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
-from meshmash_viewer.model.field import request_of
+from meshmash_viewer.model.field import request_of, step
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral import cost
@@ -81,8 +81,8 @@ class Commands:
             **{name: partial(setattr, display, name) for name in _SHOWN},
             "play": partial(setattr, display, "playing"),
             "show_kind": partial(setattr, display, "kind"),
-            "first": partial(stepping.go_to_start, document),
-            "last": partial(stepping.go_to_end, document),
+            "first": partial(step, document, -FAR),
+            "last": partial(step, document, FAR),
             "undo": document.history.undo,
             "redo": document.history.redo,
             "compute": document.solve.compute,
@@ -110,7 +110,7 @@ class Commands:
 
     def step(self, steps: int) -> None:
         """Show the field that is so many columns or positions on."""
-        stepping.step(self._document, steps)
+        step(self._document, steps)
 
     def _do(self, command: Command, checked: bool) -> None:
         # checked again, as an action is disabled with a delay of some milliseconds

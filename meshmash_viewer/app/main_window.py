@@ -47,9 +47,8 @@ from meshmash_viewer.app.status_bar import HoverLabel, StatusProgress
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.vertex_menu import close_menus
 from meshmash_viewer.io.links import is_link, link_file, name_and_place, parse_link, shown_path
-from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.field import Field, step
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Severity
@@ -242,7 +241,7 @@ class MainWindow(ScriptedWindow):
         self.scene.vertex_hovered.connect(self.hover_label.show_vertex)
         self.scene.vertex_hovered.connect(self._point_at_pin)
         self.commands.pins.connect(self.scene, self.profile_panel, self.controller)
-        self.scene.stepped.connect(partial(stepping.step, self.document))
+        self.scene.stepped.connect(partial(step, self.document))
         self.loaded = True
         self.stage.welcome.set_loading("")
         if self.settings.layout is None:

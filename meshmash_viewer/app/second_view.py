@@ -22,10 +22,9 @@ from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.vertex_menu import close_menus
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
-from meshmash_viewer.model import stepping
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
-from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.field import Field, step
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
@@ -244,4 +243,4 @@ class SecondView(QWidget):
     def _step(self, steps: int) -> None:
         """Step the first mesh, which this one follows, or this one if positions are not linked."""
         linked = "position" in self.pair.links
-        stepping.step(self.pair.first if linked else self.document, steps)
+        step(self.pair.first if linked else self.document, steps)

@@ -1,4 +1,4 @@
-"""Displayed field: its request, and its values at every vertex."""
+"""Displayed field: its request, its values at every vertex, and steps to the next one."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Answer, Description, Family, Table
+from meshmash_viewer.fields.sweep import FAR
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.limits import (
     LimitPolicy,
     Limits,
@@ -30,7 +32,6 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.model.display import Display
-    from meshmash_viewer.model.document import Document
 
 #: Columns of a usual heat table, and fields in memory at one time: the one drawn, the one before
 #: it, the one being computed and the next request.
@@ -406,3 +407,24 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     if answer is None:
         return None
     return Field(answer.values, request, answer.draft)
+
+
+def step(document: Document, steps: int) -> bool:
+    """Move by a number of steps, negative for back, at most to the ends (`FAR` for an end).
+
+    Returns False if the position has not changed.
+    """
+    spectrum, display = document.known, document.display
+    if spectrum is None or (display.family.needs_pairs and not len(spectrum)):
+        return False
+    moved = display.family.step(spectrum, steps)
+    if moved == display.family:
+        return False
+    display.put(moved)
+    return True
+
+
+def advance(document: Document) -> None:
+    """Move one step on, and from the end to the start."""
+    if not step(document, 1):
+        step(document, -FAR)

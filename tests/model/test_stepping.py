@@ -6,8 +6,9 @@ import pytest
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.sweep import FAR
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.stepping import advance, go_to_end, go_to_start, step
+from meshmash_viewer.model.field import advance, step
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
@@ -27,7 +28,7 @@ def test_eigenfunctions_stop_at_the_ends_and_playing_goes_round(document: Docume
     display = document.display
     assert step(document, 1)
     assert display[Eigenfunctions].index == 2
-    go_to_end(document)
+    step(document, FAR)
     assert display[Eigenfunctions].index == 5
     assert not step(document, 1)
     advance(document)
@@ -39,9 +40,9 @@ def test_bands(document: Document) -> None:
     document.display.kind = "band"
     step(document, 10)
     assert document.display[GeometryVectors].index == 10
-    go_to_end(document)
+    step(document, FAR)
     assert document.display[GeometryVectors].index == document.display[GeometryVectors].count - 1
-    go_to_start(document)
+    step(document, -FAR)
     assert document.display[GeometryVectors].index == 0
 
 
@@ -49,7 +50,7 @@ def test_a_step_in_time_is_a_scale_of_the_feature(document: Document) -> None:
     display = document.display
     display.kind = "hks"
     t_min, t_max = display[HeatKernelSignature].range(document.spectrum)  # type: ignore[arg-type]
-    go_to_start(document)
+    step(document, -FAR)
     assert display[HeatKernelSignature].time == pytest.approx(t_min)
     for _ in range(display[HeatKernelSignature].scales - 1):
         assert step(document, 1)
@@ -62,7 +63,7 @@ def test_a_step_in_time_is_a_scale_of_the_feature(document: Document) -> None:
 def test_nothing_to_step_through() -> None:
     document = Document()
     assert not step(document, 1)
-    go_to_end(document)
+    step(document, FAR)
     assert document.display[Eigenfunctions].index == 1
 
 
@@ -84,9 +85,9 @@ def test_steps_of_a_time_chosen_by_hand_end_at_the_range(document: Document) -> 
     display.change(HeatKernelSignature, time=9999.0)  # a step that is short is one still
     assert step(document, 1)
     assert display[HeatKernelSignature].time == pytest.approx(10_000.0)
-    go_to_start(document)
+    step(document, -FAR)
     assert display[HeatKernelSignature].time == pytest.approx(1.0)
-    go_to_end(document)
+    step(document, FAR)
     assert display[HeatKernelSignature].time == pytest.approx(10_000.0)
 
 

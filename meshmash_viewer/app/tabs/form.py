@@ -31,8 +31,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family, Reading
 from meshmash_viewer.fields.parameter import Choice, Flag, Number, Parameter, Whole
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.stepping import advance
+from meshmash_viewer.model.field import Field, advance
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import power_unit
