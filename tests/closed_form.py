@@ -16,7 +16,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate, Method
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from meshmash_viewer.cli import main as cli
-from meshmash_viewer.fields.sweep import SWEPT
+from meshmash_viewer.fields.table import SWEPT
 from meshmash_viewer.mesh import Mesh
 
 pytestmark = pytest.mark.usefixtures("read_here")

@@ -21,7 +21,7 @@ from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.pin_commands import PinCommands
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
-from meshmash_viewer.fields.sweep import FAR
+from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of, step

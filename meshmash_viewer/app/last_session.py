@@ -14,8 +14,16 @@ from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.kept_maps import KEPT_MAPS_ENDING, KeptMaps, read_kept_maps, write_kept_maps
-from meshmash_viewer.io.session import SESSION_ENDING, Session, read_session, write_session
+from meshmash_viewer.io.session import (
+    KEPT_MAPS_ENDING,
+    SESSION_ENDING,
+    KeptMaps,
+    Session,
+    read_kept_maps,
+    read_session,
+    write_kept_maps,
+    write_session,
+)
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair

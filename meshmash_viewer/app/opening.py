@@ -19,13 +19,18 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors
-from meshmash_viewer.io.kept_maps import KEPT_MAPS_ENDING, write_kept_maps
 from meshmash_viewer.io.links import LINK_ENDING, name_and_place
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.pins import is_pin_table
 from meshmash_viewer.io.points import POINT_ENDINGS
 from meshmash_viewer.io.read import READABLE_ENDINGS
-from meshmash_viewer.io.session import SESSION_ENDING, Session, write_session
+from meshmash_viewer.io.session import (
+    KEPT_MAPS_ENDING,
+    SESSION_ENDING,
+    Session,
+    write_kept_maps,
+    write_session,
+)
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.pair import Pair

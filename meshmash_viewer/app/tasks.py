@@ -17,8 +17,8 @@ from meshmash_viewer.model.export import ExportJob, PinExportJob
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob, RegionsJob
 from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.pieces import PiecesJob
-from meshmash_viewer.model.results import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs

@@ -90,7 +90,7 @@ def window_parser() -> argparse.ArgumentParser:
 def command_parser() -> argparse.ArgumentParser:
     """Return the parser for the commands without a window."""
     from meshmash_viewer.fields import EXPORTS, FEATURES
-    from meshmash_viewer.fields.sweep import SWEPT
+    from meshmash_viewer.fields.table import SWEPT
     from meshmash_viewer.io.writers import MESH_WRITERS, SPECTRUM_WRITERS
 
     parser = _Parser(prog=PROGRAM)

@@ -30,7 +30,7 @@ from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
-from meshmash_viewer.fields.sweep import (
+from meshmash_viewer.fields.table import (
     SWEPT,
     chosen_columns,
     evenly,

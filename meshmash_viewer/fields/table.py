@@ -1,11 +1,13 @@
-"""Table of families of fields.
+"""Table of families of fields, and sequences of their positions for galleries and movies.
 
 Window, export, command line, sessions and the copied script use this table; none of them refers to
-a family by name. To add a family, add its file to this folder and a line below; its
-controls are made from its parameters. Other packages add families by entry points.
+a family by name. To add a family, add its file to this folder and a line below; its controls are
+made from its parameters. Other packages add families by entry points.
 """
 
 from __future__ import annotations
+
+from bisect import bisect_left
 
 import numpy as np
 
@@ -23,6 +25,8 @@ from meshmash_viewer.fields.sihks import ScaleInvariantHKS
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.plug_ins import plug_ins, warn
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.units import counted
 
 _LISTED: tuple[type[Family], ...] = (
     Eigenfunctions,
@@ -66,3 +70,126 @@ _WRITTEN = (*FEATURES.values(), *FAMILIES.values())
 
 #: Families by kind of export, features before eigenpairs.
 EXPORTS: dict[str, type[Family]] = {each.export: each for each in _WRITTEN if each.export}
+
+
+# -- galleries and movies ---------------------------------------------------------------------------
+
+#: Families with several positions, by name.
+SWEPT: dict[str, type[Family]] = {
+    name: family for name, family in FAMILIES.items() if family.position
+}
+#: More steps than any family has.
+FAR = 1_000_000_000
+#: Maximum number of columns, for families without an end.
+_MOST = 1 << 20
+#: Milliseconds of a column in a movie of a family without `interval`.
+_PAUSE = 250
+#: Maximum number of frames of a movie, more than an hour.
+_MOST_FRAMES = 100_000
+
+
+def n_columns(family: Family, spectrum: Eigenpairs) -> int:
+    """Count the positions that `Family.step` visits; 1 if there are no steps."""
+    first = family.step(spectrum, -FAR)
+
+    def is_last(column: int) -> bool:
+        here = first.step(spectrum, column)
+        return here.step(spectrum, 1) == here
+
+    return bisect_left(range(_MOST - 1), True, key=is_last) + 1
+
+
+def chosen_columns(text: str, most: int) -> range:
+    """Parse "START:STOP:STEP" as in Python, for `most` columns; each part may be left out.
+
+    `InputError` is raised if the syntax is wrong, or no column or one that does not exist is
+    selected.
+    """
+    parts = text.split(":")
+    try:
+        numbers = [int(part) if part.strip() else None for part in parts]
+        if not 1 <= len(parts) <= 3 or (len(parts) == 1 and numbers[0] is None):
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"{text!r} is not a range of columns: write START:STOP or START:STOP:STEP, such as"
+            " 0:32:4, or one number."
+        ) from None
+    start, stop, step = (*numbers, None, None)[:3]
+    if len(parts) == 1 and start is not None:
+        stop = start + 1
+    start, stop, step = start or 0, most if stop is None else stop, 1 if step is None else step
+    if step < 1 or start < 0 or stop <= start:
+        raise InputError(f"{text!r} selects no column: START must be from 0 and below STOP.")
+    if stop > most:
+        raise InputError(
+            f"{text!r} goes beyond the {counted(most, 'column')}: the last that STOP may be is"
+            f" {most}."
+        )
+    return range(start, stop, step)
+
+
+def evenly(most: int, count: int) -> range:
+    """Select about `count` columns, evenly spaced from the first one."""
+    return range(0, most, -(-most // count))
+
+
+def sweep(
+    family: Family, spectrum: Eigenpairs, columns: range, frames: int | None = None
+) -> list[Family]:
+    """Return the family at some of its columns, or at `frames` positions between their ends.
+
+    `InputError` is raised if there are more frames than different fields.
+    """
+    first = family.step(spectrum, -FAR)
+    if frames is None or frames == len(columns):
+        return [first.step(spectrum, column) for column in columns]
+    ends = [first.step(spectrum, column) for column in (columns[0], columns[-1])]
+    low, high = (end.place(spectrum) for end in ends)
+    way = high - low
+    places = [low + way * frame / max(frames - 1, 1) for frame in range(frames)]
+    found = [first.at_place(spectrum, place) for place in places]
+    if len(set(found)) < frames:
+        raise InputError(
+            f"{counted(frames, 'frame')} are more than the {counted(len(columns), 'column')}"
+            " shown: choose fewer seconds, a lower rate or more columns."
+        )
+    return found
+
+
+def film(
+    family: Family,
+    spectrum: Eigenpairs,
+    columns: range,
+    rate: float | None = None,
+    seconds: float | None = None,
+) -> tuple[list[Family], float]:
+    """Return the fields of the frames of a movie, and the number of frames a second.
+
+    Without a rate, it is that at which the family is played, or a lower one if its columns are too
+    few for `seconds`; without `seconds` every column is shown once. `InputError` is raised if there
+    are more frames than different fields.
+    """
+    usual = 1000.0 / (family.interval or _PAUSE)
+    if seconds is None:
+        return sweep(family, spectrum, columns), rate or usual
+    try:
+        return sweep(family, spectrum, columns, n_frames(rate or usual, seconds)), rate or usual
+    except InputError:
+        if rate is not None:
+            raise
+    return sweep(family, spectrum, columns), len(columns) / seconds
+
+
+def n_frames(rate: float, seconds: float) -> int:
+    """Return the number of frames of a movie.
+
+    `InputError` is raised if there are none, or too many.
+    """
+    frames = rate * seconds
+    if not (rate > 0.0 and seconds > 0.0 and frames <= _MOST_FRAMES):
+        raise InputError(
+            f"Duration ({seconds:g} s) and frame rate ({rate:g}/s) must be positive, with at most"
+            f" {_MOST_FRAMES:,} frames."
+        )
+    return max(round(frames), 1)

@@ -1,4 +1,4 @@
-"""Session files: the open meshes and their display, as versioned JSON."""
+"""Session files, the open meshes and their display as JSON, and maps written next to them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import base64
 import json
 import os
 import re
+import zipfile
 import zlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.links import is_link, link_file, parse_link, shown_path
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.weyl import TARGET_KINDS
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 SESSION_ENDING = ".meshmash.json"
 
@@ -298,3 +301,51 @@ def _relative(name: str, folder: Path) -> str:
     """Return a path relative to a folder if the file is in it."""
     file = Path(name).absolute()
     return file.relative_to(folder).as_posix() if file.is_relative_to(folder) else str(file)
+
+
+# -- maps that are in no other file ----------------------------------------------------------------
+
+#: Ending of the files.
+KEPT_MAPS_ENDING = ".maps.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class KeptMaps:
+    """Maps of a mesh."""
+
+    maps: tuple[VertexMap, ...]
+    #: Content hash of the mesh.
+    mesh: str
+    #: Names of those that replace maps of files.
+    edited: Sequence[str] = ()
+
+
+def write_kept_maps(path: Path, kept: KeptMaps) -> None:
+    """Write maps; `OSError` is raised if that fails, and an older file is left as it was."""
+    named = [
+        {"name": each.name, "unit": each.unit, "labels": [astuple(label) for label in each.labels]}
+        for each in kept.maps
+    ]
+    about = json.dumps({"mesh": kept.mesh, "edited": list(kept.edited), "maps": named})
+    values: dict[str, Any] = {f"values_{at}": each.values for at, each in enumerate(kept.maps)}
+    with written_whole(path) as part, part.open("wb") as file:
+        np.savez(file, about=np.array(about), **values)
+
+
+def read_kept_maps(path: Path) -> KeptMaps:
+    """Read maps; `InputError` is raised if the file is damaged or cannot be read."""
+    try:
+        with path.open("rb") as file, np.load(file) as stored:
+            about = json.loads(str(stored["about"]))
+            maps = tuple(
+                VertexMap(
+                    one["name"],
+                    stored[f"values_{at}"],
+                    tuple(Label(*each) for each in one.get("labels", ())),
+                    one["unit"],
+                )
+                for at, one in enumerate(about["maps"])
+            )
+            return KeptMaps(maps, str(about["mesh"]), tuple(about.get("edited", ())))
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as fault:
+        raise InputError(f"{path.name} cannot be read: {fault}") from fault

@@ -13,7 +13,7 @@ from meshmash_viewer.io.atomic import discard, make_room
 from meshmash_viewer.io.spectrum import obtain_eigenpairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.alignment import Alignment, align
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs

@@ -31,10 +31,9 @@ from meshmash_viewer.model.jobs import (
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices
-from meshmash_viewer.model.open_mesh import OpenMesh, Shown
+from meshmash_viewer.model.open_mesh import MeshReady, OpenMesh, PartReady, Shown
 from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
 from meshmash_viewer.model.points import DocumentPoints
-from meshmash_viewer.model.results import MeshReady, PartReady
 from meshmash_viewer.model.selection import Hiding, Selection, followed_mask
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
 from meshmash_viewer.quantities import parse_unit

@@ -15,8 +15,8 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh, mask_text
+from meshmash_viewer.model.open_mesh import Written
 from meshmash_viewer.model.pins import Pin
-from meshmash_viewer.model.results import Written
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Answer, Description, Family, Table
-from meshmash_viewer.fields.sweep import FAR
+from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.limits import (
     LimitPolicy,

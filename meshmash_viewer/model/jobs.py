@@ -24,7 +24,7 @@ from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_
 from meshmash_viewer.io.links import name_and_place
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import MeshReady, PartReady, RegionsReady
+from meshmash_viewer.model.open_mesh import MeshReady, PartReady, RegionsReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs

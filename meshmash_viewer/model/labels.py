@@ -21,9 +21,8 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.jobs import RegionsJob, Work
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices, Severity
-from meshmash_viewer.model.open_mesh import OpenMesh
+from meshmash_viewer.model.open_mesh import OpenMesh, RegionsReady
 from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
-from meshmash_viewer.model.results import RegionsReady
 from meshmash_viewer.model.selection import Hiding, Selection
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted

@@ -11,14 +11,13 @@ import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
-from meshmash_viewer.io.kept_maps import KeptMaps
+from meshmash_viewer.io.session import KeptMaps
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.history import History
 from meshmash_viewer.model.notices import Notices, Severity
-from meshmash_viewer.model.open_mesh import OpenMesh, Shown
+from meshmash_viewer.model.open_mesh import MapGrew, OpenMesh, Shown
 from meshmash_viewer.model.pins import distinct_name
-from meshmash_viewer.model.results import MapGrew
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import VertexMap

@@ -19,7 +19,7 @@ from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import MapGrew, Written
+from meshmash_viewer.model.open_mesh import MapGrew, Written
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, Translation, weyl_eigenvalue

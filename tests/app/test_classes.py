@@ -22,7 +22,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import DecomposeJob
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_quantity

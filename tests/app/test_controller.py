@@ -20,7 +20,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures
 from meshmash_viewer.model.notices import Notice
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 

@@ -35,7 +35,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue
 from meshmash_viewer.units import format_quantity

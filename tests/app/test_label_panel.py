@@ -21,7 +21,7 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.surface.edges import border_edges
 
 LEFT = Qt.MouseButton.LeftButton

@@ -21,7 +21,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Cut
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice, Severity
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 
 LEFT = Qt.MouseButton.LeftButton
 PATIENCE = 120_000

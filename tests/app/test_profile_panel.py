@@ -22,8 +22,8 @@ from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pins import Pin
-from meshmash_viewer.model.results import MeshReady
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")

@@ -20,7 +20,7 @@ from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 PATIENCE = 15_000

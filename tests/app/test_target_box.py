@@ -15,7 +15,7 @@ from meshmash_viewer.app.panels.target_box import TargetBox
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.weyl import Target
 
 

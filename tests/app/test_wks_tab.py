@@ -12,7 +12,7 @@ from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity
 

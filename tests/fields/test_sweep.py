@@ -7,7 +7,7 @@ from closed_form import A, B, rectangle_spectrum
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.sweep import SWEPT, chosen_columns, evenly, n_columns, sweep
+from meshmash_viewer.fields.table import SWEPT, chosen_columns, evenly, n_columns, sweep
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 

@@ -13,8 +13,8 @@ from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pins import PIN_COLORS
-from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target

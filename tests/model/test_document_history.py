@@ -31,8 +31,8 @@ from meshmash_viewer.model.jobs import (
 )
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.notices import Notice
+from meshmash_viewer.model.open_mesh import MapGrew, MeshReady
 from meshmash_viewer.model.pins import PIN_COLORS, distinct_name
-from meshmash_viewer.model.results import MapGrew, MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import Target

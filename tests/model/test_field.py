@@ -19,7 +19,7 @@ from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LockedLimits
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import Label, VertexMap
 

@@ -22,8 +22,7 @@ from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
-from meshmash_viewer.model.open_mesh import Shown
-from meshmash_viewer.model.results import MapGrew, MeshReady
+from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, Shown
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap

@@ -14,8 +14,8 @@ from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.labels import label_sizes
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pins import PIN_COLORS
-from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
 
 MESH = shapes.icosphere(2, radius=3.0)

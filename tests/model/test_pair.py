@@ -34,9 +34,9 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 from meshmash_viewer.model.notices import Notice
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
 from meshmash_viewer.model.pins import Pin
-from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve

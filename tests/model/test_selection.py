@@ -12,7 +12,7 @@ from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.io.session import packed_mask, unpacked_mask
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.selection import mask_in_file
 
 

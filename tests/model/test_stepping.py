@@ -6,7 +6,7 @@ import pytest
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
-from meshmash_viewer.fields.sweep import FAR
+from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import advance, step
 from meshmash_viewer.spectral.certificate import Certificate

@@ -28,7 +28,7 @@ from meshmash_viewer.app.view.picture import straight
 from meshmash_viewer.app.view.series import ContactSheet, aspect, series_view
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.sweep import evenly, n_columns, sweep
+from meshmash_viewer.fields.table import evenly, n_columns, sweep
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import shown_family
 from meshmash_viewer.units import counted

@@ -25,7 +25,7 @@ from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.series import Shot, series_view, turntable
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.sweep import film, n_columns, n_frames
+from meshmash_viewer.fields.table import film, n_columns, n_frames
 from meshmash_viewer.io.movie import (
     TURN_RATE,
     TURN_SECONDS,

@@ -21,7 +21,7 @@ from meshmash_viewer.fault_places import FaultPlaces, fault_places, repair_effec
 from meshmash_viewer.health import REPAIRS, Health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.units import counted, format_share
 

@@ -25,7 +25,7 @@ from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
 from meshmash_viewer.units import counted, format_range, power_unit
 

@@ -22,7 +22,7 @@ from meshmash_viewer.app.view.series import (
     turntable,
 )
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.fields.sweep import sweep
+from meshmash_viewer.fields.table import sweep
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures
