@@ -12,7 +12,7 @@ import pytest
 import shapes
 from tiers import slow
 
-from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.notices import failure_of
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Run by every interpreter that sees it, those that the program starts included.

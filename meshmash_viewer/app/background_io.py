@@ -12,8 +12,7 @@ from PySide6.QtGui import QDesktopServices
 
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import Failure, failure_of
-from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 

@@ -23,9 +23,8 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of, step
-from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.notices import Failure, Severity
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral import cost
 from meshmash_viewer.vertex_map import VertexMap
@@ -323,7 +322,7 @@ class Commands:
     def system_report(self) -> None:
         """Copy the report of the machine, for a bug report, to the clipboard."""
         from meshmash_viewer.app.view.picture import graphics
-        from meshmash_viewer.model.system_report import system_report
+        from meshmash_viewer.model.notices import system_report
 
         drawn = "none yet" if self.scene is None else graphics(self.scene.plotter.window_of_vtk)
         QGuiApplication.clipboard().setText(system_report(drawn))

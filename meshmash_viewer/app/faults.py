@@ -11,8 +11,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from meshmash_viewer.model.failure import Failure, failure_of, versions
-from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of, versions
 
 #: Seconds in which the same fault, as at every frame, is shown once.
 _ONCE = 2.0

@@ -281,7 +281,7 @@ def load_libraries(window: MainWindow) -> None:
 def _say_missing(window: MainWindow, fault: Exception) -> None:
     """Say what is missing; meshes can neither be drawn nor computed without it."""
     from meshmash_viewer.app.faults import notice_of
-    from meshmash_viewer.model.failure import Failure, failure_of
+    from meshmash_viewer.model.notices import Failure, failure_of
 
     failure = failure_of(fault, "Loading the render")
     if isinstance(fault, ImportError):

@@ -23,10 +23,9 @@ from meshmash_viewer.app.vertex_menu import close_menus
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field, step
 from meshmash_viewer.model.limits import Limits
-from meshmash_viewer.model.notices import Notice
+from meshmash_viewer.model.notices import Notice, failure_of
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
 from meshmash_viewer.units import format_share
 

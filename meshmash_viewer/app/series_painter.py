@@ -14,8 +14,8 @@ import numpy.typing as npt
 from PySide6.QtCore import QCoreApplication, QObject, Qt, QThreadPool, Signal, Slot
 
 from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field, LiveFeatures
+from meshmash_viewer.model.notices import failure_of
 from meshmash_viewer.progress import Cancelled
 
 if TYPE_CHECKING:

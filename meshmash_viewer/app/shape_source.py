@@ -21,8 +21,8 @@ from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.notices import failure_of
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target

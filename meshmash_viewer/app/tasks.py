@@ -14,9 +14,8 @@ from meshmash_viewer.model.classes import ClassesJob, Classified
 from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob, PinExportJob
-from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob, RegionsJob
-from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.model.notices import Failure, Notice, Severity
 from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.worker import Worker

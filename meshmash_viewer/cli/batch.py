@@ -27,7 +27,7 @@ from meshmash_viewer.io.maps import read_maps, read_mask
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.spectrum import obtain_eigenpairs
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.failure import failure_of, report_defect
+from meshmash_viewer.model.notices import failure_of, report_defect
 from meshmash_viewer.progress import Cancelled, Progress, ProgressBar
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.request import Request

@@ -126,7 +126,7 @@ def _run_command(options: Namespace) -> int:
 def _open_window(options: Namespace) -> int:
     if options.info:
         from meshmash_viewer.app.view.picture import asked_graphics
-        from meshmash_viewer.model.system_report import system_report
+        from meshmash_viewer.model.notices import system_report
 
         answer(system_report(asked_graphics()))
         return 0

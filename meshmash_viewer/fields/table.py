@@ -72,7 +72,7 @@ _WRITTEN = (*FEATURES.values(), *FAMILIES.values())
 EXPORTS: dict[str, type[Family]] = {each.export: each for each in _WRITTEN if each.export}
 
 
-# -- galleries and movies ---------------------------------------------------------------------------
+# -- galleries and movies -------------------------------------------------------------------------
 
 #: Families with several positions, by name.
 SWEPT: dict[str, type[Family]] = {

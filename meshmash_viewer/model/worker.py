@@ -30,7 +30,7 @@ import numpy as np
 from meshmash_viewer.features.filters import bspline_bank
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.failure import Failure, failure_of
+from meshmash_viewer.model.notices import Failure, failure_of
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
 from meshmash_viewer.spectral.cost import decomposition_bytes
 from meshmash_viewer.work import Job, Wire, end_group, start_child

@@ -34,8 +34,7 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.session import Session, write_session
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import Failure, failure_of
-from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of
 from meshmash_viewer.spectral.weyl import Target
 
 PATIENCE = 60_000

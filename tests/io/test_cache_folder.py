@@ -13,7 +13,7 @@ import platformdirs.windows
 import pytest
 
 from meshmash_viewer.io.cache import EigenpairCache, default_cache_folder
-from meshmash_viewer.model.failure import report_defect
+from meshmash_viewer.model.notices import report_defect
 
 SYSTEMS = {
     "Linux": platformdirs.unix.Unix,

@@ -8,7 +8,7 @@ import pytest
 from psygnal import EmitLoopError, Signal
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.notices import failure_of
 
 
 def raised(kind: type[BaseException], *said: object) -> BaseException:

@@ -31,7 +31,7 @@ from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.notices import failure_of
 
 
 class SaveDialog(QDialog):

@@ -25,7 +25,7 @@ from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP, native_keys
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.folders import page_file
-from meshmash_viewer.model.failure import versions
+from meshmash_viewer.model.notices import versions
 
 #: Column of what commands do, and the pixels at its sides that are not for text.
 _TEXT, _SIDES = 2, 20

@@ -23,7 +23,7 @@ from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.series import Shot, shots_of
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.model.notices import Failure
 
 
 class ColumnRange(QWidget):
