@@ -218,3 +218,11 @@ def named_quantity(name: str, unit: str, power: int = 1) -> str:
     """Write the title of an axis: "Time t (nm²)", or "Time t" without a unit."""
     written = power_unit(unit, power)
     return f"{name} ({written})" if written else name
+
+
+def power_text(exponent: int, factor: int = 1) -> str:
+    """Write a power of ten, ``10⁻⁸`` or ``2×10⁻⁸``; powers near one are written out."""
+    if -3 <= exponent <= 3:
+        return f"{factor * 10.0**exponent:.10g}"
+    power = "10" + superscript(exponent)
+    return power if factor == 1 else f"{factor}×{power}"

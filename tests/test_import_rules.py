@@ -48,8 +48,9 @@ VTK_INSIDE_APP = ("view",)
 KNOW_A_FAMILY = {
     "meshmash_viewer.app.opening": {"map"},  # the word, in what it says was kept
     "meshmash_viewer.app.panels.pair_panel": {"eigenfunction"},  # which of them correspond
-    "meshmash_viewer.app.plots.eigenvalue_view": {"eigenfunction"},  # whose eigenvalues it draws
+    "meshmash_viewer.app.plots.spectrum_views": {"eigenfunction"},  # whose eigenvalues it draws
     "meshmash_viewer.app.tabs.map_tab": {"filter"},  # what a map is passed through
+    "meshmash_viewer.app.tabs.parameters": {"filter"},  # whose parameters two tabs have
     "meshmash_viewer.app.tabs.pin_tabs": {"distance", "similarity"},  # which refer to a pin
     "meshmash_viewer.app.tabs": {  # which have more controls than a form
         "eigenfunction",

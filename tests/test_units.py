@@ -18,6 +18,7 @@ from meshmash_viewer.units import (
     format_share,
     grouped,
     plain_text,
+    power_text,
     power_unit,
     whole_number,
     written_unit,
@@ -166,3 +167,10 @@ def test_a_count_is_a_whole_number_from_one(count: float) -> None:
     assert whole_number(3.0, "n_components") == 3
     with pytest.raises(InputError, match=r"n_components is .*: give a whole number from 1"):
         whole_number(count, "n_components")
+
+
+def test_powers_of_ten_are_written_out_near_one() -> None:
+    assert power_text(-8) == "10⁻⁸"
+    assert power_text(5, 2) == "2×10⁵"
+    assert power_text(-1, 5) == "0.5"
+    assert power_text(0) == "1"

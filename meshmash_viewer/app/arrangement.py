@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.make import row
 
 _VERSION = 4
 #: Width of the four tabs of the Field panel, in logical pixels.

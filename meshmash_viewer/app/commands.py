@@ -221,7 +221,7 @@ class Commands:
 
     def compute_in_pieces(self) -> None:
         """Ask for feature, pieces and file, and start the computation."""
-        from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
+        from meshmash_viewer.app.dialogs.export_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
         ask(dialog, lambda: self._document.work.request(dialog.job()))
@@ -315,7 +315,7 @@ class Commands:
 
     def command_palette(self) -> None:
         """Open the search box over commands and settings."""
-        from meshmash_viewer.app.dialogs.command_palette import CommandPalette
+        from meshmash_viewer.app.dialogs.help_dialog import CommandPalette
 
         CommandPalette(self._window, self._actions).show()
 

@@ -13,7 +13,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.background_io import SHOW_IN_FOLDER, BackgroundIO
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import icons
-from meshmash_viewer.app.controls.layout import column
+from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening

@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.controls.make import column, row
 from meshmash_viewer.app.controls.message_bar import MessageBar
 from meshmash_viewer.app.screen import has_opengl
 from meshmash_viewer.io.links import name_and_place, shown_path

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QDockWidget, QLabel, QProgressBar, QSizePolicy, QW
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field

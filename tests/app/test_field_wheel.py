@@ -23,11 +23,10 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.controls import field_events
-from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+from meshmash_viewer.app.dialogs.export_dialog import ExportDialog, PiecesDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
 from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
-from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields import FAMILIES

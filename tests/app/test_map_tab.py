@@ -34,7 +34,7 @@ from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.tabs.filter_parameters import ParameterRow
+from meshmash_viewer.app.tabs.parameters import ParameterRow
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.model.notices import Severity

@@ -35,7 +35,7 @@ from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.plots.matrix_view import MatrixView
+from meshmash_viewer.app.plots.plot import MatrixView
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.second_view import SecondView
 from meshmash_viewer.app.view.mesh_view import MeshView

@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLineEdit, QPushButton, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.controls.spin import DecimalField, WholeField, typed_fields
+from meshmash_viewer.app.controls.number_field import DecimalField, WholeField, typed_fields
 
 NAME = "The number of times"
 

@@ -5,7 +5,7 @@ from closed_form import drag, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 
-from meshmash_viewer.app.controls.step_slider import Mark, StepSlider
+from meshmash_viewer.app.controls.step_slider import Mark, StepSlider, decade_marks
 
 
 @pytest.fixture
@@ -61,3 +61,12 @@ def test_marks_take_room_only_while_there_are_some(slider: StepSlider) -> None:
     assert slider.sizeHint().height() > bare
     slider.set_hatched((0.0, 0.4))
     assert not slider.grab().isNull()
+
+
+def test_marks_of_a_slider_lie_at_their_place_in_log_scale() -> None:
+    marks = decade_marks(1e5, 1e8)
+    assert [mark.text for mark in marks] == ["10⁵", "10⁶", "10⁷", "10⁸"]
+    assert [mark.share for mark in marks] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert decade_marks(0.0, 1.0) == ()
+    assert 3 <= len(decade_marks(1.1e5, 2.3e6)) <= 6
+    assert len(decade_marks(1e-12, 1e20)) <= 9

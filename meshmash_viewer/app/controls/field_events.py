@@ -18,8 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from meshmash_viewer.app.controls.number_field import NumberField
-from meshmash_viewer.app.controls.spin import DecimalField, WholeField
+from meshmash_viewer.app.controls.number_field import DecimalField, NumberField, WholeField
 
 _WATCHED = (QAbstractButton, QComboBox, QTabBar, QLineEdit, QAbstractSpinBox)
 _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)

@@ -1,4 +1,4 @@
-"""Labels, buttons and fields, each with all that it needs: its text, names, tip, and what it does.
+"""Labels, buttons and fields, and how they are laid out, as the whole window has them.
 
 The `name` of each is its ``objectName``, for scripts and tests; `spoken` is what screen readers
 call it. Further keywords go to the constructor of Qt's widget.
@@ -9,24 +9,89 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias, TypeVar
 
-from PySide6.QtCore import QSize, Qt, Signal, SignalInstance
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal, SignalInstance
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import (
     QAbstractButton,
+    QBoxLayout,
     QButtonGroup,
     QCheckBox,
     QComboBox,
+    QDoubleSpinBox,
     QFrame,
+    QGridLayout,
+    QHBoxLayout,
     QLabel,
+    QLayout,
     QPushButton,
     QScrollArea,
+    QSlider,
+    QSpinBox,
     QToolButton,
+    QVBoxLayout,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.layout import column, row
-from meshmash_viewer.app.controls.spin import WholeField
+from meshmash_viewer.app.controls.number_field import WholeField
+
+#: What a row or a column holds; None takes the room that is left, a part in a tuple grows.
+Part: TypeAlias = QWidget | QLayout | tuple[QWidget | QLayout] | None
+Margins: TypeAlias = tuple[int, int, int, int]
+Box = TypeVar("Box", bound=QBoxLayout)
+
+#: Margins of the contents of a panel: left, top, right, bottom.
+PANEL = theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.GAP
+
+
+def row(*parts: Part, spacing: int = theme.GAP, margins: Margins = (0, 0, 0, 0)) -> QHBoxLayout:
+    """Put parts side by side."""
+    return _filled(QHBoxLayout(), parts, spacing, margins)
+
+
+def column(*parts: Part, spacing: int = theme.GAP, margins: Margins = (0, 0, 0, 0)) -> QVBoxLayout:
+    """Put parts under each other."""
+    return _filled(QVBoxLayout(), parts, spacing, margins)
+
+
+def grid(
+    *rows: tuple[QWidget | QLayout | None, ...],
+    spacing: tuple[int, int] = (theme.GAP, theme.GAP // 2),
+) -> QGridLayout:
+    """Put rows of parts under each other, with a second column that grows.
+
+    A part alone spans all columns, None leaves a cell empty; `spacing` is that of columns and rows.
+    """
+    box = QGridLayout()
+    box.setContentsMargins(0, 0, 0, 0)
+    box.setHorizontalSpacing(spacing[0])
+    box.setVerticalSpacing(spacing[1])
+    box.setColumnStretch(1, 1)
+    widest = max(map(len, rows))
+    for at, parts in enumerate(rows):
+        for place, part in enumerate(parts):
+            span = widest if len(parts) == 1 else 1
+            if isinstance(part, QLayout):
+                box.addLayout(part, at, place, 1, span)
+            elif part is not None:
+                box.addWidget(part, at, place, 1, span)
+    return box
+
+
+def _filled(box: Box, parts: tuple[Part, ...], spacing: int, margins: Margins) -> Box:
+    box.setContentsMargins(*margins)
+    box.setSpacing(spacing)
+    for part in parts:
+        if part is None:
+            box.addStretch(1)
+            continue
+        inner, grows = (part[0], 1) if isinstance(part, tuple) else (part, 0)
+        if isinstance(inner, QLayout):
+            box.addLayout(inner, grows)
+        else:
+            box.addWidget(inner, grows)
+    return box
+
 
 Act: TypeAlias = Callable[..., object] | SignalInstance
 ButtonType = TypeVar("ButtonType", bound=QAbstractButton)
@@ -175,3 +240,81 @@ class Segments(QWidget):
     def show_key(self, key: str) -> None:
         """Turn a key on without emitting `chosen`."""
         self._buttons[key].setChecked(True)
+
+
+def note(name: str, role: str = "muted") -> QLabel:
+    """A line of explanation that wraps, and takes no room while it is empty."""
+    label = theme.named(QLabel(), name, role=role)
+    label.setWordWrap(True)
+    label.setVisible(False)
+    return label
+
+
+def keep_room(widget: QWidget, keep: bool = True) -> None:
+    """Leave what is around a widget where it is while that is hidden."""
+    policy = widget.sizePolicy()
+    policy.setRetainSizeWhenHidden(keep)
+    widget.setSizePolicy(policy)
+
+
+def reserved_note(
+    name: str, lines: int, role: str = "warning", accessible: str = "Remark"
+) -> QLabel:
+    """A text that wraps, whose room is kept, so that nothing moves when it has something to say."""
+    label = theme.named(QLabel(wordWrap=True), name, accessible, role=role)
+    label.setMinimumHeight(lines * label.fontMetrics().lineSpacing() + 4)
+    label.setAlignment(Qt.AlignmentFlag.AlignTop)
+    return label
+
+
+class Facts(QWidget):
+    """Rows of a name and a value that can be copied; `rows` are names by object name of values."""
+
+    def __init__(self, rows: dict[str, str]) -> None:
+        super().__init__()
+        selectable = Qt.TextInteractionFlag.TextSelectableByMouse
+        self._values = {
+            name: theme.named(
+                QLabel("–", textInteractionFlags=selectable), name, text, role="value"
+            )
+            for name, text in rows.items()
+        }
+        muted = (theme.with_role(QLabel(text), "muted") for text in rows.values())
+        both = zip(muted, self._values.values(), strict=True)
+        self.setLayout(grid(*both, spacing=(theme.GAP * 2, 4)))
+
+    def show_value(self, name: str, text: str) -> None:
+        """Show a value; an empty one becomes a dash."""
+        self._values[name].setText(text or "–")
+
+    def show_values(self, texts: Mapping[str, str]) -> None:
+        """Show all values; those that are left out become a dash."""
+        for name in self._values:
+            self.show_value(name, texts.get(name, ""))
+
+
+def show_note(label: QLabel, text: str) -> None:
+    """Say a sentence in a `note`, or nothing, which takes no room."""
+    if label.text() != text:
+        label.setText(text)
+    # of a hidden tab nothing is visible: ask the flag, not the screen
+    if label.isHidden() == bool(text):
+        label.setVisible(bool(text))
+
+
+def show_quietly(
+    control: QSpinBox | QDoubleSpinBox | QSlider | QAbstractButton,
+    value: float,
+    most: int | None = None,
+    least: int = 0,
+) -> None:
+    """Show a value, in a range from `least` to `most`, in a control that does not speak of it."""
+    with QSignalBlocker(control):
+        if isinstance(control, QAbstractButton):
+            control.setChecked(bool(value))
+        elif isinstance(control, QDoubleSpinBox):
+            control.setValue(value)
+        else:
+            if most is not None:
+                control.setRange(least, most)
+            control.setValue(int(value))

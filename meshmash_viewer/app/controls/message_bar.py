@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QBoxLayout, QFrame, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.model.notices import Notice, Severity
 
 #: How long a notice without a cause that can go (`Notice.holds`) stays, in milliseconds.

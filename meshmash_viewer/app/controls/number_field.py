@@ -1,21 +1,168 @@
-"""A field for a number that may be 1e-8, with its unit."""
+"""Fields for numbers, which take what is typed whole or refuse it: with arrows, or for 1e-8.
+
+Qt's own pass over the keys that would lead out of bounds: of "99999" a field up to 2,929 keeps 999.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
-from PySide6.QtWidgets import QAbstractSpinBox, QLabel, QWidget
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QValidator, QWheelEvent
+from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QSpinBox, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.quantities import parse_number, parse_quantity
+from meshmash_viewer.quantities import parse_number, parse_quantity, parse_whole
 from meshmash_viewer.units import NO_BREAK, engineering, format_number, format_range, plain_number
+
+if TYPE_CHECKING:
+
+    class _Spin(QAbstractSpinBox):
+        def value(self) -> Any: ...
+        def prefix(self) -> str: ...
+        def suffix(self) -> str: ...
+        def textFromValue(self, value: Any) -> str: ...
+
+else:
+    _Spin = object
+
+#: Decimals that a number may be typed with.
+_DECIMALS = 6
+
+
+def show_refusal(field: QWidget, sentence: str) -> None:
+    """Show why a field refuses what was typed, or, if empty, that it does so no longer.
+
+    The innermost parent with a method `say_refusal` shows it, as windows and dialogs do.
+    """
+    parent = field.parentWidget()
+    while parent is not None and not hasattr(parent, "say_refusal"):
+        parent = parent.parentWidget()
+    if parent is not None:
+        parent.say_refusal(sentence)
+
+
+def typed_fields(within: QWidget) -> list[WholeField | DecimalField]:
+    """All fields of these two kinds within a widget."""
+    return [*within.findChildren(WholeField), *within.findChildren(DecimalField)]
+
+
+class _Typed(_Spin):
+    """What both have in common: anything can be typed, and is read once it is finished."""
+
+    #: Whether what was typed has been refused by the event that is being handled.
+    just_refused: bool
+    #: What it held before someone began to type.
+    _before: Any
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.just_refused, self._before, self._fault = False, None, ""
+        self.lineEdit().textEdited.connect(self._note_before)
+
+    def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
+        """Let anything be typed; what is no number within bounds is not taken."""
+        try:
+            self._read(text)
+        except InputError:
+            return QValidator.State.Intermediate, text, at
+        return QValidator.State.Acceptable, text, at
+
+    def valueFromText(self, text: str) -> Any:
+        return self._read(text)
+
+    def fixup(self, text: str) -> str:
+        """Go back to what was and say why: Qt asks this of what is finished and not acceptable."""
+        try:
+            self._read(text)
+        except InputError as fault:
+            self.just_refused, self._fault = True, str(fault)
+            QTimer.singleShot(0, self, self._say_refusal)  # once it has gone back
+            before = self.value() if self._before is None else self._before
+            return f"{self.prefix()}{self.textFromValue(before)}{self.suffix()}"
+        return text
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        self._before = None
+        super().focusInEvent(event)
+
+    def stepBy(self, steps: int) -> None:
+        """Step from what is typed, or from what was."""
+        super().stepBy(steps)
+        self._before = None
+        self._forget_refusal()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Keep Return here where what it finishes is refused, to be typed over."""
+        super().keyPressEvent(event)
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self._before = None
+            if self.just_refused:
+                event.accept()
+                self.selectAll()
+
+    def _note_before(self) -> None:
+        if self._before is None:
+            self._before = self.value()  # Qt takes what is typed after this
+        self._forget_refusal()
+
+    def commit(self) -> bool:
+        """Take what is typed, or say why not and go back; whether there was nothing to refuse."""
+        self.interpretText()
+        return not self.just_refused
+
+    def _say_refusal(self) -> None:
+        self.just_refused = False
+        show_refusal(self, self._fault)
+
+    def _forget_refusal(self) -> None:
+        if self._fault and not self.just_refused:
+            self._fault = ""
+            show_refusal(self, "")
+
+    def _bare(self, text: str) -> str:
+        """A text without suffixes: one may be typed before the other."""
+        text, suffix = text.strip().removeprefix(self.prefix()), self.suffix().strip()
+        while suffix and text.endswith(suffix):
+            text = text.removesuffix(suffix).rstrip()
+        return text
+
+    def _read(self, text: str) -> Any:
+        raise NotImplementedError
+
+
+class WholeField(_Typed, QSpinBox):
+    """A whole number between bounds."""
+
+    def _read(self, text: str) -> int:
+        name = self.accessibleName() or "The number"
+        return parse_whole(self._bare(text), self.minimum(), self.maximum(), name)
+
+
+class DecimalField(_Typed, QDoubleSpinBox):
+    """A number between bounds, written with at least so many decimals; its suffix is its unit."""
+
+    def __init__(self, *, decimals: int, **given: Any) -> None:
+        self._decimals = decimals
+        super().__init__(decimals=_DECIMALS, **given)
+
+    def textFromValue(self, value: float) -> str:
+        """The number with no more zeros than it has to have."""
+        whole, _, part = f"{value:.{_DECIMALS}f}".partition(".")
+        return f"{whole}.{part.rstrip('0'):0<{self._decimals}}".rstrip(".")
+
+    def _read(self, text: str) -> float:
+        text, unit = self._bare(text), self.suffix().strip()
+        number, low, high = parse_number(text, unit), self.minimum(), self.maximum()
+        if not low <= number <= high:
+            between = format_range(low, high, unit, word="and")
+            name = self.accessibleName() or "The number"
+            raise InputError(f"{name} is between {between}, not {text}.")
+        return number
+
 
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
 _LARGEST = 1e150
@@ -285,89 +432,3 @@ class NumberField(QAbstractSpinBox):
         text = f"{self._prefix}{text}{self._suffix}"
         if text != self.text() or self.lineEdit().isModified():
             self.lineEdit().setText(text)
-
-
-class RangeBox(QWidget):
-    """A check for automatic, and a field for each end, which always show the range in force.
-
-    A whole new range is typed in either order: an end beyond the other waits for it. `names` and
-    `texts` are object names and labels of the check, the low and the high end; `noun` is the
-    quantity, "time".
-    """
-
-    automatic_chosen = Signal(bool)
-    #: Low and high end, in this order.
-    range_given = Signal(float, float)
-
-    def __init__(self, names: tuple[str, str, str], texts: tuple[str, str, str], noun: str) -> None:
-        super().__init__()
-        self._unit = ""
-        self._disorder = f"The {texts[1].lower()} {noun} has to be below the {texts[2].lower()}."
-        self._between: tuple[float | None, float | None] = None, None
-        self.check = make.check(
-            texts[0], names[0], f"Range of {noun}s: automatic", self.automatic_chosen
-        )
-        self.low = NumberField(names[1], f"{texts[1]} {noun}")
-        self.high = NumberField(names[2], f"{texts[2]} {noun}")
-        self.fault = note(f"{names[1]}_fault", "warning")
-        self._units: list[QLabel] = []
-        rows = []
-        for text, field, other in (
-            (texts[1], self.low, self.high), (texts[2], self.high, self.low)
-        ):  # fmt: skip
-            name, unit = make.muted(text), make.muted()
-            name.setBuddy(field)
-            self._units.append(unit)
-            # in a row of their own: a column that is empty would keep its distance
-            rows.append((name, row((field,), unit)))
-            field.edited.connect(lambda _number, other=other: self._give(other))
-            field.refused.connect(lambda sentence: show_note(self.fault, sentence))
-            field.editingFinished.connect(self._settle)
-        self.setLayout(grid((self.check,), *rows, (self.fault,)))
-
-    def show_range(
-        self,
-        between: tuple[float, float] | None,
-        unit: str,
-        bounds: tuple[float, float],
-        *,
-        automatic: bool,
-    ) -> None:
-        """Show what the model holds; None while there is no range.
-
-        `bounds` are the least and the largest end that the mesh can have.
-        """
-        self.low.bounds = self.high.bounds = bounds
-        show_quietly(self.check, automatic)
-        for label in self._units:
-            label.setText(unit)
-            label.setVisible(bool(unit))
-        self._between = between if between is not None else (None, None)
-        self._unit = unit
-        if not self._is_waiting():
-            self._show()
-
-    def _show(self) -> None:
-        for field, end in zip((self.low, self.high), self._between, strict=True):
-            field.show_value(end, self._unit)
-
-    def _is_waiting(self) -> bool:
-        """Whether one end is given, beyond the other, and that one is about to be."""
-        low, high = self.low.value, self.high.value
-        here = self.low.hasFocus() or self.high.hasFocus()
-        return here and low is not None and high is not None and low >= high
-
-    def _settle(self) -> None:
-        """Who goes elsewhere before both ends are given finds the range that is in force."""
-        QTimer.singleShot(0, self, lambda: None if self._is_waiting() else self._show())
-
-    def _give(self, other: NumberField) -> None:
-        low, high = self.low.value, self.high.value
-        if low is None or high is None:
-            return
-        show_note(self.fault, "" if low < high else self._disorder)
-        if low < high:
-            self.range_given.emit(low, high)
-        elif not other.hasFocus():
-            other.setFocus(Qt.FocusReason.OtherFocusReason)
-            other.selectAll()

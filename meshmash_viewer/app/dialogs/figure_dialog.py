@@ -15,8 +15,7 @@ from PySide6.QtWidgets import QLabel, QLayout, QSizePolicy, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import show_quietly
-from meshmash_viewer.app.controls.layout import column, grid, row
+from meshmash_viewer.app.controls.make import column, grid, row, show_quietly
 from meshmash_viewer.app.dialogs.files import FormatDialog
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.view.figure import (

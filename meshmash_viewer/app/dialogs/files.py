@@ -21,10 +21,9 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.field_events import FieldWheel
-from meshmash_viewer.app.controls.layout import Part, column, grid, row
-from meshmash_viewer.app.controls.spin import typed_fields
+from meshmash_viewer.app.controls.make import Part, column, grid, reserved_note, row
+from meshmash_viewer.app.controls.number_field import typed_fields
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.maps import MAP_ENDINGS
@@ -91,7 +90,7 @@ class SaveDialog(QDialog):
         FieldWheel(self).watch(self)
 
     def say_refusal(self, sentence: str) -> None:
-        """Show why a field refuses what was typed; see `controls.spin.show_refusal`."""
+        """Show why a field refuses what was typed; see `number_field.show_refusal`."""
         self._refresh_remark()
         if sentence:
             self.remark_label.setText(sentence)

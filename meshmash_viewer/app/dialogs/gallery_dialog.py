@@ -14,12 +14,10 @@ from PySide6.QtWidgets import QLabel, QListView, QListWidget, QListWidgetItem, Q
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import keep_room, reserved_note
 from meshmash_viewer.app.controls.field_events import FieldWheel
-from meshmash_viewer.app.controls.layout import column, row
-from meshmash_viewer.app.dialogs.series import SeriesDialog
+from meshmash_viewer.app.controls.make import column, keep_room, reserved_note, row
+from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.series_painter import Picture, Run
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.figure import FigureOptions
 from meshmash_viewer.app.view.mesh_view import MeshView
@@ -100,7 +98,7 @@ class GalleryDialog(SeriesDialog):
         FieldWheel(self).watch(self)
 
     def say_refusal(self, sentence: str) -> None:
-        """Show why a field refuses what was typed; see `controls.spin.show_refusal`."""
+        """Show why a field refuses what was typed; see `number_field.show_refusal`."""
         self.remark_label.setText(sentence)
 
     # -- thumbnails ---------------------------------------------------------------------------

@@ -1,17 +1,39 @@
-"""Help with all commands, keys and mouse gestures, a page of the documentation, and "about"."""
+"""Help with all commands, keys and gestures, a search box over them, pages, and “about”."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRect, QSize, Qt, QUrl
-from PySide6.QtGui import QDesktopServices
+from PySide6.QtCore import (
+    QEvent,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QPoint,
+    QRect,
+    QSize,
+    Qt,
+    QTimer,
+    QUrl,
+)
+from PySide6.QtGui import QColor, QDesktopServices, QKeyEvent
 from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSlider,
+    QAbstractSpinBox,
+    QComboBox,
     QDialog,
     QDialogButtonBox,
+    QDockWidget,
     QHeaderView,
+    QLabel,
     QLineEdit,
+    QMainWindow,
     QMessageBox,
+    QScrollArea,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QTextBrowser,
@@ -21,9 +43,17 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP, native_keys, native_text
+from meshmash_viewer.app.actions import (
+    COMMANDS,
+    MENUS,
+    MOUSE_HELP,
+    Actions,
+    native_keys,
+    native_text,
+)
 from meshmash_viewer.app.controls import icons
-from meshmash_viewer.app.controls.layout import column
+from meshmash_viewer.app.controls.field_events import scroll_area
+from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.folders import page_file
 from meshmash_viewer.model.notices import versions
 
@@ -175,3 +205,257 @@ class PageDialog(QDialog):
             QDesktopServices.openUrl(link)
         elif page_file(name) is not None:
             self._show_page(name)
+
+
+#: Other words by which commands are looked for.
+SYNONYMS = {
+    "open_mesh": "load import file",
+    "open_sample": "example demo",
+    "compare_with": "second mesh side by side",
+    "add_map": "overlay values scalars load",
+    "open_points": "synapses table csv parquet spines load",
+    "export": "save write csv table features download",
+    "save_picture": "image screenshot figure png pdf svg photo paper journal",
+    "gallery": "overview contact sheet thumbnails",
+    "save_movie": "video animation film gif mp4",
+    "save_scene": "gltf html web blender",
+    "copy_picture": "image clipboard screenshot",
+    "copy_script": "python code reproduce",
+    "quit": "exit close",
+    "undo": "revert back",
+    "redo": "again repeat",
+    "compute_selection": "mask part region submesh medial wall",
+    "compute": "solve decompose run start eigenfunctions spectrum",
+    "compute_in_pieces": "large stitch split",
+    "cancel": "stop abort interrupt",
+    "clear_cache": "delete free disk storage",
+    "reset_camera": "home fit center centre view all",
+    **{
+        f"view_{name}": f"camera side {words}"
+        for name, words in {
+            "lateral": "outside right hemisphere",
+            "medial": "inside left hemisphere",
+            "anterior": "front frontal",
+            "posterior": "back behind occipital",
+            "dorsal": "top above superior",
+            "ventral": "bottom below inferior",
+        }.items()
+    },
+    "hide_small": "debris fragments islands components clean",
+    "nodal_lines": "contours isolines zero level",
+    "cut": "slice section clip clipping plane inside",
+    "flip_cut": "cut slice section clip invert flip",
+    **{f"cut_{axis}": "cut slice section clip sagittal coronal axial plane" for axis in "xyz"},
+    "reset_cut": "cut slice section clip reset plane",
+    "label_borders": "boundaries outlines contours parcels regions",
+    "label_graph": "domains network nodes edges adjacency neighbours regions",
+    "theme_system": "theme dark light mode appearance colour color",
+    "theme_light": "theme white mode appearance colour color",
+    "theme_dark": "theme night black mode appearance colour color",
+    "full_screen": "maximize",
+    "reset_layout": "restore panels default docks",
+    "play": "animate",
+    "flip": "invert negate",
+    "pin_index": "go to find vertex jump",
+    "remove_pin": "delete unpin marker",
+    "import_pins": "load read markers points csv table",
+    "export_pins": "save write markers points csv table distances",
+    "clear_pins": "remove delete markers",
+    "help": "manual keys shortcuts",
+    "system_report": "bug versions debug",
+}
+#: Other words of gestures, by what they do in `actions.MOUSE_HELP`.
+_GESTURES = {"Turn": "rotate orbit spin", "Shift": "pan move translate drag", "Roll": "rotate tilt"}
+#: Other words of panels, by their titles.
+_PANELS = {
+    "Mesh": "panel health defects repair decomposition information",
+    "Shape": "panel reconstruction vibration morph",
+    "Compare": "panel second mesh match correspondence",
+    "Labels": "panel segmentation parcellation annotation parts regions",
+    "Field": "panel families colours colors",
+    "Spectrum": "panel eigenvalues filters plot",
+    "Profiles": "panel pins plot legend",
+}
+_SETTINGS = QLineEdit, QAbstractSpinBox, QComboBox, QAbstractButton, QAbstractSlider
+_MAX_ROWS, _WIDTH = 12, 560
+#: Commands that were run last, the newest first.
+_recent: list[str] = []
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row: its text, where it belongs, its keys, words that find it, and what Enter does."""
+
+    key: str
+    text: str
+    place: str
+    keys: str
+    words: str
+    run: Callable[[], object]
+    enabled: bool = True
+
+    def rank(self, wanted: list[str]) -> int | None:
+        """Return how well words match, 0 best; None if one of them does not."""
+        text, words = self.text.casefold(), self.words.casefold()
+        if not all(word in text or word in words for word in wanted):
+            return None
+        if text.startswith(" ".join(wanted)):
+            return 0
+        starts = {part for each in (text, words) for part in each.split()}
+        if all(any(part.startswith(word) for part in starts) for word in wanted):
+            return 1 if all(word in text for word in wanted) else 2
+        return 3
+
+
+class CommandPalette(QDialog):
+    """Runs the chosen command of a window, or puts the focus on the chosen setting."""
+
+    def __init__(self, window: QMainWindow, actions: Actions) -> None:
+        super().__init__(window, Qt.WindowType.Popup)
+        self.setObjectName("command_palette")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        hint = "Find a command, a setting or a field"
+        self.search = theme.named(QLineEdit(placeholderText=hint), "palette_search", hint)
+        self.list = theme.named(QTreeWidget(), "palette_list", "What was found")
+        self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.list.setColumnCount(3)
+        self.list.setHeaderHidden(True)
+        self.list.setRootIsDecorated(False)
+        self.list.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.list.header().setStretchLastSection(False)
+        self.list.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.nothing = theme.named(QLabel("Nothing found"), "palette_nothing", role="muted")
+        self.setLayout(column(self.search, self.list, self.nothing, None, margins=(8, 8, 8, 8)))
+        self._entries = [*_commands(actions), *_gestures(actions), *_settings(window)]
+        self._shown: list[Entry] = []
+        self.search.textChanged.connect(self._find)
+        self.search.installEventFilter(self)
+        self.list.itemClicked.connect(lambda: self.accept())
+        self.list.ensurePolished()
+        self._find("")
+        self.setFixedWidth(min(_WIDTH, window.width() - 40))
+        corner = QPoint((window.width() - self.width()) // 2, window.height() // 10)
+        self.move(window.mapToGlobal(corner))
+        self.search.setFocus()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Move the choice by the arrow keys, and run it by Enter."""
+        if watched is self.search and isinstance(event, QKeyEvent):
+            if event.type() != QEvent.Type.KeyPress:
+                return False
+            step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()))
+            if step is not None and self._shown:
+                self._choose((self._chosen() + step) % len(self._shown))
+                return True
+            if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+                self.accept()
+                return True
+        return super().eventFilter(watched, event)
+
+    def accept(self) -> None:
+        """Run the chosen row; one that is not available now stays."""
+        at = self._chosen()
+        if not 0 <= at < len(self._shown) or not self._shown[at].enabled:
+            return
+        entry = self._shown[at]
+        _recent[:] = [entry.key, *(key for key in _recent if key != entry.key)][:_MAX_ROWS]
+        super().accept()
+        entry.run()
+
+    def _find(self, text: str) -> None:
+        wanted = text.casefold().split()
+        ranked = [(entry.rank(wanted), entry) for entry in self._entries]
+        found = [
+            (_recency(entry), rank, not entry.enabled, at)
+            for at, (rank, entry) in enumerate(ranked)
+            if rank is not None
+        ]
+        self._shown = [self._entries[key[-1]] for key in sorted(found)[:_MAX_ROWS]]
+        self.list.clear()
+        for entry in self._shown:
+            item = QTreeWidgetItem(self.list, [entry.text, entry.place, entry.keys])
+            for cell in (1, 2):
+                item.setForeground(cell, QColor(theme.palette().muted))
+            item.setDisabled(not entry.enabled)
+            if not entry.enabled:
+                item.setToolTip(0, "Not available now")
+        self._choose(0)
+        self.list.setVisible(bool(self._shown))
+        self.nothing.setVisible(not self._shown)
+        self.list.doItemsLayout()  # with the padding of the style, which came after the items
+        self.list.setFixedHeight(len(self._shown) * max(self.list.sizeHintForRow(0), 1) + 4)
+        self.adjustSize()
+
+    def _chosen(self) -> int:
+        return self.list.currentIndex().row()
+
+    def _choose(self, at: int) -> None:
+        if (item := self.list.topLevelItem(at)) is not None:
+            self.list.setCurrentItem(item)
+
+
+def _recency(entry: Entry) -> int:
+    return _recent.index(entry.key) if entry.key in _recent else len(_recent)
+
+
+def _commands(actions: Actions) -> Iterator[Entry]:
+    for each in COMMANDS:
+        if each.name == "command_palette":
+            continue
+        action = actions[each.name]
+        place = f"{each.menu} › {each.submenu}" if each.submenu else each.menu
+        words = " ".join((each.tooltip, each.name.replace("_", " "), SYNONYMS.get(each.name, "")))
+        keys = native_keys(*each.sequences()[:1])
+        yield Entry(
+            each.name, action.text().rstrip("…"), place, keys, words, action.trigger,
+            action.isEnabled(),
+        )  # fmt: skip
+
+
+def _gestures(actions: Actions) -> Iterator[Entry]:
+    for gesture, what in MOUSE_HELP:
+        words = f"{gesture} {_GESTURES.get(what, '')}"
+        yield Entry(
+            gesture, what, "Mouse over the render", native_text(gesture), words,
+            actions["help"].trigger,
+        )  # fmt: skip
+
+
+def _settings(window: QMainWindow) -> Iterator[Entry]:
+    """Yield panels and their controls, those behind another tab, which are disabled, too."""
+    for dock in window.findChildren(QDockWidget):
+        place, panel = dock.windowTitle(), dock.widget()
+        words, front = _PANELS.get(place, ""), partial(_bring_to_front, dock)
+        yield Entry(dock.objectName(), place, "View", "", words, front)
+        seen = set()  # a slider and its field are one setting
+        for control in panel.findChildren(QWidget):
+            name = control.accessibleName()
+            if not (name and isinstance(control, _SETTINGS) and control.isEnabledTo(panel)):
+                continue
+            focusable = control.focusPolicy() != Qt.FocusPolicy.NoFocus
+            if focusable and control.isVisibleTo(dock) and name not in seen:
+                seen.add(name)
+                key = f"{dock.objectName()}.{control.objectName()}"
+                yield Entry(key, name, place, "", place, partial(_go_to, control, dock))
+
+
+def _bring_to_front(dock: QDockWidget) -> None:
+    dock.show()
+    dock.raise_()
+
+
+def _go_to(control: QWidget, dock: QDockWidget) -> None:
+    """Bring a control to the front and give it the focus."""
+    _bring_to_front(dock)
+    # once Qt has said that it is shown, which enables what is in it
+    QTimer.singleShot(0, control, partial(_give_focus, control))
+
+
+def _give_focus(control: QWidget) -> None:
+    area = scroll_area(control)
+    if isinstance(area, QScrollArea):
+        area.ensureWidgetVisible(control)
+    control.setFocus(Qt.FocusReason.ShortcutFocusReason)
+    if isinstance(control, QLineEdit):
+        control.selectAll()

@@ -8,9 +8,8 @@ from PySide6.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QLineEdit, Q
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.field_events import FieldWheel
-from meshmash_viewer.app.controls.layout import column, grid
+from meshmash_viewer.app.controls.make import column, grid, reserved_note
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import MeshLink, layers_of, link_file, parse_link
 from meshmash_viewer.io.segments import MOST_VERTICES

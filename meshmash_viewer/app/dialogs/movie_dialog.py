@@ -12,13 +12,11 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import show_quietly
-from meshmash_viewer.app.controls.layout import grid, row
-from meshmash_viewer.app.controls.spin import DecimalField, WholeField
+from meshmash_viewer.app.controls.make import grid, row, show_quietly
+from meshmash_viewer.app.controls.number_field import DecimalField, WholeField
 from meshmash_viewer.app.dialogs.files import FormatDialog
-from meshmash_viewer.app.dialogs.series import SeriesDialog
+from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.series_painter import Picture, Run
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView

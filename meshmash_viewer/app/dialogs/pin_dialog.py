@@ -20,8 +20,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import reserved_note
-from meshmash_viewer.app.controls.layout import column
+from meshmash_viewer.app.controls.make import column, reserved_note
 from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import EXPORTS

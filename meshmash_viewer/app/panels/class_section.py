@@ -11,8 +11,7 @@ from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import column, grid, row
+from meshmash_viewer.app.controls.make import column, grid, note, row, show_note, show_quietly
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.plots.importance_plot import ImportancePlot

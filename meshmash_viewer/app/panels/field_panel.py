@@ -1,9 +1,14 @@
-"""The Field panel: the displayed field, its controls, and its colours."""
+"""The Field panel: the displayed field, its controls, its colour map and limits."""
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+from types import NoneType
+from typing import Any
+
 from PySide6.QtCore import QSignalBlocker, QSize, Qt
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtGui import QIcon, QImage, QPixmap, QResizeEvent
 from PySide6.QtWidgets import (
     QFrame,
     QListView,
@@ -15,16 +20,272 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.facts import note, show_note
-from meshmash_viewer.app.controls.layout import column
-from meshmash_viewer.app.listening import follow, later
-from meshmash_viewer.app.panels.color_section import ColorSection
+from meshmash_viewer.app.controls.make import (
+    Part,
+    column,
+    grid,
+    keep_room,
+    note,
+    reserved_note,
+    row,
+    show_note,
+    show_quietly,
+)
+from meshmash_viewer.app.controls.number_field import DecimalField, NumberField
+from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.app.tabs import make_tab
 from meshmash_viewer.app.tabs.form import Player
+from meshmash_viewer.app.view.style import color_table
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.limits import Limits
+from meshmash_viewer.model.field import Field, reversed_map
+from meshmash_viewer.model.limits import (
+    Limits,
+    LockedLimits,
+    MinMaxLimits,
+    PercentileLimits,
+    SymmetricLimits,
+)
+from meshmash_viewer.units import distinct_digits
+
+#: Policies of the limits with their labels; None for `automatic_limits`.
+_POLICIES: dict[str, tuple[type[Any], str]] = {
+    "automatic": (NoneType, "Automatic"),
+    "symmetric": (SymmetricLimits, "Symmetric about 0"),
+    "minmax": (MinMaxLimits, "Minimum to maximum"),
+    "percentile": (PercentileLimits, "Percentiles"),
+    "locked": (LockedLimits, "Locked"),
+}
+#: Scales of the colours: linear, logarithmic, or None for the one that serves.
+_SCALES: dict[str, tuple[bool | None, str]] = {
+    "automatic": (None, "Automatic"),
+    "linear": (False, "Linear"),
+    "log": (True, "Logarithmic"),
+}
+_KINDS = [kind for kind, _ in _POLICIES.values()]
+
+
+#: matplotlib's name to the name on the list. All keep their order in grey or in the three common
+#: kinds of colour blindness (Brewer 2003, Moreland 2009; viridis and its family).
+DIVERGING = {
+    "RdBu_r": "Blue – red",
+    "PuOr_r": "Purple – orange",
+    "PRGn": "Purple – green",
+    "BrBG_r": "Teal – brown",
+    "coolwarm": "Cool – warm",
+}
+SEQUENTIAL = {
+    "viridis": "Viridis",
+    "cividis": "Cividis",
+    "magma": "Magma",
+    "inferno": "Inferno",
+    "plasma": "Plasma",
+    "YlGnBu_r": "Blue – yellow",
+}
+
+
+@lru_cache(maxsize=64)
+def swatch_icon(name: str) -> QIcon:
+    """A strip of one of matplotlib's colour maps, of 56 × 12 pixels at twice the resolution."""
+    colors = color_table(name, 112).tobytes() * 24
+    image = QImage(colors, 112, 24, 448, QImage.Format.Format_RGBA8888)
+    picture = QPixmap.fromImage(image)
+    picture.setDevicePixelRatio(2.0)
+    return QIcon(picture)
+
+
+class ColorSection(QWidget):
+    """Colour map, policy of its limits, and the current limits.
+
+    Typing one end locks both, which then stay when the field changes.
+    """
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        self._document = document
+        self._signed: bool | None = None
+        #: `Family.limits_key` of the field.
+        self._field_key = ""
+        self._limits: Limits | None = None
+        self._unit = ""
+        self._labelled = self._bright_low = False
+        self._build()
+        events = document.display.events
+        colors = events.policies, events.diverging_colormap, events.sequential_colormap
+        follow((*colors, events.log_scales, events.kind), self.refresh)
+        listen(document.spectrum_changed, self._forget)
+        self.refresh()
+
+    def _build(self) -> None:
+        self.map_combo = make.combo(
+            "colormap_combo", "Colour map", self._choose_map, iconSize=QSize(56, 12)
+        )
+        self.policy_combo = make.combo(
+            "limits_combo",
+            "Limits of the colours",
+            self._choose_policy,
+            {key: text for key, (_, text) in _POLICIES.items()},
+        )
+        self.scale_combo = make.combo(
+            "color_scale_combo",
+            "Scale of the colours",
+            self._choose_scale,
+            {key: text for key, (_, text) in _SCALES.items()},
+            tip="Automatic is logarithmic where values are positive and the surface spans more than"
+            " two decades, from the 1st to the 99th percentile",
+        )
+        rows = (
+            (make.muted("Map"), self.map_combo),
+            (make.muted("Limits"), self.policy_combo),
+            (make.muted("Scale"), self.scale_combo),
+        )
+        for label, combo in rows:
+            label.setBuddy(combo)
+        self.fault = reserved_note("limits_fault", 1)
+        tip = "Give a number to lock the limits"
+        self.low = NumberField("limit_low_field", "Low limit", tip=tip)
+        self.high = NumberField("limit_high_field", "High limit", tip=tip)
+        self.low.fault = lambda low: self._fault(low, self.high.value)
+        self.high.fault = lambda high: self._fault(self.low.value, high)
+        for field in (self.low, self.high):
+            field.edited.connect(self._lock)
+            field.refused.connect(self.fault.setText)
+        self.unit_label = make.muted()
+        # for any unit of its kind, so that nothing moves
+        self.unit_label.setMinimumWidth(self.unit_label.fontMetrics().horizontalAdvance("mm⁻²"))
+        self.percentiles = QWidget()
+        default = PercentileLimits()
+        self.percent_low = self._percent_spin("Low percentile", default.low)
+        self.percent_high = self._percent_spin("High percentile", default.high)
+        both = (self.percent_low,), make.muted("to"), (self.percent_high,)
+        self.percentiles.setLayout(row(*both))
+        parts: tuple[Part, ...] = (
+            row(make.heading("Colour"), (self.fault,)),
+            grid(*rows),
+            row((self.low,), make.muted("to"), (self.high,), self.unit_label),
+            self.percentiles,
+        )
+        self.setLayout(column(*parts, margins=(theme.MARGIN, 0, theme.MARGIN, theme.MARGIN)))
+
+    def keep_room(self, keep: bool) -> None:
+        """Whether there is always room for all controls, so that nothing moves."""
+        keep_room(self.percentiles, keep)
+
+    def _percent_spin(self, text: str, value: float) -> DecimalField:
+        spin = DecimalField(decimals=1, minimum=0.0, maximum=100.0, suffix=" %", value=value)
+        spin.setKeyboardTracking(False)
+        spin.valueChanged.connect(self._choose_percentiles)
+        end, what = text.lower().split()
+        return theme.named(spin, f"{what}_{end}_spin", text)
+
+    # -- from the person --------------------------------------------------------------------
+
+    def _choose_map(self, row: int) -> None:
+        name = self.map_combo.itemData(row)
+        if self._is_signed():
+            self._document.display.diverging_colormap = name
+        else:
+            self._document.display.sequential_colormap = name
+
+    def _choose_policy(self, key: str) -> None:
+        kind, ends = _POLICIES[key][0], (self._limits or (-1.0, 1.0))[:2]
+        policy = kind(*ends) if kind is LockedLimits else kind()
+        self._document.display.set_limits(policy, self._key)
+
+    def _choose_scale(self, key: str) -> None:
+        self._document.display.set_log_scale(_SCALES[key][0], self._key)
+
+    def _choose_percentiles(self, _value: float) -> None:
+        low, high = self.percent_low.value(), self.percent_high.value()
+        if low < high:
+            self._document.display.set_limits(PercentileLimits(low, high), self._key)
+        self.fault.setText("" if low < high else "The low percentile has to be below the high one.")
+
+    def _lock(self, _value: float) -> None:
+        low, high = self.low.value, self.high.value
+        if low is not None and high is not None:
+            self.fault.setText("")
+            self._document.display.set_limits(LockedLimits(low, high), self._key)
+
+    def _fault(self, low: float | None, high: float | None) -> str:
+        disorder = low is not None and high is not None and low >= high
+        return "The low limit has to be below the high one." if disorder else ""
+
+    # -- from the model ---------------------------------------------------------------------
+
+    def set_field(self, field: Field | None, limits: Limits | None) -> None:
+        """Show the limits of the displayed field; None while there is none."""
+        self._signed = None if field is None else field.signed
+        self._field_key = "" if field is None else field.family.limits_key
+        self._unit = "" if field is None else field.unit
+        self._labelled = field is not None and bool(field.labels)
+        self._limits = None if field is None else limits
+        self.refresh()
+
+    def _forget(self) -> None:
+        if self._document.spectrum is None:
+            self.set_field(None, None)
+
+    @property
+    def _key(self) -> str:
+        """What limits are chosen for: the field, if it is of the displayed family."""
+        family = self._document.display.family
+        is_shown = self._field_key.partition(":")[0] == family.name
+        return self._field_key if is_shown else family.limits_key
+
+    def _is_signed(self) -> bool:
+        if self._signed is not None:
+            return self._signed
+        return self._document.display.family.signed
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        display, signed = self._document.display, self._is_signed()
+        names = DIVERGING if signed else SEQUENTIAL
+        chosen = display.diverging_colormap if signed else display.sequential_colormap
+        wanted = [*names, *([] if chosen in names else [chosen])]
+        bright_low = display.family.bright_low and not signed
+        listed = [self.map_combo.itemData(row) for row in range(self.map_combo.count())]
+        if (listed, self._bright_low) != (wanted, bright_low):
+            self._bright_low = bright_low
+            self.map_combo.clear()
+            for name in wanted:
+                shown = reversed_map(name) if bright_low else name
+                self.map_combo.addItem(swatch_icon(shown), names.get(name, name), name)
+        self.map_combo.setCurrentIndex(wanted.index(chosen))
+        policy = display.policies.get(self._key)
+        known = type(policy) in _KINDS
+        self.policy_combo.setCurrentIndex(_KINDS.index(type(policy)) if known else 0)
+        self.percentiles.setVisible(isinstance(policy, PercentileLimits))
+        limits = self._limits
+        if isinstance(policy, PercentileLimits):
+            show_quietly(self.percent_low, policy.low)
+            show_quietly(self.percent_high, policy.high)
+        elif isinstance(policy, LockedLimits) and not (limits and limits.logarithmic):
+            limits = Limits(policy.low, policy.high)
+        if self._labelled:  # labels have their own colours, and no limits
+            limits = None
+        for control in (self.map_combo, self.policy_combo, self.percentiles):
+            control.setEnabled(not self._labelled)
+        self.scale_combo.setEnabled(not (self._labelled or signed))
+        scales = [scale for scale, _ in _SCALES.values()]
+        self.scale_combo.setCurrentIndex(scales.index(display.log_scales.get(self._key)))
+        # says what was chosen for this field
+        logarithmic = limits is not None and limits.logarithmic
+        serves = "logarithmic" if logarithmic else "linear"
+        self.scale_combo.setItemText(0, f"Automatic: {serves}")
+        low, high = (None, None) if limits is None else limits[:2]
+        ends = low or 0.0, high or 0.0
+        like = math.sqrt(ends[0] * ends[1]) if logarithmic else max(map(abs, ends))
+        digits = distinct_digits(*ends)
+        if not (self.low.is_typed or self.high.is_typed):
+            for field, end in ((self.low, low), (self.high, high)):
+                field.show_value(end, self._unit, like=like, digits=digits)
+        for field, end in ((self.low, low), (self.high, high)):
+            field.setEnabled(end is not None)
+        self.unit_label.setText(self.low.written_unit)
+        self.unit_label.setVisible(bool(self._unit))
+
 
 #: Families side by side, and the height of their lines in pixels.
 _COLUMNS, _LINE = 2, 28
@@ -58,13 +319,13 @@ class FamilyList(QListWidget):
         super().resizeEvent(event)
         # a pixel less: Qt wraps a line that fills the width to the last
         cell = QSize((self.viewport().width() - 1) // _COLUMNS, _LINE)
-        for row in range(self.count()):
-            self.item(row).setSizeHint(cell)
+        for at in range(self.count()):
+            self.item(at).setSizeHint(cell)
         self.setGridSize(cell)
 
     def _draw(self) -> None:
-        for row, family in enumerate(FAMILIES.values()):
-            self.item(row).setIcon(icons.icon(family.icon))
+        for at, family in enumerate(FAMILIES.values()):
+            self.item(at).setIcon(icons.icon(family.icon))
 
 
 class FieldPanel(QWidget):

@@ -12,9 +12,8 @@ from PySide6.QtWidgets import QLabel, QLayout, QPushButton, QScrollArea, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.field_events import scroll_area
-from meshmash_viewer.app.controls.layout import column, grid, row
+from meshmash_viewer.app.controls.make import column, grid, note, row, show_note
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.fault_places import FaultPlaces, fault_places, repair_effect

@@ -13,8 +13,7 @@ from PySide6.QtWidgets import QColorDialog, QMenu, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import PANEL, column, row
+from meshmash_viewer.app.controls.make import PANEL, column, note, row, show_note, show_quietly
 from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later

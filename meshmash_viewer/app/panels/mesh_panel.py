@@ -19,14 +19,20 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import native_keys
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.compute_button import written_cost
-from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
-from meshmash_viewer.app.controls.layout import Part, column, grid, row
+from meshmash_viewer.app.controls.document_controls import UnitCombo, written_cost
+from meshmash_viewer.app.controls.make import (
+    Part,
+    column,
+    grid,
+    keep_room,
+    reserved_note,
+    row,
+    show_quietly,
+)
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
-from meshmash_viewer.app.panels.unit_combo import UnitCombo
 from meshmash_viewer.app.status_bar import progress_text, show_progress
 from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.laplacian import OperatorOptions

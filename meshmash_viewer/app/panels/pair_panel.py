@@ -13,15 +13,22 @@ from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import Facts, keep_room, note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import PANEL, column, row
+from meshmash_viewer.app.controls.document_controls import UnitCombo
+from meshmash_viewer.app.controls.make import (
+    PANEL,
+    Facts,
+    column,
+    keep_room,
+    note,
+    row,
+    show_note,
+    show_quietly,
+)
 from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
-from meshmash_viewer.app.panels.unit_combo import UnitCombo
-from meshmash_viewer.app.plots.matrix_view import MatrixView
-from meshmash_viewer.app.plots.plot import Plot, Series, dashed, solid
-from meshmash_viewer.app.plots.saving import PlotSaver
+from meshmash_viewer.app.plots.panel import PlotSaver
+from meshmash_viewer.app.plots.plot import MatrixView, Plot, Series, dashed, solid
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS

@@ -13,14 +13,12 @@ from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.panels.panel_head import PlotPanel
-from meshmash_viewer.app.panels.pin_legend import MOST_SHOWN, PinLegend
-from meshmash_viewer.app.panels.pin_table import PinTable
+from meshmash_viewer.app.panels.pin_list import MOST_SHOWN, PinLegend, PinTable
+from meshmash_viewer.app.plots.panel import PlotPanel, PlotSaver
 from meshmash_viewer.app.plots.plot import Plot, Series, color, hatch, marker, solid
-from meshmash_viewer.app.plots.saving import PlotSaver
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
 from meshmash_viewer.model.document import Document

@@ -11,8 +11,15 @@ from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import PANEL, column, row
+from meshmash_viewer.app.controls.make import (
+    PANEL,
+    Facts,
+    column,
+    note,
+    row,
+    show_note,
+    show_quietly,
+)
 from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow, later

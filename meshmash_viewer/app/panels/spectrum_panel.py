@@ -8,13 +8,11 @@ from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import show_quietly
+from meshmash_viewer.app.controls.make import show_quietly
 from meshmash_viewer.app.listening import follow, later
-from meshmash_viewer.app.panels.panel_head import PlotPanel
-from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
+from meshmash_viewer.app.plots.panel import PlotPanel, PlotSaver
 from meshmash_viewer.app.plots.plot import Plot
-from meshmash_viewer.app.plots.response_view import ResponseView
-from meshmash_viewer.app.plots.saving import PlotSaver
+from meshmash_viewer.app.plots.spectrum_views import EigenvalueView, ResponseView
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document

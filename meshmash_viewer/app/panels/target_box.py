@@ -18,9 +18,8 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.field_events import scroll_area
-from meshmash_viewer.app.controls.layout import grid
+from meshmash_viewer.app.controls.make import grid, reserved_note
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError

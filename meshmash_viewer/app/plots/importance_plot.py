@@ -6,8 +6,8 @@ import numpy as np
 import pyqtgraph as pg
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.plots.panel import PlotSaver
 from meshmash_viewer.app.plots.plot import Plot, Series, color, solid
-from meshmash_viewer.app.plots.saving import PlotSaver
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.learn import KINDS
 from meshmash_viewer.model.classes import Learned

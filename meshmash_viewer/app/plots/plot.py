@@ -1,4 +1,4 @@
-"""The plots' common ground: colours of the theme, ticks that read 2×10⁻⁸, and a quiet mouse."""
+"""Plots in the colours of the theme, with ticks that read 2×10⁻⁸, and a quiet mouse."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 import pyqtgraph as pg
 from PySide6.QtCore import QPoint, QPointF, Qt, Signal
@@ -26,9 +27,8 @@ from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.field_events import scroll_area
-from meshmash_viewer.app.controls.scale_marks import power_text
 from meshmash_viewer.app.listening import later
-from meshmash_viewer.units import engineering, minus, named_quantity, superscript
+from meshmash_viewer.units import engineering, minus, named_quantity, power_text, superscript
 
 
 def color(name: str, alpha: float = 1.0) -> QColor:
@@ -192,7 +192,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
 
     The wheel zooms, in a panel that scrolls only after a click; a drag pans, and the button "Fit"
     shows everything. A right click or the menu key requests a menu, see
-    `meshmash_viewer.app.plots.saving`.
+    `meshmash_viewer.app.plots.panel`.
     """
 
     #: Position in plot coordinates.
@@ -346,3 +346,38 @@ class Series:
     x: npt.ArrayLike
     y: npt.ArrayLike
     color: str = ""
+
+
+#: Magnitude from which entries have the full colour: those of a refined map are at most 1.
+_FULL = 0.5
+
+
+class MatrixView(Plot):
+    """The matrix C of a functional map, in the colours of the first curve where it is negative."""
+
+    def __init__(self, name: str) -> None:
+        self._image = pg.ImageItem(axisOrder="row-major")
+        #: The matrix that is shown.
+        self.matrix = np.zeros((0, 0))
+        super().__init__(name, "Matrix of the functional map")
+        self.addItem(self._image)
+        self.set_whole(True)
+        self.getAxis("left").whole = True
+        self.plotItem.vb.invertY(True)
+        self.set_labels("Eigenfunctions of the second", "Of the first")
+        self.setFixedHeight(190)
+
+    def show_matrix(self, matrix: npt.NDArray[np.float64]) -> None:
+        """Show a matrix of shape (k, l)."""
+        self.matrix = matrix
+        self._image.setImage(matrix, levels=(-_FULL, _FULL))
+        rows, columns = matrix.shape
+        self._image.setRect(-0.5, -0.5, columns, rows)  # entries are at their indices
+        self.show_all()
+
+    def dress(self) -> None:
+        super().dress()
+        palette = theme.palette()
+        colors = palette.series[0], palette.surface, palette.series[1]
+        ends = [pg.mkColor(each).getRgb()[:3] for each in colors]
+        self._image.setColorMap(pg.ColorMap([0.0, 0.5, 1.0], np.array(ends, dtype=np.ubyte)))

@@ -10,8 +10,7 @@ from PySide6.QtWidgets import QWidget
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import native_text
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.controls.make import Facts, column, note, row, show_note, show_quietly
 from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions

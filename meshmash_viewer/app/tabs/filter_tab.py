@@ -10,10 +10,9 @@ from PySide6.QtWidgets import QApplication, QLineEdit
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
-from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.tabs.filter_parameters import FilterParameters, refusal
+from meshmash_viewer.app.controls.make import reserved_note, row, show_quietly
 from meshmash_viewer.app.tabs.form import FamilyTab, PlayButton
+from meshmash_viewer.app.tabs.parameters import FilterParameters, refusal
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, FormulaError
 from meshmash_viewer.fields.filters import READY, Filters

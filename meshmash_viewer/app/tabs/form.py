@@ -20,13 +20,21 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.compute_button import ComputeButton
-from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import PANEL, Part, column, row
-from meshmash_viewer.app.controls.number_field import NumberField, RangeBox
-from meshmash_viewer.app.controls.scale_marks import decade_marks
-from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider
+from meshmash_viewer.app.controls.document_controls import ComputeButton
+from meshmash_viewer.app.controls.make import (
+    PANEL,
+    Facts,
+    Part,
+    column,
+    note,
+    row,
+    show_note,
+    show_quietly,
+)
+from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider, decade_marks
 from meshmash_viewer.app.listening import follow, listen
+from meshmash_viewer.app.tabs.parameters import RangeBox
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family, Reading
 from meshmash_viewer.fields.parameter import Choice, Flag, Number, Parameter, Whole

@@ -11,12 +11,11 @@ from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QMenu, 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background_io import say_saved
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.controls.make import Facts, column, note, row, show_note, show_quietly
 from meshmash_viewer.app.dialogs.files import ask_for_maps
 from meshmash_viewer.app.listening import later
-from meshmash_viewer.app.tabs.filter_parameters import FilterParameters
 from meshmash_viewer.app.tabs.form import FamilyTab
+from meshmash_viewer.app.tabs.parameters import FilterParameters
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import MapSpectrum
 from meshmash_viewer.fields.filters import READY, Filters

@@ -9,9 +9,8 @@ import numpy as np
 from PySide6.QtCore import QSignalBlocker
 
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.compute_button import ComputeButton
-from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
-from meshmash_viewer.app.controls.layout import Part, row
+from meshmash_viewer.app.controls.document_controls import ComputeButton
+from meshmash_viewer.app.controls.make import Facts, Part, note, row, show_note, show_quietly
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.tabs.form import FamilyTab, PlayButton
 from meshmash_viewer.features.distances import MEASURES

@@ -18,9 +18,15 @@ from matplotlib import colormaps
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE
 from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer
 
-from meshmash_viewer.app.controls.scale_marks import power_text
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.units import NO_BREAK, engineering, format_quantity, minus, superscript
+from meshmash_viewer.units import (
+    NO_BREAK,
+    engineering,
+    format_quantity,
+    minus,
+    power_text,
+    superscript,
+)
 
 #: A name of one of matplotlib's colour maps, or the colours of labels 0, 1, 2 … as "#rrggbb".
 ColorMap: TypeAlias = str | tuple[str, ...]

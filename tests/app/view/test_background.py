@@ -8,7 +8,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-from meshmash_viewer.app.panels.color_section import DIVERGING, SEQUENTIAL
+from meshmash_viewer.app.panels.field_panel import DIVERGING, SEQUENTIAL
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.style import DARK, LIGHT, RenderTheme, color_table, rgb
