@@ -106,7 +106,7 @@ from meshmash_viewer.learn.classes import ClassPrediction as ClassPrediction
 from meshmash_viewer.learn.classes import predict_classes as predict_classes
 from meshmash_viewer.learn.classes import train_classes as train_classes
 from meshmash_viewer.learn.columns import ClassColumns as ClassColumns
-from meshmash_viewer.learn.scores import ClassScores as ClassScores
+from meshmash_viewer.learn.training import ClassScores as ClassScores
 
 # isort: split
 # Distances from a vertex

@@ -15,7 +15,7 @@ from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.learn import Classifier
-from meshmash_viewer.learn.diffusion import diffused
+from meshmash_viewer.learn.columns import diffused
 from meshmash_viewer.model.classes import ClassesJob, ClassOptions
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.samples import labels_path, sample_path
@@ -209,6 +209,21 @@ def test_known_columns_give_the_same_and_are_not_computed_again(
     model = mv.train_classes(blob, strokes, COLUMNS, features=known, **options)
     after = mv.predict_classes(blob, model, features=known)
     np.testing.assert_array_equal(after.labels.values, before.labels.values)
+
+
+def test_a_rare_class_among_very_many_labels_is_learned() -> None:
+    ball = shapes.icosphere(6).in_unit("nm")
+    numbers = np.where(ball.vertices[:, 2] > 0.0, 1, 2)
+    even = np.linspace(0, len(numbers) - 1, 20_000).astype(int)
+    numbers[np.setdiff1d(np.arange(len(numbers)), even)[::5000]] = 3  # none in an even draw
+    names = (*LABELS, mv.Label(3, "rare", "#112233"))
+    columns = mv.ClassColumns(0.03, 1.0, 40.0, "nm", n_times=3)
+    values = np.random.default_rng(0).random((ball.n_vertices, 3)) + 9.0 * np.eye(4)[numbers, 1:]
+    known = mv.Features(values.astype(np.float32), columns.names, kind="classes")
+    labels = mv.VertexMap("parts", numbers, names)
+    model = mv.train_classes(ball, labels, columns, "logistic", features=known, scored=False)
+    found = mv.predict_classes(ball, model, features=known)
+    np.testing.assert_array_equal(found.labels.values, numbers)
 
 
 def test_training_and_prediction_can_be_cancelled(blob: mv.Mesh, strokes: mv.VertexMap) -> None:

@@ -18,7 +18,7 @@ from meshmash_viewer.io.read import check_file
 from meshmash_viewer.learn import KINDS
 from meshmash_viewer.learn.classes import ClassModel
 from meshmash_viewer.learn.columns import ClassColumns
-from meshmash_viewer.learn.scores import ClassScores
+from meshmash_viewer.learn.training import ClassScores
 from meshmash_viewer.vertex_map import Label
 
 #: The ending of the files.

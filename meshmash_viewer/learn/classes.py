@@ -17,8 +17,13 @@ from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.learn import CLASSIFIERS, Classifier
 from meshmash_viewer.learn.columns import ClassColumns
-from meshmash_viewer.learn.scores import ClassScores
-from meshmash_viewer.learn.training import Training, importance_of, probabilities, smoothed
+from meshmash_viewer.learn.training import (
+    ClassScores,
+    Training,
+    importance_of,
+    predicted,
+    probabilities,
+)
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -219,7 +224,7 @@ def train_classes(
     sets = [
         mesh.with_maps(label_map(each)).maps[-1] for mesh, each in zip(given, sets, strict=True)
     ]
-    classes = _joined(sets)
+    classes, places = _classes_of(sets)
     if isinstance(columns, str):
         if known[0] is None:
             stiffness, mass = cotangent_laplacian(given[0], robust=True)
@@ -229,10 +234,8 @@ def train_classes(
     if len(given) > 1:
         for mesh in given:
             columns.check_unit(mesh)
-    places = [
-        np.where(mesh.referenced, _places(each, classes), -1)
-        for mesh, each in zip(given, sets, strict=True)
-    ]
+    for mesh, each in zip(given, places, strict=True):
+        each[mesh.unreferenced] = -1
     _check_classes(np.concatenate(places), classes)
     tables = [
         found if found is not None else columns.compute(mesh, own, progress=progress, cancel=cancel)
@@ -304,11 +307,10 @@ def predict_classes(
     if features is None:
         features = model.columns.compute(mesh, pairs, progress=progress, cancel=cancel)
     given = _matching(features, model)
-    values = np.full((mesh.n_vertices, len(model.classes)), np.nan)
     if domains is None:
-        used = mesh.referenced
-        values[used] = probabilities(model.classifier, given[used], progress, cancel)
-        values = smoothed(mesh, values, model.smoothing, model.columns, cancel)
+        values = predicted(
+            model.classifier, mesh, given, model.columns, model.smoothing, progress, cancel
+        )
     else:
         known = checked_labels(domains, mesh.n_vertices)
         means = domain_means(np.asarray(given, dtype=np.float64), known, mesh.vertex_areas)[1:]
@@ -318,11 +320,10 @@ def predict_classes(
             model.classifier, means[whole].astype(given.dtype), progress, cancel
         )
         values = of_domains[known]
-        used = np.isfinite(values[:, 0])
     keys = np.array([each.key for each in model.classes])
     none = 0 if 0 not in keys else int(keys.min()) - 1
     best = np.nan_to_num(values, nan=-1.0).argmax(axis=1)
-    labels = np.where(used, keys[best], none)
+    labels = np.where(np.isfinite(values[:, 0]), keys[best], none)
     return ClassPrediction(
         VertexMap("class", labels, model.classes),
         tuple(
@@ -347,43 +348,35 @@ def _matching(features: Features, model: ClassModel) -> npt.NDArray[Any]:
     return features.values[:, [features.columns.index(name) for name in names]]
 
 
-def _joined(sets: Sequence[VertexMap]) -> tuple[Label, ...]:
-    """Return the classes of all sets that some vertex has, those of one name once.
+def _classes_of(sets: Sequence[VertexMap]) -> tuple[tuple[Label, ...], list[IntArray]]:
+    """Return the classes of all sets that some vertex has, and that of each vertex, -1 for none.
 
-    A label that is named by its number is the one of that number in another set.
+    Labels of one name are one class; one that is named by its number is that of the number in
+    another set.
     """
     named = {
-        each.key: each.name for known in sets for each in known.labels if each.name != str(each.key)
+        each.key: each
+        for known in reversed(sets)
+        for each in reversed(known.labels)
+        if each.name != str(each.key)
     }
     found: dict[str, Label] = {}
-    for known in sorted(
-        sets, key=lambda each: all(one.name == str(one.key) for one in each.labels)
-    ):
-        used = set(np.unique(known.values).tolist())
+    places = []
+    for known in sets:
+        place = np.full(known.n_vertices, -1, dtype=np.int64)
         for each in known.labels:
-            name = named.get(each.key, each.name) if each.name == str(each.key) else each.name
-            if each.key in used and name not in found:
-                found[name] = replace(each, name=name, locked=False)
-    taken: set[int] = set()
-    for name, each in found.items():
+            own = known.values == each.key
+            if own.any():
+                label = named.get(each.key, each) if each.name == str(each.key) else each
+                found.setdefault(label.name, label)
+                place[own] = list(found).index(label.name)
+        places.append(place)
+    classes: list[Label] = []
+    for each in found.values():
+        taken = {other.key for other in classes}
         key = each.key if each.key not in taken else max(taken) + 1
-        taken.add(key)
-        found[name] = replace(each, key=key)
-    return tuple(found.values())
-
-
-def _places(known: VertexMap, classes: Sequence[Label]) -> IntArray:
-    """Return the class of each vertex, shape (n,); -1 without a label."""
-    by_name = {each.name: place for place, each in enumerate(classes)}
-    by_key = {each.key: place for place, each in enumerate(classes)}
-    result = np.full(known.n_vertices, -1, dtype=np.int64)
-    for each in known.labels:
-        place = by_name.get(each.name)
-        if place is None and each.name == str(each.key):
-            place = by_key.get(each.key)
-        if place is not None:
-            result[known.values == each.key] = place
-    return result
+        classes.append(replace(each, key=key, locked=False))
+    return tuple(classes), places
 
 
 def _check_classes(places: IntArray, classes: Sequence[Label]) -> None:

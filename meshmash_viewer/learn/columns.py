@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
@@ -15,7 +17,6 @@ from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, wave_
 from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
 from meshmash_viewer.learn import KINDS
-from meshmash_viewer.learn.diffusion import diffused
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import (
     CancelCallback,
@@ -40,6 +41,8 @@ _DECAYED = 5.0
 _LENGTHS = (0.4, 0.45)
 #: Columns of curvature at each length.
 _CURVATURES = ("offset", "distance", "tilt", "agreement", "mean", "gaussian")
+#: Residual of diffusion relative to the right-hand side, and the largest number of steps to it.
+_TOLERANCE, _STEPS = 1e-5, 3000
 
 
 @dataclass(frozen=True)
@@ -343,3 +346,45 @@ def _outwards(mesh: Mesh) -> float:
     """Return 1, or -1 if the normals point inwards, by the sign of the enclosed volume."""
     a, b, c = (mesh.vertices[mesh.faces[:, at]] - _centroid(mesh) for at in range(3))
     return -1.0 if float(np.einsum("ij,ij->", a, np.cross(b, c))) < 0.0 else 1.0
+
+
+def diffused(
+    stiffness: SparseMatrix,
+    mass: FloatArray,
+    values: FloatArray,
+    length: float,
+    start: FloatArray | None = None,
+    cancel: CancelCallback | None = None,
+) -> FloatArray:
+    """Solve ``(M + t L) x = M f`` with t the square of a length: f smoothed over that length.
+
+    All functions f, shape (n, d), are solved for together, by conjugate gradients with the diagonal
+    as preconditioner, from `start` on: little memory, and more steps for longer lengths. A vertex
+    without mass keeps its value. Results are between the smallest and the largest value where L has
+    no positive entry off its diagonal.
+    """
+    weights = np.where(mass > 0.0, mass, 1.0)[:, None]
+    system = (sparse.diags_array(weights[:, 0]) + length**2 * stiffness).tocsr()
+    inverse = 1.0 / system.diagonal()[:, None]
+    size = np.linalg.norm(weights * values, axis=0)
+    size[size == 0.0] = 1.0
+    shape, n = values.shape, values.size
+
+    def product(x: FloatArray) -> FloatArray:
+        check_cancelled(cancel)
+        return np.asarray(system @ x.reshape(shape)).ravel()
+
+    found, failed = cg(
+        LinearOperator((n, n), product, dtype=np.float64),
+        (weights * values / size).ravel(),
+        ((values if start is None else start) / size).ravel(),
+        rtol=_TOLERANCE / math.sqrt(shape[1]),  # of each function: all have the same norm
+        maxiter=_STEPS,
+        M=LinearOperator((n, n), lambda x: (inverse * x.reshape(shape)).ravel(), dtype=np.float64),
+    )
+    if failed:
+        raise InputError(
+            f"Smoothing over {length:g} did not converge in {_STEPS:,} steps: take a shorter"
+            " length, or repair the mesh (`meshmash-viewer info` counts its defects)."
+        )
+    return np.asarray(found.reshape(shape) * size)

@@ -1,9 +1,10 @@
-"""Training of a classifier on labelled vertices, its scores, and its probabilities."""
+"""Training of a classifier on labelled vertices, its probabilities, and honest scores."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,7 @@ from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.learn.columns import ClassColumns
-from meshmash_viewer.learn.diffusion import diffused
-from meshmash_viewer.learn.scores import ClassScores, cross_validated, folds_of, strokes
+from meshmash_viewer.learn.columns import ClassColumns, diffused
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import (
     CancelCallback,
@@ -23,14 +22,17 @@ from meshmash_viewer.progress import (
     ProgressCallback,
     check_cancelled,
 )
+from meshmash_viewer.surface.edges import connected
 from meshmash_viewer.units import counted
 
-#: Most labelled vertices that are used, which are drawn evenly.
-_MOST = 20_000
+#: Most labelled vertices that are used, which are drawn evenly, and fewest of a class with so many.
+_MOST, _FEWEST = 20_000, 100
 #: Trees, and labelled vertices times trees that are trained between two questions whether to go on.
 _TREES, _AT_ONCE = 100, 500_000
 #: Trees in each training of the cross-validation, whose scores differ by some thousandths.
 _TREES_SCORED = 40
+#: Number of times that a part of the strokes is left out.
+_FOLDS = 5
 #: Inverse of the penalty of the coefficients of the logistic regression.
 _PENALTY = 0.05
 #: Vertices that are predicted at a time.
@@ -39,8 +41,63 @@ _BLOCK = 25_000
 _SAME = 1e-6
 
 
+@dataclass(frozen=True, eq=False)
+class ClassScores:
+    """Result of a cross-validation.
+
+    Parameters
+    ----------
+    classes : tuple of str
+        Names of the c classes.
+    confusion : ndarray, shape (c, c)
+        Area of the labelled vertices of each class (row) by predicted class (column), in squared
+        unit of the model.
+    left_out : str
+        What was left out of the training, and predicted: "meshes" or "strokes".
+    folds : int
+        Number of trainings.
+
+    Examples
+    --------
+    >>> areas = np.array([[8.0, 2.0], [0.0, 10.0]])
+    >>> scores = mv.ClassScores(("spine", "shaft"), areas, "strokes", 5)
+    >>> scores.f1.round(3), round(scores.weighted_f1, 3)
+    (array([0.889, 0.909]), 0.899)
+    """
+
+    classes: tuple[str, ...]
+    confusion: FloatArray
+    left_out: str
+    folds: int
+
+    @property
+    def f1(self) -> FloatArray:
+        """F1 of each class by area, shape (c,)."""
+        both = self.confusion.sum(axis=0) + self.confusion.sum(axis=1)
+        return np.asarray(2.0 * np.diag(self.confusion) / np.where(both > 0.0, both, 1.0))
+
+    @property
+    def weighted_f1(self) -> float:
+        """Mean of `f1`, weighted by the area of each class."""
+        return float(np.average(self.f1, weights=self.confusion.sum(axis=1)))
+
+    def plain(self) -> dict[str, Any]:
+        """Return the scores as JSON has them."""
+        return {
+            "classes": list(self.classes),
+            "confusion": self.confusion.tolist(),
+            "left_out": self.left_out,
+            "folds": self.folds,
+            "f1": self.f1.tolist(),
+            "weighted_f1": self.weighted_f1,
+        }
+
+
 class Training:
-    """Labelled vertices of all meshes, with their columns."""
+    """Labelled vertices of all meshes, with their columns.
+
+    `places` has the class of each vertex of each mesh, -1 for none.
+    """
 
     def __init__(
         self,
@@ -56,28 +113,21 @@ class Training:
         self.meshes, self.tables, self.columns, self.kind = meshes, tables, columns, kind
         self.smoothing, self.cancel, self.names = smoothing, cancel, names
         self.counts = [int(np.count_nonzero(each >= 0)) for each in places]
-        at = [np.flatnonzero(each >= 0) for each in places]
-        self.of_mesh = np.repeat(np.arange(len(at)), [len(each) for each in at])
-        own, taken = [], 0
-        for mesh, each, some in zip(meshes, places, at, strict=True):
-            stroke = strokes(mesh, each)[some] + taken
-            own.append(stroke)
-            taken = int(stroke.max(initial=-1)) + 1 if len(stroke) else taken
-        self.stroke = np.concatenate(own)
-        self.vertex = np.concatenate(at)
-        self.places = np.concatenate([each[some] for each, some in zip(places, at, strict=True)])
-        if len(self.places) > _MOST:
-            drawn = np.linspace(0, len(self.places) - 1, _MOST).astype(np.int64)
-            for name in ("of_mesh", "stroke", "vertex", "places"):
-                setattr(self, name, getattr(self, name)[drawn])
+        starts = np.cumsum([0, *map(len, places)])
+        known = np.concatenate(places)
+        rows = np.flatnonzero(known >= 0)  # of the vertices of all meshes
+        if len(rows) > _MOST:
+            rows = rows[_drawn(known[rows], len(names))]
+        self.of_mesh = np.searchsorted(starts, rows, side="right") - 1
+        self.vertex = rows - starts[self.of_mesh]
+        self.places = known[rows]
+        stroke = [
+            _strokes(*each) + start for *each, start in zip(meshes, places, starts, strict=False)
+        ]
+        areas = [mesh.vertex_areas / columns.scale(mesh) ** 2 for mesh in meshes]
+        self.stroke, self.areas = np.concatenate(stroke)[rows], np.concatenate(areas)[rows]
         self.values = np.concatenate(
             [table.values[self.vertex[self.of_mesh == i]] for i, table in enumerate(tables)]
-        )
-        self.areas = np.concatenate(
-            [
-                mesh.vertex_areas[self.vertex[self.of_mesh == i]] / columns.scale(mesh) ** 2
-                for i, mesh in enumerate(meshes)
-            ]
         )
         _check_columns(self.values, tables[0].columns, of_mesh(meshes[0].name))
 
@@ -137,40 +187,76 @@ class Training:
 
     def scores(self, progress: ProgressCallback | None) -> tuple[ClassScores | None, str]:
         """Cross-validate; return the scores, or None and a sentence why there are none."""
-        folds, left_out, fault = folds_of(self.places, self.stroke, self.of_mesh, self.names)
+        folds, left_out, fault = self._folds()
         if fault:
             return None, fault
-        count, seen = len(np.unique(folds)), 0
-
-        def predicted(train: IntArray, test: IntArray) -> IntArray:
-            nonlocal seen
+        numbers, confusion = np.unique(folds), np.zeros((len(self.names), len(self.names)))
+        for at, fold in enumerate(numbers):
             if progress is not None:
-                progress(Progress("scores", seen / count, message="Cross-validation"))
-            seen += 1
-            classifier = self.fitted(train, n_trees=_TREES_SCORED)
-            if not self.smoothing:
-                return self._best(classifier, self.values[test])
-            found = np.zeros(len(test), dtype=np.int64)
-            for at, (mesh, table) in enumerate(zip(self.meshes, self.tables, strict=True)):
-                here = self.of_mesh[test] == at
-                if here.any():
-                    found[here] = self._best_on(classifier, mesh, table)[self.vertex[test[here]]]
-            return found
+                progress(Progress("scores", at / len(numbers), message="Cross-validation"))
+            test = np.flatnonzero(folds == fold)
+            classifier = self.fitted(np.flatnonzero(folds != fold), n_trees=_TREES_SCORED)
+            found = self._predicted(classifier, test)
+            np.add.at(confusion, (self.places[test], found), self.areas[test])
+        return ClassScores(self.names, confusion, left_out, len(numbers)), ""
 
-        confusion = cross_validated(self.places, self.areas, folds, self.names, predicted)
-        return ClassScores(self.names, confusion, left_out, count), ""
+    def _folds(self) -> tuple[IntArray, str, str]:
+        """Assign labelled vertices to folds that are left out in turn.
 
-    def _best(self, classifier: Any, values: FloatArray) -> IntArray:
-        found = probabilities(classifier, values, None, self.cancel)
-        return np.asarray(classifier.classes_[found.argmax(axis=1)])
+        Whole meshes are left out where the others have all classes, otherwise whole strokes, those
+        of each class dealt out by size. The number of each fold, shape (s,), comes with what is
+        left out; if a class has one stroke alone, with a sentence in its place.
+        """
+        places, of_mesh = self.places, self.of_mesh
+        kept = [len(np.unique(places[of_mesh != mesh])) for mesh in range(len(self.meshes))]
+        if len(kept) > 1 and min(kept) == len(self.names):
+            return of_mesh, "meshes", ""
+        folds = np.zeros(len(places), dtype=np.int64)
+        for place, name in enumerate(self.names):
+            own = places == place
+            _, inverse, sizes = np.unique(self.stroke[own], return_inverse=True, return_counts=True)
+            if len(sizes) < 2:
+                said = (
+                    f"There are no scores yet: {name!r} has {counted(len(sizes), 'stroke')}, and"
+                    " one has to be left out to test; label another place of it."
+                )
+                return folds, "", said
+            rank = np.argsort(np.argsort(-sizes, kind="stable"))
+            folds[own] = rank[inverse] % _FOLDS
+        return folds, "strokes", ""
 
-    def _best_on(self, classifier: Any, mesh: Mesh, table: Features) -> IntArray:
-        """Return the smoothed classes of all vertices."""
-        values = np.zeros((mesh.n_vertices, len(self.names)))
-        used = mesh.referenced
-        values[used] = probabilities(classifier, table.values[used], None, self.cancel)
-        smooth = smoothed(mesh, values, self.smoothing, self.columns, self.cancel)
-        return np.asarray(smooth.argmax(axis=1))
+    def _predicted(self, classifier: Any, some: IntArray) -> IntArray:
+        """Return the classes of some of the labelled vertices, smoothed on their whole meshes."""
+        if not self.smoothing:
+            values = probabilities(classifier, self.values[some], None, self.cancel)
+            return np.asarray(values.argmax(axis=1))
+        found = np.zeros(len(some), dtype=np.int64)
+        for at in np.unique(self.of_mesh[some]):
+            values = predicted(
+                classifier, self.meshes[at], self.tables[at].values, self.columns, self.smoothing,
+                cancel=self.cancel,
+            )  # fmt: skip
+            here = self.of_mesh[some] == at
+            found[here] = values[self.vertex[some[here]]].argmax(axis=1)
+        return found
+
+
+def _strokes(mesh: Mesh, places: IntArray) -> IntArray:
+    """Number the connected parts of each class, shape (n,)."""
+    tails, tips = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    same = places[tails] == places[tips]
+    return connected(tails[same], tips[same], mesh.n_vertices)
+
+
+def _drawn(places: IntArray, n_classes: int) -> IntArray:
+    """Draw labelled vertices evenly, and of a class that is rare as many more as it needs."""
+    drawn = [np.linspace(0, len(places) - 1, _MOST)]
+    for place in range(n_classes):
+        own = np.flatnonzero(places == place)
+        if len(own) * _MOST < _FEWEST * len(places):
+            some = np.linspace(0, len(own) - 1, min(len(own), _FEWEST))
+            drawn.append(own[some.astype(np.int64)])
+    return np.unique(np.concatenate(drawn).astype(np.int64))
 
 
 def _regression(values: npt.NDArray[Any], places: IntArray) -> Any:
@@ -229,23 +315,28 @@ def probabilities(
     return np.concatenate(found)
 
 
-def smoothed(
+def predicted(
+    classifier: Any,
     mesh: Mesh,
-    values: FloatArray,
-    length: float,
+    values: npt.NDArray[Any],
     columns: ClassColumns,
-    cancel: CancelCallback | None,
+    smoothing: float,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
 ) -> FloatArray:
-    """Smooth probabilities over a length, in the unit of the columns."""
-    if not length:
-        return values
-    options = columns.operator
-    stiffness, mass = cotangent_laplacian(mesh, options.robust, options.mollify_factor)
-    own = length * columns.scale(mesh)
-    smooth = diffused(stiffness, mass.diagonal(), mesh.on_surface(values), own, cancel=cancel)
-    smooth = np.clip(smooth, 0.0, 1.0)
-    smooth /= smooth.sum(axis=1, keepdims=True) + (smooth.sum(axis=1, keepdims=True) == 0.0)
-    return np.where(mesh.referenced[:, None], smooth, np.nan)
+    """Return the probabilities at all vertices of a mesh, smoothed; NaN at unreferenced ones."""
+    used, own = mesh.referenced, smoothing * columns.scale(mesh)
+    found = probabilities(classifier, values[used], progress, cancel)
+    result = np.full((mesh.n_vertices, found.shape[1]), np.nan)
+    result[used] = found
+    if own:
+        options = columns.operator
+        stiffness, mass = cotangent_laplacian(mesh, options.robust, options.mollify_factor)
+        smooth = diffused(stiffness, mass.diagonal(), mesh.on_surface(result), own, cancel=cancel)
+        smooth = np.clip(smooth[used], 0.0, 1.0)
+        sums = smooth.sum(axis=1, keepdims=True)
+        result[used] = smooth / np.where(sums > 0.0, sums, 1.0)
+    return result
 
 
 def importance_of(classifier: Any, kind: str) -> FloatArray:
