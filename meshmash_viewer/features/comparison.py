@@ -36,8 +36,6 @@ from meshmash_viewer.vertex_map import VertexMap
 _SAME = 0.5
 #: Relative difference up to which eigenvalues are equal.
 _ROUNDING = 1e-6
-#: Share of known matches that are confident.
-_CONFIDENT = 0.1
 #: Number of energies of the default signature.
 _ENERGIES = 100
 #: Minimum number of nonzero eigenvalues for a comparison.
@@ -429,10 +427,8 @@ def compare_shapes(
 def _given_matches(indices: IntArray, mine: FloatArray, others: FloatArray) -> Matches:
     """Return known matches, with the distances of their features as scores."""
     scores = np.linalg.norm(mine - others[indices], axis=1)
-    scores[indices < 0] = np.nan
-    known = np.where(np.isfinite(scores), indices, -1)
-    confident = scores <= np.nanquantile(scores, _CONFIDENT)
-    return Matches(known, scores, confident, _CONFIDENT)
+    rows = np.flatnonzero((indices >= 0) & np.isfinite(scores))
+    return Matches.of(len(indices), rows, indices[rows], scores[rows])
 
 
 def _checked_vertices(vertices: npt.ArrayLike, first: Eigenpairs, second: Eigenpairs) -> IntArray:

@@ -33,6 +33,7 @@ from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.copies import Placed, copied, nearest_by_position
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.features.sums import accumulate_features
@@ -56,17 +57,12 @@ _MIRRORED = 0.8
 #: Singular value of the first map below which a function is not determined, and share of
 #: determined functions below which the map is ambiguous: a rotation of order 2 leaves half of them.
 _UNDETERMINED, _AMBIGUOUS = 0.25, 0.67
-#: Root mean square distance of the vertices of a copy, as a share of an edge; iterations and
-#: vertices to fit one.
-_COPY, _FITS, _FITTED = 0.25, 50, 1000
 #: Volume, as a share of that of a ball of the same area, above which faces are turned outward.
 _SOLID = 0.01
 #: Vertices of the first shape with which a map is refined; vertices matched at once.
 _SAMPLES, _AT_ONCE = 6000, 1024
 #: Number of candidate vertices up to which distances to all of them are computed.
 _ALL = 20_000
-#: Share of the matches that are confident.
-_CONFIDENT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,10 +149,8 @@ class _Shape:
     mass: FloatArray
     vertices: IntArray
     n_vertices: int
-    area: float
-    #: Of the mesh if there is one, and its faces turned outward.
-    positions: FloatArray
-    faces: IntArray
+    #: Of the mesh if there is one, with its faces turned outward.
+    placed: Placed
 
     @classmethod
     def of(cls, pairs: Eigenpairs, count: int, mesh: Mesh | None) -> _Shape:
@@ -182,9 +176,7 @@ class _Shape:
             pairs.mass[used] / area,
             used,
             len(pairs.mass),
-            area,
-            positions,
-            faces,
+            Placed(positions, faces, area),
         )
 
     def sampled(self) -> IntArray | slice:
@@ -199,21 +191,17 @@ class _Shape:
 
     def turned(self, values: FloatArray, count: int) -> FloatArray:
         """Return the matrix of g ↦ n · (∇ values × ∇g), with a norm of 1."""
-        corners, functions = values[self.faces], self.functions[:, :count]
+        faces, functions = self.placed.faces, self.functions[:, :count]
+        corners = values[faces]
         size = len(corners), len(functions)
         ends = np.arange(0, 3 * len(corners) + 1, 3)
         around = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
         sums, derivative = (
-            sparse.csr_array((each.ravel(), self.faces.ravel(), ends), shape=size) @ functions
+            sparse.csr_array((each.ravel(), faces.ravel(), ends), shape=size) @ functions
             for each in (np.ones_like(around), around)
         )
         found = np.asarray(sums.T @ derivative)
         return found / max(float(np.linalg.norm(found)), np.finfo(np.float64).tiny)
-
-    def edge(self) -> float:
-        """Return the mean length of an edge, as a share of √area."""
-        sides = self.positions[self.faces] - self.positions[np.roll(self.faces, 1, axis=1)]
-        return float(np.linalg.norm(sides, axis=2).mean() / np.sqrt(self.area))
 
 
 def functional_map(
@@ -368,7 +356,8 @@ def zoomout(
     here, there = first_shape.functions[some], second_shape.functions
     matrix, count = start.matrix[:last, :last], min(*start.matrix.shape, last)
     near = _nearest(here[:, : len(matrix)] @ matrix, second_shape, cancel)[0]
-    copy = _copied(*whole, some, near, start.mirrored) if meshes is not None else None
+    placed = first_shape.placed, second_shape.placed
+    copy = copied(*placed, some, near, start.mirrored) if meshes is not None else None
     while copy is None and count < last:
         count = min(count + step, last)
         mine = here[:, :count]
@@ -378,7 +367,7 @@ def zoomout(
     if copy is None:
         found = _with_matches(matrix, *whole, cancel=cancel)
         near = np.searchsorted(second_shape.vertices, found.matches.indices[first_shape.vertices])
-        copy = _copied(*whole, some, near[some], start.mirrored) if meshes is not None else None
+        copy = copied(*placed, some, near[some], start.mirrored) if meshes is not None else None
     if copy is not None:
         rigid, near, distances = copy
         matrix = scipy.linalg.lstsq(here.T @ here, here.T @ there[near[some]])[0]
@@ -396,7 +385,8 @@ def inverse_matches(
     """Return for each vertex of the second the nearest one of the first, by the same map."""
     shapes = _shapes_of(first, second, len(found.matrix), meshes)[::-1]
     if found.rigid is not None and meshes is not None:
-        return _matches(*shapes, *_by_position(found.rigid, *shapes[::-1])[1])
+        placed = shapes[1].placed, shapes[0].placed
+        return _matches(*shapes, *nearest_by_position(found.rigid, *placed)[1])
     return _with_matches(found.matrix.T, *shapes, cancel=cancel).matches
 
 
@@ -421,51 +411,6 @@ def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, Float
     both = np.einsum("pji,plk->ikjl", here, there, optimize=True).reshape(squares.shape)
     weight = _COMMUTATORS / len(here)
     return weight * squares, weight * (both + both.T)
-
-
-def _copied(
-    first: _Shape, second: _Shape, some: IntArray | slice, near: IntArray, mirrored: bool
-) -> tuple[FloatArray, IntArray, FloatArray] | None:
-    """Fit the positions of the first to those of the second, from the matches of `some`.
-
-    Returns the similarity, and the nearest vertices and distances, or None unless the first is a
-    copy of the second: the vertices of both are within a share of an edge of the other.
-    """
-    every = slice(None, None, len(near) // _FITTED + 1)
-    points, near, tree = first.positions[some][every], near[every], KDTree(second.positions)
-    kept = np.ones(len(points), dtype=np.bool_)
-    for _ in range(_FITS):
-        matrix = _similarity(points[kept], second.positions[near[kept]], mirrored)
-        distances, found = tree.query(points @ matrix[:3, :3].T + matrix[:3, 3])
-        if np.array_equal(found, near):
-            break
-        near, kept = np.asarray(found), np.asarray(distances <= 2.0 * np.median(distances))
-    ways = _by_position(matrix, first, second)
-    size = np.sqrt(max(np.square(distances).mean() for _, distances in ways))
-    return (matrix, *ways[0]) if size < _COPY * min(first.edge(), second.edge()) else None
-
-
-def _similarity(points: FloatArray, places: FloatArray, mirrored: bool) -> FloatArray:
-    """Return the turn, scale and shift of points that are nearest to places (Umeyama 1991)."""
-    centers = points.mean(axis=0), places.mean(axis=0)
-    mine, other = points - centers[0], places - centers[1]
-    left, sizes, right = np.linalg.svd(other.T @ mine)
-    if (np.linalg.det(left @ right) < 0.0) != mirrored:
-        left[:, 2], sizes[2] = -left[:, 2], -sizes[2]
-    matrix = np.eye(4)
-    matrix[:3, :3] = left @ right * (sizes.sum() / np.square(mine).sum())
-    matrix[:3, 3] = centers[1] - matrix[:3, :3] @ centers[0]
-    return matrix
-
-
-def _by_position(
-    matrix: FloatArray, first: _Shape, second: _Shape
-) -> list[tuple[IntArray, FloatArray]]:
-    """Return nearest vertices, and distances to them, of the moved first on the second and back."""
-    moved = first.positions @ matrix[:3, :3].T + matrix[:3, 3]
-    ways = (moved, second.positions), (second.positions, moved)
-    found = (KDTree(places).query(points) for points, places in ways)
-    return [(np.asarray(near), far / np.sqrt(second.area)) for far, near in found]
 
 
 def _of_length_one(*columns: FloatArray, mass: FloatArray) -> FloatArray:
@@ -503,12 +448,7 @@ def _with_matches(
 
 
 def _matches(first: _Shape, second: _Shape, near: IntArray, distances: FloatArray) -> Matches:
-    indices = np.full(first.n_vertices, -1, dtype=np.int64)
-    scores = np.full(first.n_vertices, np.nan)
-    confident = np.zeros(first.n_vertices, dtype=np.bool_)
-    indices[first.vertices], scores[first.vertices] = second.vertices[near], distances
-    confident[first.vertices] = distances <= np.quantile(distances, _CONFIDENT)
-    return Matches(indices, scores, confident, _CONFIDENT)
+    return Matches.of(first.n_vertices, first.vertices, second.vertices[near], distances)
 
 
 def _nearest(

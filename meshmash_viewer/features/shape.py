@@ -46,6 +46,22 @@ class Matches:
     #: The requested share.
     quantile: float
 
+    @classmethod
+    def of(
+        cls,
+        n: int,
+        rows: npt.NDArray[np.int64],
+        indices: npt.NDArray[np.int64],
+        scores: FloatArray,
+        quantile: float = 0.1,
+    ) -> Matches:
+        """Make them of the matches and scores of some of n vertices, `rows`."""
+        found = cls(np.full(n, -1), np.full(n, np.nan), np.zeros(n, dtype=np.bool_), quantile)
+        found.indices[rows], found.scores[rows] = indices, scores
+        # "<=", so that perfect matches, all of score 0, are confident.
+        found.confident[rows] = scores <= np.quantile(scores, quantile)
+        return found
+
 
 class Reconstruction:
     """The sum ``Φ_k Φ_kᵀ M v`` for the vertices v, updated when the number of pairs changes.
@@ -272,14 +288,7 @@ def match_features(
     for some in blocks(len(rows_a), _AT_ONCE):
         check_cancelled(cancel)
         distances[some], nearest[some] = tree.query(values_a[rows_a[some]] / scale, workers=-1)
-    indices = np.full(len(values_a), -1, dtype=np.int64)
-    scores = np.full(len(values_a), np.nan)
-    confident = np.zeros(len(values_a), dtype=np.bool_)
-    indices[rows_a] = rows_b[nearest]
-    scores[rows_a] = distances
-    # "<=", so that perfect matches, all of score 0, are confident.
-    confident[rows_a] = distances <= np.quantile(distances, quantile)
-    return Matches(indices, scores, confident, quantile)
+    return Matches.of(len(values_a), rows_a, rows_b[nearest], distances, quantile)
 
 
 def distinct_matches(
