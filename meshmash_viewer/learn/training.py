@@ -122,7 +122,8 @@ class Training:
         self.vertex = rows - starts[self.of_mesh]
         self.places = known[rows]
         stroke = [
-            _strokes(*each) + start for *each, start in zip(meshes, places, starts, strict=False)
+            _strokes(mesh, each) + start
+            for mesh, each, start in zip(meshes, places, starts[:-1], strict=True)
         ]
         areas = [mesh.vertex_areas / columns.scale(mesh) ** 2 for mesh in meshes]
         self.stroke, self.areas = np.concatenate(stroke)[rows], np.concatenate(areas)[rows]
@@ -250,13 +251,13 @@ def _strokes(mesh: Mesh, places: IntArray) -> IntArray:
 
 def _drawn(places: IntArray, n_classes: int) -> IntArray:
     """Draw labelled vertices evenly, and of a class that is rare as many more as it needs."""
-    drawn = [np.linspace(0, len(places) - 1, _MOST)]
+    drawn = [np.linspace(0, len(places) - 1, _MOST).astype(np.int64)]
     for place in range(n_classes):
         own = np.flatnonzero(places == place)
         if len(own) * _MOST < _FEWEST * len(places):
             some = np.linspace(0, len(own) - 1, min(len(own), _FEWEST))
             drawn.append(own[some.astype(np.int64)])
-    return np.unique(np.concatenate(drawn).astype(np.int64))
+    return np.unique(np.concatenate(drawn))
 
 
 def _regression(values: npt.NDArray[Any], places: IntArray) -> Any:
