@@ -9,8 +9,15 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.raw import RawMesh
-from meshmash_viewer.io.rows import CutShort, Element, Property, rows_of_text
-from meshmash_viewer.io.text import NotANumber, parse_rows, read_text
+from meshmash_viewer.io.text import (
+    CutShort,
+    Element,
+    NotANumber,
+    Property,
+    parse_rows,
+    read_text,
+    rows_of_text,
+)
 from meshmash_viewer.triangulation import triangulate
 
 #: The word, with what may be written before it, and how numbers begin after it.

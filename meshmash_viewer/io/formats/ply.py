@@ -18,8 +18,17 @@ from meshmash_viewer.io.provenance import (
     stated_mesh,
 )
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
-from meshmash_viewer.io.rows import Columns, Element, Property, rows_of_text, take_rows
-from meshmash_viewer.io.text import NotANumber, parse_rows, unmarked, with_newlines
+from meshmash_viewer.io.text import (
+    Columns,
+    Element,
+    NotANumber,
+    Property,
+    parse_rows,
+    rows_of_text,
+    take_rows,
+    unmarked,
+    with_newlines,
+)
 from meshmash_viewer.triangulation import strip_triangles, triangulate
 
 _TYPES = {
