@@ -26,10 +26,7 @@ from meshmash_viewer.io.formats.gifti import read_gifti
 from meshmash_viewer.io.formats.gltf import gltf_limits, read_gltf
 from meshmash_viewer.io.formats.meshparty import read_meshparty
 from meshmash_viewer.io.formats.npz import npz_limits, read_npz
-from meshmash_viewer.io.formats.obj import read_obj
-from meshmash_viewer.io.formats.off import read_off
-from meshmash_viewer.io.formats.ply import read_ply
-from meshmash_viewer.io.formats.stl import read_stl
+from meshmash_viewer.io.formats.polygons import read_obj, read_off, read_ply, read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
 from meshmash_viewer.io.links import LINK_ENDING, MeshLink, is_link, parse_link, read_link

@@ -1,0 +1,446 @@
+"""OFF, OBJ, STL and PLY: vertices and polygons, as text or binary.
+
+OFF files of Geomview may have colours and normals, OBJ files texture coordinates and normals; they
+are not read. An OBJ corner written ``v/vt/vn`` is vertex ``v``: a surface is never cut along its
+texture seams. The triangles of STL share no vertices and are joined on reading. PLY has polygons or
+triangle strips, in text or either byte order.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.joining import join_vertices
+from meshmash_viewer.io.provenance import (
+    names_of_properties,
+    stated_comment,
+    stated_labels,
+    stated_mesh,
+)
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.io.text import (
+    Columns,
+    CutShort,
+    Element,
+    Lines,
+    NotANumber,
+    Property,
+    parse_rows,
+    read_text,
+    rows_of_text,
+    take_rows,
+    unmarked,
+    with_newlines,
+)
+from meshmash_viewer.triangulation import strip_triangles, triangulate
+from meshmash_viewer.units import counted
+
+#: The word, with what may be written before it, and how numbers begin after it.
+_OFF_HEADER = re.compile(rb"\s*((?:ST|C|N|4)*OFF)(?=[\s\d]|$)\s*(BINARY\b)?", re.IGNORECASE)
+
+
+def read_off(path: Path) -> RawMesh:
+    """Read the vertices and polygons of a text OFF file.
+
+    `InputError` is raised if the header is missing or that of another kind, or the file has less or
+    more than its counts promise.
+    """
+    data = read_text(path)
+    if b"#" in data:
+        data = re.sub(rb"#[^\n]*", b"", data)
+    header = _OFF_HEADER.match(data)
+    if header is None:
+        raise InputError('does not begin with "OFF"')
+    if header[2]:
+        raise InputError("is a binary OFF file, of which only the text kind can be read")
+    if b"4" in header[1] or header[1].endswith(b"nOFF"):
+        raise InputError(
+            f"is an OFF file of another dimension ({header[1].decode()}), of which only three can"
+            " be read"
+        )
+    try:
+        numbers, counts = parse_rows(data[header.end() :], np.float64)
+    except NotANumber as fault:
+        raise fault.in_line(data.count(b"\n", 0, header.end()) + fault.line + 1) from None
+    counts = counts[counts > 0]
+    if len(numbers) < 2:
+        raise InputError("does not state how many vertices and faces it holds")
+    # The third number, that of edges, says nothing, and some leave it out.
+    stated = 2 if counts[0] == 2 else 3
+    promised = numbers[:2]
+    rest = np.diff(np.maximum(np.cumsum(counts) - stated, 0), prepend=0)
+    rest = rest[rest > 0]
+    lacking = InputError(
+        f"promises {promised[0]:.15g} vertices and {promised[1]:.15g} faces but has"
+        f" {len(rest)} lines after that"
+    )
+    if not np.all((promised >= 0) & (promised == np.floor(promised)) & (promised < 2.0**53)):
+        raise lacking
+    n_vertices, n_faces = promised.astype(np.int64).tolist()
+    elements = [
+        Element("vertex", n_vertices, [Property(axis) for axis in "xyz"]),
+        Element("face", n_faces, [Property("corners", count_type=np.dtype("f8"))]),
+    ]
+    try:
+        points, faces = rows_of_text(elements, numbers[stated:], rest, ragged=True)
+    except CutShort:
+        raise lacking from None
+    vertices = np.column_stack([np.asarray(points[axis]) for axis in "xyz"])
+    corners, many = faces["corners"]
+    if not np.array_equal(corners, np.floor(corners)):
+        raise InputError("has a face with a vertex index that is no whole number")
+    indices = np.clip(corners, -1.0, 2.0**53).astype(np.int64)
+    return RawMesh(vertices, triangulate(vertices, indices, many))
+
+
+# -- OBJ ----------------------------------------------------------------------------------------
+
+#: A comment, and what follows the vertex of a corner.
+_OBJ_NOT_READ = re.compile(rb"#[^\n\v]*|/\S*")
+
+
+def read_obj(path: Path) -> RawMesh:
+    """Read the vertices (``v``) and faces (``f``) of an OBJ file.
+
+    Polygons become triangles; negative indices count back from the vertices read so far; objects
+    and groups become one mesh. Coordinates after the third of a vertex (weight or colour) are
+    ignored.
+
+    `InputError` is raised if a vertex or face is not as it should be, or names a vertex that does
+    not exist; the message names the line.
+    """
+    # a line that ends with a backslash continues in the next
+    lines = Lines(_OBJ_NOT_READ.sub(b"", read_text(path).replace(b"\\\n", b" \v")))
+    vertex_lines, face_lines = lines.beginning_with(b"v"), lines.beginning_with(b"f")
+    if not len(vertex_lines):
+        raise InputError("holds no vertex line (v x y z)")
+    vertices = _obj_vertices(lines, vertex_lines)
+    before = np.searchsorted(vertex_lines, face_lines)
+    corners, counts = _obj_faces(lines, face_lines, before, len(vertices))
+    return RawMesh(vertices, triangulate(vertices, corners, counts))
+
+
+def _obj_vertices(lines: Lines, which: IntArray) -> FloatArray:
+    numbers, counts = lines.rows(which, b"v", np.float64)
+    if counts.min() < 3:
+        line = which[counts.argmin()]
+        raise lines.fault("has a vertex with fewer than three coordinates", line)
+    first = np.cumsum(counts) - counts
+    vertices = np.column_stack([numbers[first], numbers[first + 1], numbers[first + 2]])
+    broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if len(broken):
+        vertex = counted(len(broken), "vertex")
+        raise lines.fault(f"has {vertex} with a coordinate that is not finite", which[broken[0]])
+    return vertices
+
+
+def _obj_faces(
+    lines: Lines, which: IntArray, vertices_before: IntArray, n_vertices: int
+) -> tuple[IntArray, IntArray]:
+    """Return the corners of all faces, counted from 0, and how many each has."""
+    given, counts = lines.rows(which, b"f", np.int64)
+    if not counts.all():
+        raise lines.fault("has a face line without corners", which[counts.argmin()])
+    line, before = np.repeat(which, counts), np.repeat(vertices_before, counts)
+    if np.any(given == 0):
+        fault = "has a face with vertex index 0, though OBJ counts from 1"
+        raise lines.fault(fault, line[given == 0][0])
+    if np.any(given < -before):
+        fault = "has a face that counts back to before the first vertex"
+        raise lines.fault(fault, line[given < -before][0])
+    corners = np.where(given < 0, before + given, given - 1)
+    outside = np.flatnonzero(corners >= n_vertices)
+    if len(outside):
+        raise lines.fault(
+            f"has {counted(len(np.unique(line[outside])), 'face')} with a vertex index out of"
+            f" range, the first being vertex {given[outside[0]]} of {n_vertices}",
+            line[outside[0]],
+        )
+    return corners, counts
+
+
+# -- STL ----------------------------------------------------------------------------------------
+
+_STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_HEADER_BYTES = 80
+#: Numbers of triangles that mean that it was not known when the header was written.
+_UNKNOWN_COUNTS = (0, 0xFFFFFFFF)
+#: Where the number of triangles may be if the header has another length than it should.
+_LONGEST_STL_HEADER = 256
+#: Words within a line that begin one in other files.
+_WITHIN_LINE = re.compile(
+    rb"(?<=\S)[ \t]+"
+    rb"(?=(?:facet\s+normal|outer\s+loop|vertex\s+[-+.\d]|end\s*(?:loop|facet|solid))\b)",
+    re.IGNORECASE,
+)
+
+
+def read_stl(path: Path) -> RawMesh:
+    """Read an STL file and join the corners with equal coordinates.
+
+    Triangles that collapse to a line or a point by joining are dropped.
+
+    `InputError` is raised if the file is neither kind of STL, was cut short, or has no triangle
+    left.
+    """
+    data = path.read_bytes()
+    text = None if _is_whole_stl(data, _STL_HEADER_BYTES) else _as_text(data)
+    if text is None:
+        corners = _binary_corners(data)
+        faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+    else:
+        corners, counts = _text_corners(text)
+        faces = triangulate(corners, np.arange(len(corners)), counts)
+    vertices, joined, _ = join_vertices(corners, faces)
+    if len(faces) and not len(joined):
+        raise InputError("has no triangle left after equal vertices were merged")
+    return RawMesh(vertices, joined)
+
+
+def _is_whole_stl(data: bytes, header: int) -> bool:
+    """Whether a binary file with a header of so many bytes ends with its last triangle."""
+    return header + 4 + _stated_count(data, header) * _STL_RECORD.itemsize == len(data)
+
+
+def _stated_count(data: bytes, header: int) -> int:
+    return int.from_bytes(data[header : header + 4], "little")
+
+
+def _as_text(data: bytes) -> bytes | None:
+    """The file if it is text: some binary ones begin with "solid" too."""
+    text = unmarked(data)
+    begins = text[:100_000]
+    is_text = b"\0" not in begins[:1_000] and re.search(
+        rb"\A\s*solid\b|\bfacet\s+normal\b", begins, re.IGNORECASE
+    )
+    return with_newlines(text) if is_text else None
+
+
+def _binary_corners(data: bytes) -> FloatArray:
+    header = _STL_HEADER_BYTES
+    if not _is_whole_stl(data, header):
+        lengths = (each for each in range(_LONGEST_STL_HEADER) if _is_whole_stl(data, each))
+        header = next((each for each in lengths if _stated_count(data, each)), header)
+    count, room = _stated_count(data, header), len(data) - header - 4
+    if room < 0:
+        raise InputError("is too short for an STL file")
+    there, more = divmod(room, _STL_RECORD.itemsize)
+    if count in _UNKNOWN_COUNTS and room:
+        if more:
+            raise InputError(
+                f"does not state how many triangles it holds, and ends {more} bytes after the"
+                f" {there:,} there are, so it was cut short or is no STL"
+            )
+        count = there
+    if count > there:
+        raise InputError(
+            f"promises {count} triangles but ends after {there}, so it was cut short or is no STL"
+        )
+    every = np.frombuffer(data, _STL_RECORD, there, header + 4)["corners"].astype(np.float64)
+    corners, others = every[:count], every[count:]
+    if count and len(others) and _are_near(others, corners):
+        raise InputError(
+            f"promises {count:,} triangles but holds {there:,}, so one of the two is wrong"
+        )
+    return corners.reshape(-1, 3)
+
+
+def _are_near(others: FloatArray, corners: FloatArray) -> bool:
+    """Whether what follows the last triangle are more triangles: near the others, and no points."""
+    lowest, highest = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    margin = (highest - lowest).max()
+    is_near = (others >= lowest - margin) & (others <= highest + margin)
+    return bool(is_near.all() and (others != others[:, :1]).any(axis=(1, 2)).all())
+
+
+def _text_corners(text: bytes) -> tuple[FloatArray, IntArray]:
+    """Corners of all facets, one after the other, and how many each has."""
+    try:
+        return _corners_by_lines(text)
+    except InputError:
+        split = _WITHIN_LINE.sub(b"\n", text)
+        if split == text:
+            raise
+        return _corners_by_lines(split)
+
+
+def _corners_by_lines(text: bytes) -> tuple[FloatArray, IntArray]:
+    # What comes after "solid" or in lines of other words may hold any word.
+    lines = Lines(text)
+    lines.drop_until(int(lines.beginning_with(b"solid")[:1].max(initial=0)))
+    begun, ended = lines.beginning_with(b"facet"), lines.beginning_with(b"end", b"facet")
+    vertices = lines.beginning_with(b"vertex")
+    which = np.searchsorted(begun, vertices) - 1
+    if len(begun) == len(ended):
+        inside = which >= 0
+        inside[inside] = vertices[inside] < ended[which[inside]]
+        vertices, which = vertices[inside], which[inside]
+    counts = np.bincount(which[which >= 0], minlength=len(begun))
+    follow = len(begun) == len(ended) and np.all(begun < ended) and np.all(ended[:-1] < begun[1:])
+    if not follow or counts.min(initial=3) < 3:
+        raise InputError(
+            f"begins {len(begun)} triangles and ends {len(ended)}, not each with its three"
+            " corners, so it was cut short"
+        )
+    last = np.append(ended, lines.beginning_with(b"end", b"solid")).max(initial=-1)
+    if lines.last() > last:
+        raise InputError(
+            f"ends in line {lines.number(lines.last())} after its last triangle and before its last"
+            " line (endsolid), so it was cut short"
+        )
+    numbers, each = lines.rows(vertices, b"vertex", np.float64)
+    if np.any(each != 3):
+        raise InputError("has a vertex without exactly three coordinates")
+    return numbers.reshape(-1, 3), counts
+
+
+# -- PLY ----------------------------------------------------------------------------------------
+
+_PLY_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+}
+_PLY_TYPES |= {np.dtype(code).name: code for code in (*_PLY_TYPES.values(), "i8", "u8")}
+_PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_CORNER_NAMES = ("vertex_indices", "vertex_index")
+#: Properties of a vertex that are no map: coordinates, normal, colour, place in a texture.
+_NO_MAPS = re.compile(r"[xyz]|n[xyz]|(diffuse_)?(red|green|blue|alpha)|[stuv]|texture_[uv]")
+
+
+def read_ply(path: Path) -> RawMesh:
+    """Read elements ``vertex`` (x, y, z) and ``face`` or ``tristrips`` of a PLY file.
+
+    The unit is taken from the comment in which our own exports state it.
+
+    `InputError` is raised if the header is not one of PLY, or the file ends before what the header
+    promises.
+    """
+    data = unmarked(path.read_bytes())
+    is_text, elements, start = _ply_parse_header(data)
+    columns_of_each = (_text_body if is_text else _binary_body)(elements, data, start)
+    said = stated_comment(_ply_comments(data[:start]))
+    columns_of: dict[str, list[Columns]] = {}
+    for element, columns in zip(elements, columns_of_each, strict=True):
+        if element.name == "vertex" or element.count:
+            columns_of.setdefault(element.name, []).append(columns)
+    of_vertices = columns_of.get("vertex", [])
+    if len(of_vertices) != 1:
+        raise InputError("has two elements 'vertex'" if of_vertices else "has no vertices")
+    axes = [of_vertices[0].get(axis) for axis in "xyz"]
+    if any(axis is None or isinstance(axis, tuple) for axis in axes):
+        raise InputError("has vertices without x, y and z")
+    vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
+    names = names_of_properties(said)
+    labels = stated_labels(said)
+    maps = [
+        RawMap(names.get(name, name), values, labels * (name in names), keep_unused=True)
+        for name, values in of_vertices[0].items()
+        if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
+    ]
+    faces = [triangulate(vertices, *_ply_corners(each)) for each in columns_of.get("face", [])]
+    for each in columns_of.get("tristrips", []):
+        faces.append(strip_triangles(*_without_breaks(*_ply_corners(each))))
+    triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
+    unit, structure = stated_mesh(said)
+    found = tuple(maps[:MOST_MAPS])
+    return RawMesh(vertices, triangles, unit, found, structure=structure, meta=said)
+
+
+def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:
+    try:
+        numbers, counts = parse_rows(with_newlines(data[start:]), np.float64)
+    except NotANumber as fault:
+        header = with_newlines(data[:start])
+        raise fault.in_line(header.count(b"\n") + fault.line + 1) from None
+    return rows_of_text(elements, numbers, counts)
+
+
+def _binary_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:
+    columns, end = take_rows(elements, np.frombuffer(data, dtype=np.uint8, offset=start))
+    if more := len(data[start + end :].rstrip(b"\0\t\n\r\x1a ")):
+        raise InputError(f"holds {more:,} bytes more than its header describes")
+    return columns
+
+
+def _ply_corners(columns: Columns) -> tuple[IntArray, IntArray]:
+    """Return the corners of all faces, and how many each has."""
+    corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
+    if not isinstance(corners, tuple):
+        raise InputError("has faces without a list of vertex indices")
+    whole = corners[0].astype(np.int64)
+    if corners[0].dtype.kind == "f" and not np.array_equal(whole, corners[0]):
+        raise InputError("has a face with a vertex index that is no whole number")
+    return whole, corners[1]
+
+
+def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
+    """Cut strips where an index is -1, which is no corner."""
+    is_break = indices == -1
+    strip = np.repeat(np.arange(len(counts)), counts) + np.cumsum(is_break)
+    return indices[~is_break], np.bincount(strip[~is_break])
+
+
+def _ply_comments(header: bytes) -> Iterator[str]:
+    for line in header.decode("latin-1").splitlines():
+        if line.startswith("comment "):
+            yield line.removeprefix("comment ")
+
+
+def _ply_split_header(data: bytes) -> tuple[bytes, int]:
+    """Return the header without its last line, and the position of the first byte after it."""
+    if not re.match(rb"ply[ \t]*[\r\n]", data, re.IGNORECASE):
+        raise InputError('does not begin with "ply"')
+    end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\n|\r)", data)
+    if end is None:
+        raise InputError("has a header without an end")
+    start = end.end()
+    if end[1] == b"\r\n" and b"\n" not in data[: end.start() + 1]:
+        start -= 1  # lines end in \r alone; the \n is a byte of the first number
+    return data[: end.start()], start
+
+
+def _ply_parse_header(data: bytes) -> tuple[bool, list[Element], int]:
+    """Return whether the body is text, its elements, and the position of its first byte."""
+    header, start = _ply_split_header(data)
+    lines = [line.split() for line in header.decode("latin-1").splitlines()[1:]]
+    order = next((_PLY_ORDERS.get(line[1]) for line in lines if line[:1] == ["format"]), None)
+    if order is None:
+        raise InputError("has a header without the format line of a PLY file")
+    elements: list[Element] = []
+    for words in lines:
+        try:
+            match words:
+                case [] | ["comment" | "obj_info" | "format", *_]:
+                    pass
+                case ["element", name, count] if int(count) >= 0:
+                    elements.append(Element(name, int(count)))
+                case ["property", "list", count_type, value_type, name]:
+                    kinds = _number_type(order, value_type), _number_type(order, count_type)
+                    elements[-1].properties.append(Property(name, *kinds))
+                case ["property", value_type, name]:
+                    elements[-1].properties.append(Property(name, _number_type(order, value_type)))
+                case _:
+                    raise ValueError
+        except (ValueError, KeyError, IndexError):
+            line = printable(" ".join(words), 60)
+            raise InputError(f"has a header line that PLY does not know, {line!r}") from None
+    return not order, elements, start
+
+
+def _number_type(order: str, name: str) -> np.dtype[Any]:
+    """Return the type of a property in a body of a byte order; text is read as 64-bit floats."""
+    code = _PLY_TYPES[name]
+    return np.dtype(order + code if order else "f8")
