@@ -60,7 +60,7 @@ KNOW_A_FAMILY = {
         "map",
     },
     "meshmash_viewer.model.document": {"eigenfunction", "similarity"},  # flips, measures from a pin
-    "meshmash_viewer.io.formats.gifti": {"map"},  # the word, for one without a name
+    "meshmash_viewer.io.formats.brain": {"map"},  # the word, for one without a name
     "meshmash_viewer.model.maps": {"map"},  # shows a new one
     "meshmash_viewer.fields.maps": {"filter", "band"},  # likewise, and a view of that name
     "meshmash_viewer.fields.similarity": {"hks"},  # in which it measures before one chooses

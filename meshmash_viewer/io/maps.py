@@ -12,14 +12,14 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.condensed import holds, labelled_domains
-from meshmash_viewer.io.formats.freesurfer import (
+from meshmash_viewer.io.formats.brain import (
     freesurfer_annotation,
     freesurfer_kind,
     freesurfer_label,
     freesurfer_values,
+    gifti_maps,
     mgh_maps,
 )
-from meshmash_viewer.io.formats.gifti import gifti_maps
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npy_maps, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.guarded import LimitExceeded, read_guarded

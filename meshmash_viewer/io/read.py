@@ -16,13 +16,13 @@ import numpy as np
 from meshmash_viewer.arrays import distinct_corners, scaled_vertices
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
-from meshmash_viewer.io.formats.draco import is_draco, read_draco
-from meshmash_viewer.io.formats.freesurfer import (
+from meshmash_viewer.io.formats.brain import (
     FREESURFER_ENDINGS,
     freesurfer_kind,
     read_freesurfer,
+    read_gifti,
 )
-from meshmash_viewer.io.formats.gifti import read_gifti
+from meshmash_viewer.io.formats.draco import is_draco, read_draco
 from meshmash_viewer.io.formats.gltf import gltf_limits, read_gltf
 from meshmash_viewer.io.formats.meshparty import read_meshparty
 from meshmash_viewer.io.formats.npz import npz_limits, read_npz
