@@ -92,4 +92,4 @@ def own_cache(caches: Iterator[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read in this process what is read in one of its own, which takes half a second to start."""
-    monkeypatch.setattr("meshmash_viewer.io.guarded._watched", True)
+    monkeypatch.setattr("meshmash_viewer.io.raw._watched", True)

@@ -102,7 +102,7 @@ def test_a_plug_in_reads_computes_and_writes(good: Path, tmp_path: Path) -> None
 
 def test_a_plug_in_is_read_in_a_process_of_its_own_too(good: Path, tmp_path: Path) -> None:
     write_asc(tmp_path / "ball.asc", shapes.icosphere(1))
-    code = "import sys; from pathlib import Path; from meshmash_viewer.io.guarded import *\n"
+    code = "import sys; from pathlib import Path; from meshmash_viewer.io.raw import *\n"
     code += "from meshmash_viewer.io.read import READERS\n"
     code += "raw = read_guarded(READERS['.asc'], Path('ball.asc'))\nprint(len(raw.faces), raw.unit)"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(good), str(ROOT)])}

@@ -22,8 +22,7 @@ from meshmash_viewer.io.formats.brain import (
 )
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npy_maps, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
-from meshmash_viewer.io.guarded import LimitExceeded, read_guarded
-from meshmash_viewer.io.raw import RawMap, checked_maps
+from meshmash_viewer.io.raw import LimitExceeded, RawMap, checked_maps, read_guarded
 from meshmash_viewer.io.read import READERS, Reader, check_file
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.vertex_map import VertexMap, named_apart

@@ -28,9 +28,16 @@ from meshmash_viewer.io.formats.meshparty import read_meshparty
 from meshmash_viewer.io.formats.npz import npz_limits, read_npz
 from meshmash_viewer.io.formats.polygons import read_obj, read_off, read_ply, read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
-from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
 from meshmash_viewer.io.links import LINK_ENDING, MeshLink, is_link, parse_link, read_link
-from meshmash_viewer.io.raw import RawMesh, checked_maps, read_raw
+from meshmash_viewer.io.raw import (
+    LimitExceeded,
+    RawMesh,
+    ReadLimits,
+    checked_maps,
+    read_guarded,
+    read_raw,
+    unreadable,
+)
 from meshmash_viewer.io.segments import SegmentFault, read_linked, read_segment
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins

@@ -17,15 +17,15 @@ from urllib.parse import urlsplit
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
-from meshmash_viewer.io.guarded import (
+from meshmash_viewer.io.links import MeshLink, read_link
+from meshmash_viewer.io.raw import (
     RAISE_LIMITS,
     LimitExceeded,
+    RawMesh,
     ReadLimits,
     is_child,
     limit_factor,
 )
-from meshmash_viewer.io.links import MeshLink, read_link
-from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
 from meshmash_viewer.units import counted
 from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child

@@ -14,7 +14,7 @@ from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats import vtk
 from meshmash_viewer.io.formats.npz import npz_limits
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk
-from meshmash_viewer.io.guarded import ReadLimits, convert, read_guarded
+from meshmash_viewer.io.raw import ReadLimits, convert, read_guarded
 from meshmash_viewer.io.read import read_mesh
 
 VERTICES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

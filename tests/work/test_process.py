@@ -21,8 +21,7 @@ from tiers import slow
 
 from meshmash_viewer import work as process
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
-from meshmash_viewer.io.raw import RawMesh
+from meshmash_viewer.io.raw import LimitExceeded, RawMesh, ReadLimits, read_guarded
 from meshmash_viewer.model import worker
 from meshmash_viewer.work import ProcessTree, call_in_child, end_group, start_child
 

@@ -14,9 +14,8 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats.gltf_file import DRACO, INSTANCING, Entry, GltfFile, scaled
-from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.joining import join_vertices
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, ReadLimits
 from meshmash_viewer.triangulation import fan_triangles, strip_triangles
 from meshmash_viewer.units import counted
 

@@ -13,12 +13,12 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.condensed import DOMAINS, condensed_columns
-from meshmash_viewer.io.guarded import ReadLimits
 from meshmash_viewer.io.provenance import second_file, stated_columns, stated_mesh
 from meshmash_viewer.io.raw import (
     MOST_MAPS,
     RawMap,
     RawMesh,
+    ReadLimits,
     are_ascending_indices,
     maps_alone,
     maps_of_columns,
