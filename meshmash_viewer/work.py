@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar, cast
 
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
+from meshmash_viewer.spectral.engine.compiler import limit_accelerate
 
 if TYPE_CHECKING:
     import psutil

@@ -31,7 +31,7 @@ import shapes
 from test_blas_threads import blas_threads, in_thread
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
+from meshmash_viewer.spectral.engine.compiler import one_blas_thread
 solve(*cotangent_laplacian(shapes.icosphere(1)), 5)  # loads BLAS
 entered, first_gone = threading.Event(), threading.Event()
 def second():

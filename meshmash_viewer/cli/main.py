@@ -24,8 +24,7 @@ from meshmash_viewer.cli.parser import COMMANDS, parsed_command, window_parser
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
-from meshmash_viewer.spectral.engine.compiler import check_compiler
+from meshmash_viewer.spectral.engine.compiler import check_compiler, limit_accelerate
 from meshmash_viewer.work import closed_pipe_errors
 
 _INTERRUPTED = 130

@@ -15,7 +15,7 @@ import numpy as np
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.cost import slice_sizes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
+from meshmash_viewer.spectral.engine.compiler import one_blas_thread
 from meshmash_viewer.spectral.engine.computation import Computation
 from meshmash_viewer.spectral.engine.output import Output
 from meshmash_viewer.spectral.engine.pace import Pace
