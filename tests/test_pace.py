@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 import meshmash_viewer as mv
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.spectral.engine.pace import Pace
+from meshmash_viewer.spectral.engine.output import Pace
 
 
 def test_the_reported_share_only_grows_and_ends_at_one_with_nothing_left() -> None:

@@ -172,7 +172,7 @@ def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
     return RawMesh(mesh.vertices, mesh.faces, mesh.unit or None, maps, structure=mesh.structure)
 
 
-# -- reading under limits ---------------------------------------------------------------------------
+# -- reading under limits ------------------------------------------------------------------------
 
 #: Environment variable whose value multiplies all limits.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"

@@ -36,8 +36,7 @@ from meshmash_viewer.spectral.engine.lanczos import (
     run_slices,
 )
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
-from meshmash_viewer.spectral.engine.output import Output
-from meshmash_viewer.spectral.engine.pace import Pace
+from meshmash_viewer.spectral.engine.output import Output, Pace
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.refinement import measure_pairs

@@ -17,8 +17,7 @@ from meshmash_viewer.spectral.cost import slice_sizes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.compiler import one_blas_thread
 from meshmash_viewer.spectral.engine.computation import Computation
-from meshmash_viewer.spectral.engine.output import Output
-from meshmash_viewer.spectral.engine.pace import Pace
+from meshmash_viewer.spectral.engine.output import Output, Pace
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.request import Request
 
