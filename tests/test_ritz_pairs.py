@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_eigensolver import torus
 
+from meshmash_viewer.spectral.engine.basis import orthonormalise, subtract
 from meshmash_viewer.spectral.engine.factorization import order_pencil
-from meshmash_viewer.spectral.engine.orthogonality import orthonormalise, subtract
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.refinement import measure_pairs, rotate_to_pairs
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
+from meshmash_viewer.spectral.engine.basis import orthonormalise
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
 

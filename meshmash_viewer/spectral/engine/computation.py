@@ -21,6 +21,7 @@ from meshmash_viewer.spectral.cost import (
     worker_count,
 )
 from meshmash_viewer.spectral.engine.arnoldi import pairs_around
+from meshmash_viewer.spectral.engine.basis import orthonormalise
 from meshmash_viewer.spectral.engine.dense import DenseSpectrum, dense_residuals
 from meshmash_viewer.spectral.engine.factorization import (
     FactorizationError,
@@ -35,7 +36,6 @@ from meshmash_viewer.spectral.engine.lanczos import (
     find_pairs,
     run_slices,
 )
-from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.output import Output, Pace
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan

@@ -17,12 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
-from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
-from meshmash_viewer.spectral.engine.orthogonality import (
+from meshmash_viewer.spectral.engine.basis import (
+    BLOCK,
+    KrylovBasis,
     orthonormalise,
     project_out,
 )
+from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.refinement import refine_pairs, rotate_to_pairs
 
 #: Slope and intercept of the usual basis size at convergence, as a function of the pairs.

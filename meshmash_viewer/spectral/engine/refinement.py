@@ -6,14 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, blocks
-from meshmash_viewer.spectral.engine.basis import BLOCK
-from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
-from meshmash_viewer.spectral.engine.orthogonality import (
+from meshmash_viewer.spectral.engine.basis import (
+    BLOCK,
     independent_gram,
     multiply_in_place,
     orthonormalise,
     project_out,
 )
+from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 
 #: Residuals above this multiple of the tolerance are refined.
 _COARSE = 8.0
