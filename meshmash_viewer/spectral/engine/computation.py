@@ -28,7 +28,6 @@ from meshmash_viewer.spectral.engine.factorization import (
     OrderedPencil,
     order_pencil,
 )
-from meshmash_viewer.spectral.engine.known import KnownPairs
 from meshmash_viewer.spectral.engine.lanczos import (
     Found,
     Interval,
@@ -38,7 +37,7 @@ from meshmash_viewer.spectral.engine.lanczos import (
 )
 from meshmash_viewer.spectral.engine.output import Output, Pace
 from meshmash_viewer.spectral.engine.pencil import Pencil
-from meshmash_viewer.spectral.engine.plan import SpectrumPlan
+from meshmash_viewer.spectral.engine.plan import KnownPairs, SpectrumPlan
 from meshmash_viewer.spectral.engine.refinement import measure_pairs
 from meshmash_viewer.spectral.engine.request import Request
 
