@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray, IntArray, first_equal
+from meshmash_viewer.arrays import FileNumbering, FloatArray, IntArray, first_equal
 from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.surface.edges import edges_of, join_seams, side_codes, winding_of
 from meshmash_viewer.vertex_map import VertexMap
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import (
+    FileNumbering,
     IntArray,
     check_size,
     checked_faces,
@@ -19,7 +20,6 @@ from meshmash_viewer.arrays import (
     scaled_vertices,
 )
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.triangles import Triangles
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import (
