@@ -11,7 +11,7 @@ from typing import Any
 from PySide6.QtCore import QByteArray, QSettings
 
 from meshmash_viewer.app.theme import Mode
-from meshmash_viewer.folders import session_folder
+from meshmash_viewer.io.atomic import session_folder
 
 _RECENT_KEPT = 10
 

@@ -1,7 +1,8 @@
-"""Atomic writing of files, and temporary folders that are removed after a killed process.
+"""Atomic writing of files, temporary folders, and the user's folders.
 
 On Windows another program, such as a virus scanner or a file indexer, may prevent for a moment that
 a file is replaced or deleted; a program that has the file mapped prevents it until it is unmapped.
+Temporary folders of killed processes are removed later.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import platform
 import re
 import shutil
 import sys
+import sysconfig
 import tempfile
 import time
 import uuid
@@ -222,3 +224,54 @@ def writing_errors(path: Path, *, is_folder: bool = False) -> Iterator[None]:
             f"{path} cannot be written ({fault.strerror or fault}); choose another folder, free"
             " the disk, give yourself permission or close the program that has the file open."
         ) from fault
+
+
+# -- folders of the user -------------------------------------------------------------------------
+
+#: Environment variable that names one folder for all, on every operating system.
+CACHE_VARIABLE = "MESHMASH_CACHE"
+
+
+def cache_folder() -> Path:
+    """Return the folder in `CACHE_VARIABLE`, or else the cache folder of the operating system."""
+    import platformdirs
+
+    return _named() or Path(platformdirs.user_cache_dir("meshmash-viewer", appauthor=False))
+
+
+def session_folder() -> Path:
+    """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
+    import platformdirs
+
+    named = _named()
+    if named is not None:
+        return named / "sessions"
+    return Path(platformdirs.user_data_dir("meshmash-viewer", appauthor=False)) / "sessions"
+
+
+def link_folder() -> Path:
+    """Return the folder of links to meshes, next to that of the sessions."""
+    return session_folder().parent / "links"
+
+
+def log_folder() -> Path:
+    """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
+    import platformdirs
+
+    named = _named()
+    if named is not None:
+        return named / "log"
+    return Path(platformdirs.user_log_path("meshmash-viewer", appauthor=False))
+
+
+def page_file(name: str) -> Path | None:
+    """Return a page on an algorithm, of the checkout or installed with the package; else None."""
+    checkout = Path(__file__).parents[2] / "docs" / "algorithms"
+    installed = Path(sysconfig.get_path("data"), "share", "doc", "meshmash-viewer")
+    files = (folder / f"{name}.md" for folder in (checkout, installed))
+    return next((file for file in files if file.is_file()), None)
+
+
+def _named() -> Path | None:
+    text = os.environ.get(CACHE_VARIABLE, "").strip()
+    return Path(text).expanduser().absolute() if text else None

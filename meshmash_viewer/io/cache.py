@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.folders import cache_folder
-from meshmash_viewer.io.atomic import LEFT_OVER, discard, written_whole
+from meshmash_viewer.io.atomic import LEFT_OVER, cache_folder, discard, written_whole
 from meshmash_viewer.spectral.certificate import Certificate
 
 if sys.platform == "win32":

@@ -14,8 +14,7 @@ from typing import Any, TypeGuard
 from urllib.parse import unquote
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.folders import link_folder
-from meshmash_viewer.io.atomic import made_folder, writing_errors
+from meshmash_viewer.io.atomic import link_folder, made_folder, writing_errors
 
 #: Ending of a file that holds the text of one `MeshLink`.
 LINK_ENDING = ".meshlink"

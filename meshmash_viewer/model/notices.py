@@ -16,7 +16,7 @@ from importlib import metadata
 from psygnal import EmitLoopError, Signal
 
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
-from meshmash_viewer.folders import log_folder
+from meshmash_viewer.io.atomic import log_folder
 
 
 class Severity(StrEnum):

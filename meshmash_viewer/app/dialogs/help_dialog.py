@@ -54,7 +54,7 @@ from meshmash_viewer.app.actions import (
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_events import scroll_area
 from meshmash_viewer.app.controls.make import column
-from meshmash_viewer.folders import page_file
+from meshmash_viewer.io.atomic import page_file
 from meshmash_viewer.model.notices import versions
 
 #: Column of what commands do, and the pixels at its sides that are not for text.
