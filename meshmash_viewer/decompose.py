@@ -30,7 +30,7 @@ from meshmash_viewer.features.filters import (
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, mask_text, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.spectral.checked_solve import check_bands, solve_and_warn
+from meshmash_viewer.spectral.eigensolver import check_bands, solve_and_warn
 from meshmash_viewer.units import whole_number
 
 __all__ = [

@@ -26,7 +26,7 @@ from meshmash_viewer.features import sums as feature_sums
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral import checked_solve
+from meshmash_viewer.spectral import eigensolver
 from meshmash_viewer.spectral.eigensolver import solve
 
 #: Of the neuron, per nm²: some 150 pairs lie below it.
@@ -502,7 +502,7 @@ def test_an_empty_sum_is_zero(sphere):
 @pytest.mark.slow
 def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
     expected = compute_geometry_vectors(neuron, THRESHOLD)
-    monkeypatch.setattr(checked_solve, "_MEMORY_SHARE", 0.0)
+    monkeypatch.setattr(eigensolver, "_MEMORY_SHARE", 0.0)
     kinds = []
     accumulate = feature_sums.accumulate_features
 
@@ -512,7 +512,7 @@ def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
 
     monkeypatch.setattr(feature_sums, "accumulate_features", watched)
     np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)
-    monkeypatch.setattr(checked_solve, "_MEMORY_SHARE", 0.5)
+    monkeypatch.setattr(eigensolver, "_MEMORY_SHARE", 0.5)
     np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)
     assert kinds == [np.memmap, np.ndarray]
 

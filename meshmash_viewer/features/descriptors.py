@@ -35,7 +35,7 @@ from meshmash_viewer.features.truncation import (
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, mask_text, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.spectral.checked_solve import (
+from meshmash_viewer.spectral.eigensolver import (
     DEFAULT_MAX_EIGENVALUE,
     check_bands,
     chosen_extent,

@@ -234,19 +234,12 @@ CACHE_VARIABLE = "MESHMASH_CACHE"
 
 def cache_folder() -> Path:
     """Return the folder in `CACHE_VARIABLE`, or else the cache folder of the operating system."""
-    import platformdirs
-
-    return _named() or Path(platformdirs.user_cache_dir("meshmash-viewer", appauthor=False))
+    return _folder("", "cache")
 
 
 def session_folder() -> Path:
     """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
-    import platformdirs
-
-    named = _named()
-    if named is not None:
-        return named / "sessions"
-    return Path(platformdirs.user_data_dir("meshmash-viewer", appauthor=False)) / "sessions"
+    return _folder("sessions", "data", "sessions")
 
 
 def link_folder() -> Path:
@@ -256,12 +249,17 @@ def link_folder() -> Path:
 
 def log_folder() -> Path:
     """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
+    return _folder("log", "log")
+
+
+def _folder(named: str, kind: str, below: str = "") -> Path:
+    text = os.environ.get(CACHE_VARIABLE, "").strip()
+    if text:
+        return Path(text).expanduser().absolute() / named
     import platformdirs
 
-    named = _named()
-    if named is not None:
-        return named / "log"
-    return Path(platformdirs.user_log_path("meshmash-viewer", appauthor=False))
+    found = getattr(platformdirs, f"user_{kind}_path")("meshmash-viewer", appauthor=False)
+    return Path(found) / below
 
 
 def page_file(name: str) -> Path | None:
@@ -270,8 +268,3 @@ def page_file(name: str) -> Path | None:
     installed = Path(sysconfig.get_path("data"), "share", "doc", "meshmash-viewer")
     files = (folder / f"{name}.md" for folder in (checkout, installed))
     return next((file for file in files if file.is_file()), None)
-
-
-def _named() -> Path | None:
-    text = os.environ.get(CACHE_VARIABLE, "").strip()
-    return Path(text).expanduser().absolute() if text else None
