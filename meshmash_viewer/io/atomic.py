@@ -258,8 +258,8 @@ def _folder(named: str, kind: str, below: str = "") -> Path:
         return Path(text).expanduser().absolute() / named
     import platformdirs
 
-    found = getattr(platformdirs, f"user_{kind}_path")("meshmash-viewer", appauthor=False)
-    return Path(found) / below
+    found = getattr(platformdirs, f"user_{kind}_dir")("meshmash-viewer", appauthor=False)
+    return Path(found, below)
 
 
 def page_file(name: str) -> Path | None:
