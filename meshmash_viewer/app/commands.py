@@ -13,9 +13,8 @@ from PySide6.QtWidgets import QMainWindow, QMessageBox
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
-from meshmash_viewer.app.background_io import BackgroundIO, say_saved
+from meshmash_viewer.app.background import BackgroundIO, say_saved
 from meshmash_viewer.app.controls.field_events import settle_typing
-from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.pin_commands import PinCommands
@@ -24,7 +23,7 @@ from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import request_of, step
-from meshmash_viewer.model.notices import Failure, Severity
+from meshmash_viewer.model.notices import Failure, Severity, notice_of
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral import cost
 from meshmash_viewer.vertex_map import VertexMap

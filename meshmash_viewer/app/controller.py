@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document

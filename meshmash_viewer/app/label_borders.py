@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from PySide6.QtCore import QObject
 
-from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.view.marks import BORDERS, GRAPH, Marks
 from meshmash_viewer.mesh import Mesh

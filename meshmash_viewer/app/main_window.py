@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement
-from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.background import BackgroundIO
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_events import FieldWheel, FocusKeys

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QFileDialog, QMainWindow
 
-from meshmash_viewer.app.background_io import say_saved
+from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.last_session import LastSession
 from meshmash_viewer.app.listening import follow, listen

@@ -11,7 +11,7 @@ import numpy as np
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QDialog, QMainWindow
 
-from meshmash_viewer.app.background_io import BackgroundIO, say_saved
+from meshmash_viewer.app.background import BackgroundIO, say_saved
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError

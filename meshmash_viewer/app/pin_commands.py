@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QColorDialog, QFileDialog, QInputDialog, QMainWind
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
-from meshmash_viewer.app.background_io import BackgroundIO
+from meshmash_viewer.app.background import BackgroundIO
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.vertex_menu import VertexMenu

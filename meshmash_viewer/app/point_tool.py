@@ -12,8 +12,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog, QInputDialog, QLabel, QMainWindow
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background_io import BackgroundIO
-from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.background import BackgroundIO, LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.app.settings import Settings

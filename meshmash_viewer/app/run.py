@@ -1,4 +1,4 @@
-"""Opening the window: from the command line, or on a mesh in memory."""
+"""Opening the window, from the command line or on a mesh in memory, and what it fails by."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import platformdirs
-from PySide6.QtCore import QEvent, QEventLoop, QThread, QTimer
+from PySide6.QtCore import QEvent, QEventLoop, QObject, Qt, QThread, QTimer, Signal
 from PySide6.QtGui import QFileOpenEvent, QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication, QMessageBox
 
@@ -25,6 +28,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.screen import check_opengl, open_display
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.model.notices import Failure, Notice, failure_of, notice_of
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
@@ -40,6 +44,8 @@ _WIDGETS = (
     "meshmash_viewer.app.panels.profile_panel",
     "meshmash_viewer.app.panels.field_panel",
 )
+#: Seconds in which the same fault, as at every frame, is shown once.
+_ONCE = 2.0
 #: Bytes free on a disk that is not about to be full.
 _ROOM_FOR_SHADERS = 100e6
 #: Options of glibc, and bytes of a block that is large: more than a field of a million vertices,
@@ -124,7 +130,6 @@ def run_app(
     pulse.timeout.connect(lambda: None)
     pulse.start()
 
-    from meshmash_viewer.app.faults import FaultBoundary
     from meshmash_viewer.app.main_window import MainWindow
 
     window = MainWindow(fresh=fresh, deferred=True)
@@ -193,7 +198,6 @@ def view(
     application()
     check_opengl()
 
-    from meshmash_viewer.app.faults import FaultBoundary
     from meshmash_viewer.app.main_window import MainWindow
 
     window = MainWindow()
@@ -280,9 +284,6 @@ def load_libraries(window: MainWindow) -> None:
 
 def _say_missing(window: MainWindow, fault: Exception) -> None:
     """Say what is missing; meshes can neither be drawn nor computed without it."""
-    from meshmash_viewer.app.faults import notice_of
-    from meshmash_viewer.model.notices import Failure, failure_of
-
     failure = failure_of(fault, "Loading the render")
     if isinstance(fault, ImportError):
         text = f"The render cannot be loaded ({fault}): install what is missing, start again."
@@ -309,3 +310,49 @@ class Application(QApplication):
                 (active or windows)[-1].opening.open_path(Path(event.file()))
                 return True
         return super().event(event)
+
+
+class FaultBoundary(QObject):
+    """Replaces Python's hooks for uncaught exceptions while it is entered.
+
+    An exception in a slot, an event handler or a thread has no caller that catches it. It is
+    received here from any thread, and `notify` is called with a `Notice` in a later turn of the
+    event loop, as it may be raised while a widget is painted.
+    """
+
+    _caught = Signal(object)
+
+    def __init__(self, notify: Callable[[Notice], None]) -> None:
+        super().__init__()
+        self._notify = notify
+        self._said: dict[str, float] = {}
+        self._before: tuple[Any, ...] = ()
+        self._caught.connect(self._say, Qt.ConnectionType.QueuedConnection)
+
+    def __enter__(self) -> FaultBoundary:
+        self._before = sys.excepthook, sys.unraisablehook, threading.excepthook
+        sys.excepthook = self._take
+        sys.unraisablehook = lambda args: self._take(type(args.exc_value), args.exc_value, None)
+        threading.excepthook = lambda args: self._take(args.exc_type, args.exc_value, None)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        sys.excepthook, sys.unraisablehook, threading.excepthook = self._before
+
+    def _take(self, kind: object, fault: BaseException | None, trace: TracebackType | None) -> None:
+        if fault is None or isinstance(fault, SystemExit):
+            return
+        if isinstance(fault, KeyboardInterrupt):
+            self._before[0](type(fault), fault, trace)
+            return
+        # Python keeps the last exception for a debugger, with all objects in its frames
+        sys.last_value = sys.last_traceback = None
+        self._caught.emit(failure_of(fault))
+
+    def _say(self, failure: Failure) -> None:
+        now = time.monotonic()
+        if now - self._said.get(failure.text, -_ONCE) < _ONCE:
+            return
+        self._said = {text: at for text, at in self._said.items() if now - at < _ONCE}
+        self._said[failure.text] = now
+        self._notify(notice_of(failure))

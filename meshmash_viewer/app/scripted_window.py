@@ -15,7 +15,7 @@ from meshmash_viewer.io.pins import pin_table
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.background_io import BackgroundIO
+    from meshmash_viewer.app.background import BackgroundIO
     from meshmash_viewer.app.commands import Commands
     from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.opening import Opening
@@ -44,7 +44,7 @@ class ScriptedWindow(QMainWindow):
         return self.scene.plotter
 
     def to_pyvista(self) -> Any:
-        """The mesh with the displayed field (`app.view.scene.displayed_surface`)."""
+        """The mesh with the displayed field (`app.view.picture.displayed_surface`)."""
         from meshmash_viewer.app.view.picture import displayed_surface
 
         return displayed_surface(self.scene.renderer)

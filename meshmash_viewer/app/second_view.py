@@ -10,12 +10,10 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QToolButton, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background_io import SHOW_IN_FOLDER, BackgroundIO
+from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, LatestThread
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.make import column
-from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
 from meshmash_viewer.app.stage import HeadLabel, render_head
 from meshmash_viewer.app.tasks import Tasks
@@ -25,7 +23,7 @@ from meshmash_viewer.features.comparison import Comparison
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, step
 from meshmash_viewer.model.limits import Limits
-from meshmash_viewer.model.notices import Notice, failure_of
+from meshmash_viewer.model.notices import Notice, failure_of, notice_of
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
 from meshmash_viewer.units import format_share
 

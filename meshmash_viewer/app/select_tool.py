@@ -12,7 +12,7 @@ import numpy as np
 from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
 
 from meshmash_viewer.app.actions import SELECT_MODES
-from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.view.camera import drawn_points, geometry_of
 from meshmash_viewer.features.shape import Reconstruction

@@ -6,8 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from meshmash_viewer.app.background_io import saved_notice
-from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.background import saved_notice
 from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.view.camera import geometry_of
 from meshmash_viewer.model.classes import ClassesJob, Classified
@@ -15,7 +14,7 @@ from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob, PinExportJob
 from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob, RegionsJob
-from meshmash_viewer.model.notices import Failure, Notice, Severity
+from meshmash_viewer.model.notices import Failure, Notice, Severity, notice_of
 from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.worker import Worker

@@ -123,6 +123,12 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
     return Failure(f"{what} ({named}){remedy}.", details)
 
 
+def notice_of(failure: Failure) -> Notice:
+    """Return the notice of a failure; its details include versions for a bug report."""
+    details = f"{failure.details}\n{versions()}" if failure.details else ""
+    return Notice(failure.text, Severity.ERROR, details)
+
+
 #: Packages whose versions a report lists.
 PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PySide6-Essentials")
 

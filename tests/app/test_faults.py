@@ -24,8 +24,8 @@ from pytestqt.qtbot import QtBot
 import meshmash_viewer
 from meshmash_viewer.app import run
 from meshmash_viewer.app.dialogs.series import Run, SeriesPainter
-from meshmash_viewer.app.faults import FaultBoundary
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import FaultBoundary
 from meshmash_viewer.app.view import mesh_view
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.app.view.series import Shot

@@ -14,10 +14,10 @@ from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPixmap, QResizeEven
 from PySide6.QtWidgets import QLabel, QLayout, QSizePolicy, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, grid, row, show_quietly
 from meshmash_viewer.app.dialogs.files import FormatDialog
-from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.view.figure import (
     FigureOptions,
     Frame,

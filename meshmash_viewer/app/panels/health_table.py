@@ -11,10 +11,10 @@ from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
 from PySide6.QtWidgets import QLabel, QLayout, QPushButton, QScrollArea, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.field_events import scroll_area
 from meshmash_viewer.app.controls.make import column, grid, note, row, show_note
-from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.fault_places import FaultPlaces, fault_places, repair_effect
 from meshmash_viewer.health import REPAIRS, Health

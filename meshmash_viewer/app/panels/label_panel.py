@@ -12,10 +12,10 @@ from PySide6.QtGui import QCloseEvent, QColor
 from PySide6.QtWidgets import QColorDialog, QMenu, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import PANEL, column, note, row, show_note, show_quietly
 from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
-from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.class_section import ClassSection
 from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label

@@ -12,9 +12,9 @@ from PySide6.QtGui import QCloseEvent, QResizeEvent
 from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
-from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.pin_list import MOST_SHOWN, PinLegend, PinTable
 from meshmash_viewer.app.plots.panel import PlotPanel, PlotSaver

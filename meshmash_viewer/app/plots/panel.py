@@ -27,7 +27,7 @@ from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGraphicsItem, QLabel, QMenu, QSizePolicy, QStackedLayout, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background_io import say_saved
+from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, row
 from meshmash_viewer.app.dialogs.files import FormatDialog

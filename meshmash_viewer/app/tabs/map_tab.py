@@ -9,7 +9,7 @@ from PySide6.QtCore import QPoint, QSignalBlocker, Qt
 from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QMenu, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background_io import say_saved
+from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import Facts, column, note, row, show_note, show_quietly
 from meshmash_viewer.app.dialogs.files import ask_for_maps

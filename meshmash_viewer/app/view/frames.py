@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import hasten
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.render_widget import RenderWidget

@@ -12,7 +12,7 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from scipy.spatial.transform import Rotation
 
-from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins, title_size
 from meshmash_viewer.app.view.camera import View, view_axes
 from meshmash_viewer.app.view.frames import Frames
