@@ -40,12 +40,12 @@ from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.panels.label_table import given_to_label
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
+from meshmash_viewer.app.pin_commands import close_menus
 from meshmash_viewer.app.scripted_window import ScriptedWindow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import DropAreas, Stage
 from meshmash_viewer.app.status_bar import HoverLabel, StatusProgress
 from meshmash_viewer.app.tasks import Tasks
-from meshmash_viewer.app.vertex_menu import close_menus
 from meshmash_viewer.io.links import is_link, link_file, name_and_place, parse_link, shown_path
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, step
@@ -341,6 +341,7 @@ class MainWindow(ScriptedWindow):
         second = self.opening.second_view
         self.select_tool.set_second(None if second is None else second.scene)
         if second is not None:
+            second.document.mesh_changed.connect(close_menus)
             second.scene.menu_requested.connect(
                 partial(self.commands.pins.show_second_menu, second)
             )

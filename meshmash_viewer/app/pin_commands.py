@@ -1,30 +1,38 @@
-"""Commands on pins: set, move, name, remove, import and export them, and their menus."""
+"""Commands on pins: set, move, name, remove, import and export them; menus of vertices."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QPoint
-from PySide6.QtGui import QColor, QCursor
-from PySide6.QtWidgets import QColorDialog, QFileDialog, QInputDialog, QMainWindow, QMenu
+from PySide6.QtGui import QColor, QCursor, QGuiApplication
+from PySide6.QtWidgets import (
+    QApplication,
+    QColorDialog,
+    QFileDialog,
+    QInputDialog,
+    QMainWindow,
+    QMenu,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.background import BackgroundIO
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.app.settings import Settings
-from meshmash_viewer.app.vertex_menu import VertexMenu
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.pins import PinTable, read_pins
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pins import PIN_COLORS, Pin, distinct_name, pin_at
 from meshmash_viewer.model.placing import PlacedPins, merged_pins, place_pins
-from meshmash_viewer.units import counted
+from meshmash_viewer.units import NO_VOXEL, counted, format_position, plain_text
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.controller import Controller
@@ -37,6 +45,8 @@ if TYPE_CHECKING:
 _ELSEWHERE = ("reset_camera", "copy_picture", "save_picture")
 _IN_LISTS = ("import_pins", "export_pins", "clear_pins")
 _TABLES = "Tables (*.csv *.tsv *.txt)"
+#: Significant digits of copied values.
+_DIGITS = 7
 
 
 class PinCommands:
@@ -255,7 +265,8 @@ class PinCommands:
             menu = theme.named(QMenu(self._window), "render_menu", "What can be done here")
             menu.addActions([self._actions[name] for name in elsewhere])
         else:
-            menu = VertexMenu(
+            menu = vertex_menu(
+                self._window,
                 mesh,
                 vertex,
                 pin_at(document.pins.placed, vertex),
@@ -265,7 +276,7 @@ class PinCommands:
                 rename=partial(self.ask_for_name, vertex),
                 recolor=partial(self.ask_for_color, vertex),
                 say=document.notices.say,
-            ).make(self._window)
+            )
         _open(menu, place)
 
     def show_list_menu(self, vertex: int, place: QPoint) -> None:
@@ -278,7 +289,8 @@ class PinCommands:
         if mesh is None or vertex < 0:
             return
         first = self._on_first(pin)
-        menu = VertexMenu(
+        menu = vertex_menu(
+            self._window,
             mesh,
             vertex,
             pin,
@@ -289,7 +301,7 @@ class PinCommands:
             recolor=partial(self.ask_for_color, first),
             say=self._document.notices.say,
         )
-        _open(menu.make(self._window), place)
+        _open(menu, place)
 
     def _on_first(self, pin: Pin | None) -> int:
         """Vertex of the first mesh with the pin of the same number; -1 for none."""
@@ -302,3 +314,64 @@ class PinCommands:
 def _open(menu: QMenu, place: QPoint) -> None:
     menu.aboutToHide.connect(menu.deleteLater)
     menu.popup(place)
+
+
+def close_menus() -> None:
+    """Close the open menus: their entries refer to a mesh that has been replaced."""
+    while isinstance(menu := QApplication.activePopupWidget(), QMenu):
+        menu.close()
+
+
+def vertex_menu(
+    parent: QWidget,
+    mesh: Mesh,
+    vertex: int,
+    pin: Pin | None,
+    field: Field | None,
+    *,
+    toggle: Callable[[], object],
+    centre: Callable[[], object],
+    rename: Callable[[], object],
+    recolor: Callable[[], object],
+    say: Callable[[str], object],
+) -> QMenu:
+    """Make the menu of a vertex, with its pin and the field that is shown, if there are any.
+
+    Its entries are named ``menu_<what it does>``; `say` shows a sentence.
+    """
+    menu = theme.named(QMenu(parent), "vertex_menu", "What can be done at this vertex")
+
+    def add(name: str, text: str, act: Callable[[], object]) -> None:
+        action = menu.addAction(text.replace("&", "&&"))
+        action.setObjectName(f"menu_{name}")
+        action.triggered.connect(lambda _checked=False: act())
+
+    def add_copy(name: str, text: str, content: str) -> None:
+        def copy() -> None:
+            QGuiApplication.clipboard().setText(content)
+            say(f"Copied: {content}")
+
+        add(f"copy_{name}", f"Copy {text}: {content}", copy)
+
+    title, place = mesh.named_vertex(vertex), mesh.vertices[vertex]
+    if pin is None:
+        menu.addAction(title.capitalize()).setEnabled(False)
+        menu.addSeparator()
+        add("pin", "Pin here", toggle)
+    else:
+        title = f"{pin.name or pin.title.capitalize()}, {title}"
+        menu.addAction(title).setEnabled(False)
+        menu.addSeparator()
+        add("unpin", f"Unpin {pin.title}", toggle)
+        add("rename", "Rename…", rename)
+        add("recolor", "Colour…", recolor)
+    add("centre", "Centre here", centre)
+    menu.addSeparator()
+    if field is not None and len(field.values) == mesh.n_vertices:
+        add_copy("value", "value", plain_text(field.value_text(vertex, _DIGITS)))
+    unit = f" in {mesh.unit}" if mesh.unit else ""
+    add_copy("coordinates", f"coordinates{unit}", format_position(place))
+    if mesh.voxel != NO_VOXEL:
+        add_copy("voxels", "coordinates in voxels", format_position(place / mesh.voxel))
+    add_copy("index", "index", str(mesh.file_index(vertex)))
+    return menu

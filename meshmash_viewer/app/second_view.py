@@ -17,7 +17,6 @@ from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.app.listening import follow, listen, stop_listening
 from meshmash_viewer.app.stage import HeadLabel, render_head
 from meshmash_viewer.app.tasks import Tasks
-from meshmash_viewer.app.vertex_menu import close_menus
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
 from meshmash_viewer.model.document import Document
@@ -80,7 +79,6 @@ class SecondView(QWidget):
         pair.comparison_requested.connect(self._thread.ask)
         self._first.link = self.controller.link = self
         listen(document.mesh_changed, self._turn_second)
-        document.mesh_changed.connect(close_menus)
         follow((document.work.changed, document.spectrum_changed, pair.changed), self._say_status)
         listen(pair.changed, self._draw)
         listen(pair.changed, self._follow_cameras)

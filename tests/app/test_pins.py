@@ -27,7 +27,7 @@ from shapes import icosphere
 
 from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog, nearest_vertex
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.vertex_menu import VertexMenu
+from meshmash_viewer.app.pin_commands import vertex_menu
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import pin_at
@@ -365,7 +365,7 @@ def test_coordinates_are_copied_in_voxels_as_well(qtbot: QtBot) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)
     for vertex in (7, 300):
-        menu = VertexMenu(mesh, vertex, None, None, **nothing, say=lambda _: None).make(parent)
+        menu = vertex_menu(parent, mesh, vertex, None, None, **nothing, say=lambda _: None)
         entries = {each.objectName(): each for each in menu.actions()}
         for name in ("menu_copy_voxels", "menu_copy_coordinates"):
             entries[name].trigger()
