@@ -78,7 +78,7 @@ def render(options: Namespace) -> int:
 
 
 def _write_render(mesh: Mesh, options: Namespace) -> Report:
-    from meshmash_viewer.app.view.picture import new_drawing, render_picture
+    from meshmash_viewer.app.view.picture import draw_picture, new_drawing
     from meshmash_viewer.app.view.series import compute_shot, shots_of
 
     report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output)}
@@ -120,6 +120,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
             "formula": field.formula,
         }
     shown |= {"title": mesh.name, "dark": options.dark}
+    drawing = new_drawing(mesh, values, **shown)
     if options.width_mm is not None or options.output.suffix.lower() != ".png":
         from meshmash_viewer.app.view.figure import FigureOptions, compose_figure, save_figure
 
@@ -129,10 +130,9 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
             font_points=options.font_size,
             background="transparent" if options.transparent else "white",
         )
-        save_figure(compose_figure([new_drawing(mesh, values, **shown)], figure), options.output)
+        save_figure(compose_figure([drawing], figure), options.output)
     else:
-        size, transparent = options.size, options.transparent
-        render_picture(mesh, values, options.output, size=size, transparent=transparent, **shown)
+        write_picture(options.output, draw_picture(drawing, options.size, options.transparent))
     reached = f": {reach(report, mesh)}" if "max_eigenvalue" in report else ""
     return report, f"{options.output}{reached}"
 

@@ -39,41 +39,6 @@ _DRIVER_TIMEOUT = 30.0
 _SAMPLES, _MAX_SAMPLES = 8, 1 << 28
 
 
-def render_picture(
-    mesh: Mesh,
-    values: npt.NDArray[np.floating] | None,
-    path: str | Path,
-    *,
-    size: tuple[int, int] = (1600, 1200),
-    colormap: ColorMap = "RdBu_r",
-    limits: Limits | tuple[float, float] | None = None,
-    title: str = "",
-    quantity: str = "",
-    unit: str = "",
-    formula: str = "",
-    transparent: bool = False,
-    dark: bool = False,
-) -> None:
-    """Draw a field on a mesh and write it as PNG; None draws the mesh without a field.
-
-    `values`, shape (n,), are NaN where there is none. An existing file is replaced once the new one
-    is complete. `size` is width and height in pixels, `colormap` the name of one of matplotlib's.
-    Limits are on a linear scale unless they say otherwise, and by default the smallest and the
-    largest value, or a range symmetric about zero if there are values of both signs. `title` and
-    `quantity` are the lines of the caption, `formula` says in small below the title what the values
-    are, `unit` is theirs; `transparent` draws no background.
-    """
-    drawing = new_drawing(
-        mesh, values, colormap=colormap, limits=limits, title=title, quantity=quantity, unit=unit,
-        formula=formula, dark=dark,
-    )  # fmt: skip
-    pixels = draw_picture(drawing, size, transparent)
-    # imported late: the writers load more than a picture on the screen needs
-    from meshmash_viewer.io.write import write_picture
-
-    write_picture(path, pixels)
-
-
 def new_drawing(
     mesh: Mesh,
     values: npt.NDArray[np.floating] | None,
@@ -86,7 +51,14 @@ def new_drawing(
     formula: str = "",
     dark: bool = False,
 ) -> MeshRenderer:
-    """Return the drawing of a field on a mesh; for the arguments see `render_picture`."""
+    """Return the drawing of a field on a mesh; None draws the mesh without a field.
+
+    `values`, shape (n,), are NaN where there is none; `colormap` is one of matplotlib's.
+    Limits are on a linear scale unless they say otherwise, and by default the smallest and the
+    largest value, or a range symmetric about zero if there are values of both signs. `title` and
+    `quantity` are the lines of the caption, `formula` says in small below the title what the values
+    are, `unit` is theirs.
+    """
     drawing = MeshRenderer(dark)
     drawing.set_mesh(mesh, mesh.vertex_normals)
     if values is not None:

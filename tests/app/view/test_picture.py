@@ -11,7 +11,7 @@ from PIL import Image
 
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
-from meshmash_viewer.app.view.picture import draw_picture, new_drawing, render_picture
+from meshmash_viewer.app.view.picture import draw_picture, new_drawing
 from meshmash_viewer.mesh import Mesh
 
 pytestmark = pytest.mark.pixels
@@ -25,11 +25,9 @@ def drawn(mesh: Mesh, values: np.ndarray | None, **options: object) -> np.ndarra
     return draw_picture(drawing, (400, 300), **options)
 
 
-def test_size_and_opacity(sphere: Mesh, tmp_path: Path) -> None:
-    path = tmp_path / "ball.png"
-    render_picture(sphere, sphere.vertices[:, 2], path, size=(321, 234), title="Height", unit="nm")
-    with Image.open(path) as image:
-        picture = np.asarray(image.convert("RGBA"))
+def test_size_and_opacity(sphere: Mesh) -> None:
+    drawing = new_drawing(sphere, sphere.vertices[:, 2], title="Height", unit="nm")
+    picture = draw_picture(drawing, (321, 234))
     assert picture.shape == (234, 321, 4)
     assert (picture[..., 3] == 255).all()
     assert picture[..., :3].std() > 5.0
@@ -67,30 +65,29 @@ def test_far_from_the_origin_it_looks_the_same(sphere: Mesh) -> None:
     assert np.abs(near.astype(int) - far.astype(int)).mean() < 0.5
 
 
-def test_limits_of_a_constant_field_are_opened(sphere: Mesh, tmp_path: Path) -> None:
-    path = tmp_path / "flat.png"
-    flat = np.ones(sphere.n_vertices)
-    render_picture(sphere, flat, path, size=(200, 150), limits=(1.0, 1.0))
-    render_picture(sphere, np.full(sphere.n_vertices, np.nan), path, size=(200, 150))
-    assert path.stat().st_size > 500
+def test_limits_of_a_constant_field_are_opened(sphere: Mesh) -> None:
+    for value, limits in ((1.0, (1.0, 1.0)), (np.nan, None)):
+        drawing = new_drawing(sphere, np.full(sphere.n_vertices, value), limits=limits)
+        assert drawing.caption.low < drawing.caption.high
+        assert draw_picture(drawing, (200, 150))[..., :3].std() > 5.0
 
 
-def test_wrong_fields_and_colour_maps_are_refused(sphere: Mesh, tmp_path: Path) -> None:
+def test_wrong_fields_and_colour_maps_are_refused(sphere: Mesh) -> None:
     with pytest.raises(ValueError, match="does not fit a mesh"):
-        render_picture(sphere, np.ones(3), tmp_path / "no.png")
+        new_drawing(sphere, np.ones(3))
     with pytest.raises(ValueError, match="colour map"):
-        render_picture(sphere, sphere.vertices[:, 0], tmp_path / "no.png", colormap="mauve")
-    assert not list(tmp_path.iterdir())
+        new_drawing(sphere, sphere.vertices[:, 0], colormap="mauve")
 
 
 SCRIPT = """
 import sys
 import numpy as np
-from meshmash_viewer.app.view.picture import render_picture
+from meshmash_viewer.app.view.picture import draw_picture, new_drawing
+from meshmash_viewer.io.write import write_picture
 from meshmash_viewer.mesh import Mesh
 corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 mesh = Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
-render_picture(mesh, corners[:, 0], sys.argv[1], size=(200, 150))
+write_picture(sys.argv[1], draw_picture(new_drawing(mesh, corners[:, 0]), (200, 150)))
 assert not [name for name in sys.modules if name.startswith("PySide6")]
 """
 

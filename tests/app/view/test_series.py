@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import gc
 import weakref
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapes
 from closed_form import A, B, rectangle_spectrum
-from PIL import Image
 
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
-from meshmash_viewer.app.view.picture import render_picture, straight
+from meshmash_viewer.app.view.picture import draw_picture, new_drawing, straight
 from meshmash_viewer.app.view.series import (
     Shot,
     compute_shot,
@@ -54,7 +52,7 @@ def drawing_of(mesh: Mesh) -> MeshRenderer:
 
 
 @pytest.mark.slow
-def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Path) -> None:
+def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh) -> None:
     shots = eigenfunctions(plate, range(1, 30, 7))
     series = draw_series(drawing_of(plate), SIZE, shots, Display())
     found = [straight(picture) for picture in series]
@@ -63,17 +61,14 @@ def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Pa
         assert shot.request is not None
         spectrum, family = shot.request.spectrum, shot.request.family
         described = shot.request.description
-        render_picture(
+        drawing = new_drawing(
             plate,
             np.asarray(spectrum.rows[family.index]),
-            tmp_path / "one.png",
-            size=SIZE,
             title=described.title,
             quantity=described.quantity,
             unit=described.unit("nm"),
         )
-        with Image.open(tmp_path / "one.png") as image:
-            alone = np.asarray(image.convert("RGBA")).astype(int)
+        alone = draw_picture(drawing, SIZE).astype(int)
         assert np.abs(alone - picture).mean() < 0.5
     assert np.abs(found[0].astype(int) - found[1]).mean() > 5.0
 
