@@ -323,7 +323,6 @@ class Actions:
                 self._actions[each.name].setEnabled(each.needs in there)
 
     def refresh_icons(self) -> None:
-        """Draw the icons again, in the colours of the theme."""
         for each in COMMANDS:
             if each.icon:
                 self._actions[each.name].setIcon(icons.icon(each.icon))
@@ -348,7 +347,6 @@ class Actions:
         return menus
 
     def fill_toolbar(self, toolbar: QToolBar) -> None:
-        """Add the commands of the toolbar."""
         for each in COMMANDS:
             if each.toolbar:
                 if each.separated and toolbar.actions():

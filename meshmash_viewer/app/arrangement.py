@@ -105,7 +105,6 @@ class Arrangement:
         self._first = window.saveState(_VERSION)
 
     def put(self, name: str, panel: QWidget) -> None:
-        """Put a panel into its dock."""
         panel.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         if name == "field":
             panel.setMinimumWidth(_FIELD_WIDTH)
@@ -117,7 +116,6 @@ class Arrangement:
         placeholder.deleteLater()
 
     def reset(self) -> None:
-        """Restore the default layout."""
         self._window.restoreState(self._first, _VERSION)
         # toolbars that were added after that state would be on the line of the first one
         directly = Qt.FindChildOption.FindDirectChildrenOnly
@@ -202,11 +200,9 @@ class Arrangement:
         dock.widget().setEnabled(shown)
 
     def save(self) -> tuple[QByteArray, QByteArray]:
-        """Return geometry and state, to be stored."""
         return self._window.saveGeometry(), self._window.saveState(_VERSION)
 
     def restore(self, layout: tuple[QByteArray, QByteArray]) -> None:
-        """Restore stored geometry and state."""
         self._window.restoreGeometry(layout[0])
         self._window.restoreState(layout[1], _VERSION)
         aside = self._window.tabifiedDockWidgets(self.docks["field"])

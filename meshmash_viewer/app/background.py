@@ -189,7 +189,6 @@ class BackgroundIO(QObject):
 
     @property
     def idle(self) -> bool:
-        """Whether no task is running or waiting."""
         return self._waiting == 0
 
     def run(self, doing: str, work: Callable[[], Result], then: Callable[[Result], object]) -> None:

@@ -107,7 +107,6 @@ class Commands:
             self._document.selection.clear()
 
     def step(self, steps: int) -> None:
-        """Show the field that is so many columns or positions on."""
         step(self._document, steps)
 
     def _do(self, command: Command, checked: bool) -> None:
@@ -126,7 +125,6 @@ class Commands:
             self._arrangement.show_field()
 
     def method(self, name: str) -> Callable[..., object]:
-        """Return the method of a command."""
         tools = self.select_tool, self.point_tool, self.cutting
         owners = (self, *tools, self._opening, self.pictures, self.pins, self._document)
         return self._calls.get(name) or next(
@@ -194,11 +192,9 @@ class Commands:
     # -- taking away --------------------------------------------------------------------------
 
     def export(self) -> None:
-        """Ask for the export options, and start the export."""
         self._export(self._document, self._opening.controller)
 
     def export_second(self) -> None:
-        """Do the same for the second mesh."""
         if (second := self._opening.second_view) is not None:
             self._export(second.document, second.controller)
 
@@ -219,14 +215,12 @@ class Commands:
         document.work.request(job)
 
     def compute_in_pieces(self) -> None:
-        """Ask for feature, pieces and file, and start the computation."""
         from meshmash_viewer.app.dialogs.export_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
         ask(dialog, lambda: self._document.work.request(dialog.job()))
 
     def save_shape(self, path: Path) -> None:
-        """Save the displayed shape as a mesh."""
         from meshmash_viewer.app.shape_source import shape_writer
 
         if self._document.spectrum is None:  # another mesh was opened meanwhile
@@ -242,7 +236,6 @@ class Commands:
             pair.keep(controller.field)
 
     def save_match(self, path: Path) -> None:
-        """Save the match of the vertices of both meshes."""
         if (pair := self._opening.pair) is not None:
             self.write(path, lambda: pair.write_match(path), "Match")
 
@@ -254,11 +247,9 @@ class Commands:
         )
 
     def say_failed(self, failure: Failure) -> None:
-        """Show why something is not available."""
         self._document.notices.show(notice_of(failure))
 
     def copy_script(self) -> None:
-        """Copy a script that reproduces the display to the clipboard."""
         script = reproduction_script(self._document, self._opening.pair, self._exported)
         QGuiApplication.clipboard().setText(script)
         text = "Copied a Python script that makes what is on screen again"
@@ -267,7 +258,6 @@ class Commands:
         self._document.notices.say(f"{text}.")
 
     def clear_cache(self) -> None:
-        """Delete the stored eigenpairs, after a question."""
         from meshmash_viewer.io.cache import EigenpairCache
 
         cache = EigenpairCache()
@@ -285,7 +275,6 @@ class Commands:
     # -- looking ------------------------------------------------------------------------------
 
     def reset_camera(self) -> None:
-        """Show the whole mesh."""
         assert self.scene is not None
         self.scene.reset_camera()
 
@@ -295,31 +284,26 @@ class Commands:
         self.scene.look_from(name)
 
     def choose_theme(self, mode: theme.Mode) -> None:
-        """Set and store the theme: light, dark, or that of the system."""
         self._settings.theme = mode
         theme.set_mode(mode)
         self.refresh()  # a checked theme cannot be unchecked
 
     def full_screen(self, on: bool) -> None:
-        """Toggle full screen."""
         (self._window.showFullScreen if on else self._window.showNormal)()
 
     # -- help ---------------------------------------------------------------------------------
 
     def help(self) -> None:
-        """Show the table of commands."""
         from meshmash_viewer.app.dialogs.help_dialog import HelpDialog
 
         ask(HelpDialog(self._window))
 
     def command_palette(self) -> None:
-        """Open the search box over commands and settings."""
         from meshmash_viewer.app.dialogs.help_dialog import CommandPalette
 
         CommandPalette(self._window, self._actions).show()
 
     def system_report(self) -> None:
-        """Copy the report of the machine, for a bug report, to the clipboard."""
         from meshmash_viewer.app.view.picture import graphics
         from meshmash_viewer.model.notices import system_report
 
@@ -328,7 +312,6 @@ class Commands:
         self._document.notices.say("System report copied: paste it where you report a fault.")
 
     def about(self) -> None:
-        """Show version, licence and methods."""
         from meshmash_viewer.app.dialogs.help_dialog import AboutDialog
 
         ask(AboutDialog(self._window))

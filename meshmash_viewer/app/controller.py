@@ -147,7 +147,6 @@ class Controller(QObject):
                 self._patience.start()
 
     def _accept(self, field: Field | None) -> None:
-        """Display a field, or none."""
         self.field, self.late = field, False
         self._patience.stop()
         self._view.set_awaited("")
@@ -208,7 +207,6 @@ class Controller(QObject):
     # -- tables -------------------------------------------------------------------------------
 
     def _prepare(self, request: FieldRequest, cancel: CancelCallback) -> None:
-        """Build the table of a family, in the thread."""
         self.live.prepare(request, cancel)
 
     def _improve(self, request: FieldRequest, fault: Exception | None) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal
 
@@ -35,12 +35,9 @@ _PAUSE = 300
 _KEPT = 200
 
 
-@dataclass(eq=False)
-class _Kept:
-    """The maps of a document that are in no other file, as they were written last."""
-
-    #: By the name of the file in which each of them is.
-    maps: dict[str, VertexMap] = field(default_factory=dict)
+#: The maps of a document that are in no other file, as they were written last, by the name of the
+#: file in which each of them is.
+_Kept: TypeAlias = dict[str, VertexMap]
 
 
 class LastSession(QObject):
@@ -65,9 +62,9 @@ class LastSession(QObject):
     ) -> None:
         super().__init__(parent)
         self._document, self._folder, self._look = document, folder, look
-        self._kept = _Kept()
+        self._kept: _Kept = {}
         self._second: Document | None = None
-        self._kept_of_second = _Kept()
+        self._kept_of_second: _Kept = {}
         #: The file of the second mesh, and its session as it was found or written last.
         self._known_of_second: tuple[Path, Session | None] = Path(), None
         self._pool = QThreadPool(self, maxThreadCount=1)
@@ -94,7 +91,7 @@ class LastSession(QObject):
     def watch(self, document: Document | None) -> None:
         """Save unit, repairs and kept maps of a second document, too, until it is closed (None)."""
         self._save_second()
-        self._second, self._kept_of_second = document, _Kept()
+        self._second, self._kept_of_second = document, {}
         self._known_of_second = Path(), None
         if document is not None:
             listen(document.mesh_changed, self._save_second)
@@ -119,7 +116,6 @@ class LastSession(QObject):
         self._document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
 
     def path(self, mesh_path: Path) -> Path:
-        """Return the file of the session of a mesh file."""
         key = hashlib.sha256(str(mesh_path.absolute()).encode()).hexdigest()[:20]
         return self._folder / f"{key}{SESSION_ENDING}"
 
@@ -136,7 +132,7 @@ class LastSession(QObject):
         if not camera:  # the render is still being loaded, and what was saved not yet restored
             return
         maps = self._new_maps(document, self._kept)
-        session = replace(session_of(document, camera, pair), kept_maps=list(self._kept.maps))
+        session = replace(session_of(document, camera, pair), kept_maps=list(self._kept))
         self._pool.start(lambda: self._write(path, session, maps))
 
     def close(self) -> None:
@@ -145,7 +141,6 @@ class LastSession(QObject):
         self._pool.waitForDone()
 
     def forget(self, mesh_path: Path) -> None:
-        """Delete the session of a mesh file."""
         self._timer.stop()
         self._waiting = False
         self._pool.waitForDone()
@@ -190,7 +185,7 @@ class LastSession(QObject):
             if stored.mesh == mesh.content_hash:
                 found.append(stored)
                 if session.parent == self._folder and len(stored.maps) == 1:
-                    kept.maps[file.name] = stored.maps[0]
+                    kept[file.name] = stored.maps[0]
         maps = [each for stored in found for each in stored.maps]
         document.maps.restore(mesh, maps, [name for stored in found for name in stored.edited])
         return len(maps)
@@ -209,7 +204,7 @@ class LastSession(QObject):
         now, maps = session_of(document, {}, None), self._new_maps(document, kept)
         if known is not None:
             now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
-        now = replace(now, kept_maps=list(kept.maps))
+        now = replace(now, kept_maps=list(kept))
         if now != known:
             self._known_of_second = document.path, now
             file = self.path(document.path)
@@ -222,18 +217,18 @@ class LastSession(QObject):
         maps: dict[str, VertexMap] = {}
         new: dict[str, KeptMaps] = {}
         for each in unsaved.maps:
-            written = (at for at, one in kept.maps.items() if at.startswith(key))
-            file = next((at for at in written if _is_same(kept.maps[at], each)), "")
+            written = (at for at in kept if at.startswith(key))
+            file = next((at for at in written if _is_same(kept[at], each)), "")
             if not file:  # another name, as the session before needs the files that it names
                 file = f"{key}.{time.time_ns():x}-{len(maps)}{KEPT_MAPS_ENDING}"
                 edited = [name for name in unsaved.edited if name == each.name]
                 new[file] = KeptMaps((each,), unsaved.mesh, edited)
             maps[file] = each
-        kept.maps = maps
+        kept.clear()
+        kept.update(maps)
         return new
 
     def _write(self, path: Path, session: Session, maps: dict[str, KeptMaps]) -> None:
-        """Write a session and new maps, in the thread."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             for name, each in maps.items():
@@ -245,7 +240,7 @@ class LastSession(QObject):
             self._failed.emit(str(fault))
 
     def _say_failed(self, fault: str) -> None:
-        self._kept, self._kept_of_second = _Kept(), _Kept()  # to be tried again
+        self._kept, self._kept_of_second = {}, {}  # to be tried again
         text = f"What you made could not be saved for the next time: {fault}"
         self._document.notices.say(text, Severity.WARNING)
 

@@ -326,7 +326,6 @@ class MainWindow(ScriptedWindow):
         later(self._clear_title)
 
     def _show_shape(self, drawn: DrawnShape) -> None:
-        """Draw the vertices at the computed positions."""
         document = self.document
         if document.is_shown(self.scene.mesh) and document.is_solved(drawn.spectrum.mesh):
             self.scene.set_shape(drawn.points, drawn.normals, rests=drawn.rests, text=drawn.text)
@@ -423,17 +422,14 @@ class MainWindow(ScriptedWindow):
         self.actions_.fit_toolbar(self.toolbar, self.width())
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        """Accept dragged files, and show what a drop does."""
         if self._show_drop(event):
             event.acceptProposedAction()
 
     def dragMoveEvent(self, event: QDragMoveEvent) -> None:
-        """Highlight the area under the pointer."""
         self.drop_areas.point_at(event.position().toPoint())
         event.acceptProposedAction()
 
     def dragLeaveEvent(self, event: QDragLeaveEvent) -> None:
-        """End a drag without a drop."""
         self.drop_areas.hide()
 
     def dropEvent(self, event: QDropEvent) -> None:

@@ -207,11 +207,9 @@ class Opening(QObject):
         return camera or {}, self.pair
 
     def add_map(self) -> None:
-        """Ask for files with values per vertex of the open mesh."""
         self._add_map(self._document)
 
     def add_map_to_second(self) -> None:
-        """Ask for files with values per vertex of the second mesh."""
         assert self.pair is not None
         self._add_map(self.pair.second)
 
@@ -224,7 +222,6 @@ class Opening(QObject):
             document.maps.open(paths)
 
     def open_mesh(self) -> None:
-        """Ask for a mesh file."""
         path = self._ask_for_mesh("Open mesh")
         if path is not None:
             self.open_path(path)
@@ -242,7 +239,6 @@ class Opening(QObject):
         dialog.open()
 
     def compare_with(self) -> None:
-        """Ask for a second mesh."""
         path = self._ask_for_mesh("Compare with")
         if path is not None:
             self._settings.folder = path.parent
@@ -260,7 +256,6 @@ class Opening(QObject):
         return Path(path) if path else None
 
     def open_sample(self, name: str = "dendrite") -> None:
-        """Open a mesh that comes with the program."""
         from meshmash_viewer.samples import sample_path
 
         self.read(sample_path(name))
@@ -307,7 +302,6 @@ class Opening(QObject):
         return view
 
     def end_comparison(self) -> None:
-        """Close the second mesh."""
         if self.second_view is not None:
             view, self.second_view, self._second_restoration = self.second_view, None, None
             view.shut()
@@ -318,7 +312,6 @@ class Opening(QObject):
     # -- sessions -----------------------------------------------------------------------------
 
     def open_session(self) -> None:
-        """Ask for a session."""
         path, _ = QFileDialog.getOpenFileName(
             self._window,
             "Open session",
@@ -329,7 +322,6 @@ class Opening(QObject):
             self.restore_session(Path(path))
 
     def restore_session(self, path: Path) -> None:
-        """Open a session file."""
         try:
             restoration = Restoration(self._document, path)
         except InputError as fault:
@@ -377,7 +369,6 @@ class Opening(QObject):
         write_session(path, session)
 
     def save_session(self) -> None:
-        """Ask for a file name, and save the session."""
         if self._document.path is None:
             text = "This mesh was handed over in memory: a session needs one that is in a file."
             self._document.notices.say(text, Severity.WARNING)

@@ -53,7 +53,6 @@ class Pictures:
         self._background_io, self._closed = background_io, False
 
     def save_picture(self) -> None:
-        """Ask for size and contents, and save the render, or both, as a picture."""
         from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 
         mesh, before = self._document.mesh, self._saved
@@ -113,7 +112,6 @@ class Pictures:
         )
 
     def gallery(self) -> None:
-        """Open the gallery of the displayed family."""
         from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
 
         scene = self.scene
@@ -132,7 +130,6 @@ class Pictures:
         ask(dialog, lambda: gallery.save(dialog.path, dialog.options))
 
     def save_movie(self) -> None:
-        """Open the dialog that makes a movie."""
         from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
 
         scene, mesh = self.scene, self._document.mesh
@@ -163,7 +160,6 @@ class Pictures:
         dialog.show()
 
     def save_scene(self) -> None:
-        """Ask for format and file, and save the mesh with its field as a scene."""
         from meshmash_viewer.app.dialogs.files import FormatDialog
         from meshmash_viewer.app.view.picture import SCENES, missing_pages
 
@@ -204,7 +200,6 @@ class Pictures:
             raise Cancelled
 
     def copy_picture(self) -> None:
-        """Copy the render to the clipboard, or both next to each other."""
         pictures = [scene.picture() for scene in self._scenes()]
         tallest = max(len(each) for each in pictures)
         level = [np.pad(each, ((0, tallest - len(each)), (0, 0), (0, 0))) for each in pictures]

@@ -94,7 +94,6 @@ class PinCommands:
             self._document.notices.say("Hold the pointer over the mesh, then press P.")
 
     def pin_index(self) -> None:
-        """Ask for an index or a position, and pin that vertex."""
         from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
 
         mesh = self._document.mesh
@@ -118,7 +117,6 @@ class PinCommands:
         self.fly_to(vertex)
 
     def remove_pin(self) -> None:
-        """Remove the pin that is pointed at, or the one chosen in the table."""
         chosen = -1 if self._panel is None else self._panel.chosen_pin
         pin = pin_at(self._document.pins.placed, chosen)
         if pin is not None:
@@ -129,7 +127,6 @@ class PinCommands:
             )
 
     def import_pins(self) -> None:
-        """Ask for a table, and pin its vertices."""
         chosen, _ = QFileDialog.getOpenFileName(
             self._window, "Import pins", str(self._settings.folder), f"{_TABLES};;All files (*)"
         )
@@ -138,7 +135,6 @@ class PinCommands:
             self.read(Path(chosen))
 
     def read(self, path: Path) -> None:
-        """Pin the vertices of a table."""
         mesh = self._document.mesh
         if mesh is None:
             text = "There is no mesh to pin: open the mesh first, then its pins."
@@ -183,7 +179,6 @@ class PinCommands:
             document.notices.say(" ".join(sentences), severity)
 
     def export_pins(self) -> None:
-        """Ask for columns and a file, and write the table of the pins."""
         from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog
 
         dialog = PinExportDialog(self._document, self._settings.folder, self._window)
@@ -226,7 +221,6 @@ class PinCommands:
                 document.notices.say(f"There is a pin called {wanted} already: this one is {name}.")
 
     def ask_for_name(self, vertex: int) -> None:
-        """Ask for the name of the pin of a vertex."""
         pin = pin_at(self._document.pins.placed, vertex)
         if pin is None:
             return
@@ -239,7 +233,6 @@ class PinCommands:
         ask(dialog, lambda: self.rename(vertex, dialog.textValue()))
 
     def ask_for_color(self, vertex: int) -> None:
-        """Ask for the colour of the pin of a vertex."""
         pin = pin_at(self._document.pins.placed, vertex)
         if pin is None:
             return

@@ -126,7 +126,6 @@ class Restoration:
         self.done = False
 
     def begin(self) -> None:
-        """Ask for the mesh."""
         self._document.work.changed.connect(self._advance)
         session = self._session
         source = session.source if self._saved_itself else ""

@@ -45,14 +45,12 @@ class Settings:
         return [path for path in map(Path, texts) if path.exists()]
 
     def add_recent(self, path: Path) -> None:
-        """Put a file first."""
         path = path.absolute()
         kept = [path, *(other for other in self.recent if other != path)][:_RECENT_KEPT]
         self._set("recent", [str(each) for each in kept])
 
     @property
     def folder(self) -> Path:
-        """Folder in which the last file was opened or saved."""
         folder = Path(str(self._get("folder") or Path.home()))
         return folder if folder.is_dir() else Path.home()
 
@@ -62,7 +60,6 @@ class Settings:
 
     @property
     def theme(self) -> Mode:
-        """Light, dark, or as the system is."""
         stored = self._get("theme")
         return Mode(stored) if stored in set(Mode) else Mode.SYSTEM
 
@@ -85,7 +82,6 @@ class Settings:
 
     @property
     def layout(self) -> tuple[QByteArray, QByteArray] | None:
-        """Geometry and state of the main window."""
         geometry, state = self._get("geometry"), self._get("state")
         if isinstance(geometry, QByteArray) and isinstance(state, QByteArray):
             return geometry, state

@@ -112,7 +112,6 @@ class ShapeSource(QObject):
         listen(shown, self.refresh)
 
     def set_field(self, field: Field | None) -> None:
-        """Set the field of the vibration."""
         self._field = field
         if field is None or not field.signed:
             self._document.display.vibrating = False
@@ -129,7 +128,6 @@ class ShapeSource(QObject):
         self._kept = _Kept()  # the thread may still write to the old one
 
     def refresh(self) -> None:
-        """Request the shape of the current document."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None or spectrum.mesh is None:
             self._clock.stop()
@@ -152,7 +150,6 @@ class ShapeSource(QObject):
         self._thread.ask(request)
 
     def close(self) -> None:
-        """Stop the thread and wait for it."""
         self._clock.stop()
         self._latest = None
         self._thread.close()

@@ -105,7 +105,6 @@ class Stage(QWidget):
         other.deleteLater()
 
     def show_scene(self, shown: bool) -> None:
-        """Show the render, or the welcome page."""
         page = self._scene if shown and self._scene is not None else self.welcome
         if self._pages.currentWidget() is not page:
             self._pages.setCurrentWidget(page)

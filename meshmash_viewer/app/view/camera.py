@@ -98,8 +98,8 @@ class View:
     def to_json(self) -> dict[str, Any]:
         """The view as plain lists and numbers."""
         return {
-            "focus": [float(value) for value in self.focus],
-            "axes": [[float(value) for value in row] for row in self.axes],
+            "focus": self.focus.tolist(),
+            "axes": self.axes.tolist(),
             "half_size": float(self.half_size),
         }
 

@@ -9,7 +9,7 @@ import numpy as np
 from vtkmodules.vtkInteractionWidgets import vtkImplicitPlaneRepresentation
 from vtkmodules.vtkRenderingCore import vtkCellPicker, vtkProp, vtkPropCollection
 
-from meshmash_viewer.app.view.annotations import BAR, bar_place
+from meshmash_viewer.app.view.annotations import BAR, BarPlace, bar_place
 from meshmash_viewer.app.view.style import rgb
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.surface.rays import Plane
@@ -133,15 +133,19 @@ class BarHandles:
         #: Whether the upper one is held.
         self._upper = False
 
+    def _place(self) -> tuple[BarPlace, tuple[float, float]] | None:
+        """Where the bar is, and the shares of its handles, if it has any."""
+        drawing, ends = self._drawing, self._drawing.annotations.bar_range
+        place = None if drawing.caption is None else bar_place(drawing.caption, drawing.page)
+        return None if place is None or ends is None else (place, ends)
+
     def grab(self, x: float, y: float) -> bool:
         """Take hold of the nearer handle, and move it to a position in pixels at the bar."""
-        page, caption = self._drawing.page, self._drawing.caption
-        place = None if caption is None else bar_place(caption, page)
-        ends = self._drawing.annotations.bar_range
-        if place is None or ends is None:
+        if (found := self._place()) is None:
             return False
-        across, share = x / page.scale - place.left, (y / page.scale - place.below) / place.tall
-        beyond = _BEYOND / place.tall
+        place, ends = found
+        scale, beyond = self._drawing.page.scale, _BEYOND / place.tall
+        across, share = x / scale - place.left, (y / scale - place.below) / place.tall
         if not (-_LEFT <= across <= BAR + _BEYOND and -beyond <= share <= 1.0 + beyond):
             return False
         middle = (ends[0] + ends[1]) / 2.0
@@ -151,14 +155,8 @@ class BarHandles:
 
     def drag(self, _x: float, y: float) -> None:
         """Move the handle, as far as the other one."""
-        page, caption, ends = (
-            self._drawing.page,
-            self._drawing.caption,
-            self._drawing.annotations.bar_range,
-        )
-        place = None if caption is None else bar_place(caption, page)
-        if place is None or ends is None:
-            return
-        share = min(max((y / page.scale - place.below) / place.tall, 0.0), 1.0)
-        low, high = ends
-        self.moved(*((low, max(share, low)) if self._upper else (min(share, high), high)))
+        if (found := self._place()) is not None:
+            place, (low, high) = found
+            share = (y / self._drawing.page.scale - place.below) / place.tall
+            share = min(max(share, 0.0), 1.0)
+            self.moved(*((low, max(share, low)) if self._upper else (min(share, high), high)))

@@ -15,6 +15,7 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkMapper, vtkPol
 
 from meshmash_viewer.app.view.style import rgb
 from meshmash_viewer.arrays import IntArray
+from meshmash_viewer.surface.masks import Mask
 
 #: Widths in points of points, of the corners of edges and faces, which are seen where these are
 #: smaller than a pixel, and of nodes of a graph.
@@ -63,7 +64,7 @@ class Overlay:
         """Follow the displayed vertices, shape (n, 3)."""
         raise NotImplementedError
 
-    def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+    def hide(self, hidden: Mask | None) -> None:
         """Follow which vertices are hidden, as far as that concerns it."""
 
     def cut(self, plane: vtkPlane | None) -> None:

@@ -18,8 +18,10 @@ from meshmash_viewer.app.view.marks import Overlay, PointLegend
 from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.style import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.surface import Surface
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.surface.rays import Plane, RayTarget
 
 #: Number of visible points from which the first view is found.
@@ -59,9 +61,9 @@ class MeshRenderer:
         self.sample, self.axes = np.zeros((1, 3)), np.eye(3)
         self._bounds = np.zeros((2, 3))
         #: Which vertices are hidden, with their faces; None for none.
-        self.hidden: npt.NDArray[np.bool_] | None = None
+        self.hidden: Mask | None = None
         #: Which vertices are drawn as selected; None for none.
-        self.selected: npt.NDArray[np.bool_] | None = None
+        self.selected: Mask | None = None
         #: Where the mesh is cut, in mesh coordinates.
         self.cut: Plane | None = None
         #: The handle of the plane, which is in the window but not in pictures.
@@ -134,7 +136,7 @@ class MeshRenderer:
         self.centre, self._bounds = geometry.centre, geometry.bounds
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
 
-    def set_hidden(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+    def set_hidden(self, hidden: Mask | None) -> None:
         """Hide vertices with the faces around them; None shows all."""
         if self.mesh is None or self.surface is None:
             return
@@ -148,7 +150,7 @@ class MeshRenderer:
             chosen = visible[:: max(1, len(visible) // _SAMPLED)]
             self.sample = geometry.points[chosen] + self.centre
 
-    def set_selected(self, selected: npt.NDArray[np.bool_] | None) -> None:
+    def set_selected(self, selected: Mask | None) -> None:
         """Draw vertices as selected; None for none."""
         if self.surface is not None:
             self.selected = selected
@@ -172,7 +174,7 @@ class MeshRenderer:
         """The plane relative to `centre`, as the points of `drawn` are."""
         return None if self.cut is None else self.cut.seen_from(self.centre)
 
-    def away(self) -> npt.NDArray[np.bool_] | None:
+    def away(self) -> Mask | None:
         """Find the vertices that are not drawn, as they are hidden or cut away; None for none."""
         cut = self._local_cut
         if self.mesh is None or cut is None:
@@ -180,7 +182,7 @@ class MeshRenderer:
         away = cut.away(self.drawn[0])
         return away if self.hidden is None else away | self.hidden
 
-    def vertex_under(self, through: npt.NDArray[np.float64]) -> int:
+    def vertex_under(self, through: FloatArray) -> int:
         """Vertex seen at a point of the focal plane, in mesh coordinates; -1 for none."""
         if self.picker is None or self.view is None:
             return -1
@@ -230,7 +232,7 @@ class MeshRenderer:
         assert self.normals is not None
         return self.moved or (geometry_of(self.mesh).points, self.normals)
 
-    def place(self, vertex: int) -> npt.NDArray[np.float64]:
+    def place(self, vertex: int) -> FloatArray:
         """Displayed position of a vertex, shape (3,), in mesh coordinates."""
         assert self.mesh is not None
         if self.moved is None and self.mesh.referenced[vertex]:
@@ -238,7 +240,7 @@ class MeshRenderer:
         return np.asarray(self.drawn[0][vertex] + self.centre)
 
     @property
-    def drawn_vertices(self) -> npt.NDArray[np.float64]:
+    def drawn_vertices(self) -> FloatArray:
         """Displayed positions of all vertices, shape (n, 3), in mesh coordinates."""
         assert self.mesh is not None
         if self.moved is None and not len(self.mesh.unreferenced):
@@ -320,7 +322,7 @@ class MeshRenderer:
             overlay.hide(self.hidden)
             self._add_overlay(overlay, of, self.centre)
 
-    def _add_overlay(self, overlay: Overlay, of: str, centre: npt.NDArray[np.float64]) -> None:
+    def _add_overlay(self, overlay: Overlay, of: str, centre: FloatArray) -> None:
         self.overlays[of] = overlay
         overlay.actor.SetPosition(*centre)
         self._cut_overlay(overlay)
@@ -328,7 +330,6 @@ class MeshRenderer:
 
     @property
     def points(self) -> PointCloud | None:
-        """The points of a table."""
         points = self.overlays.get("points")
         return points if isinstance(points, PointCloud) else None
 
@@ -340,7 +341,7 @@ class MeshRenderer:
     # -- camera and frame -------------------------------------------------------------------
 
     def fit_view(
-        self, width: int, height: int, scale: float, axes: npt.NDArray[np.float64] | None = None
+        self, width: int, height: int, scale: float, axes: FloatArray | None = None
     ) -> None:
         """Show the whole mesh along given axes, by default those of `default_axes`."""
         space = margins(self.caption is not None, width, height, scale)
@@ -459,7 +460,6 @@ class MeshRenderer:
             self.renderer.AddViewProp(copy)
 
     def leave_background(self) -> None:
-        """Make the background transparent."""
         self.renderer.GradientBackgroundOff()
         self.renderer.SetBackground(0.0, 0.0, 0.0)
         self.renderer.SetBackgroundAlpha(0.0)
@@ -489,7 +489,7 @@ class MeshRenderer:
                 other.set_overlay(overlay.copy(), of)
         return other
 
-    def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:
+    def coarse_twin(self) -> tuple[MeshRenderer, IntArray] | None:
         """Copy the stand-in without its field, with its vertices of the mesh; None without one."""
         mesh, coarse = self.mesh, self._coarse_mesh
         if mesh is None or coarse is None or self.coarse is None:

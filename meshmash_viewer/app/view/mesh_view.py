@@ -23,16 +23,16 @@ from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.render_widget import Outline, RenderWidget, Ring
 from meshmash_viewer.app.view.style import ColorMap
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.surface.picks import Projection
 from meshmash_viewer.surface.rays import Plane, RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
-_Places: TypeAlias = tuple[
-    npt.NDArray[np.float32], npt.NDArray[np.integer], npt.NDArray[np.bool_] | None
-]
+_Places: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer], Mask | None]
 #: Pixels (of a screen without scaling) within which a click counts for a vertex, and the number
 #: of vertices tried.
 _NEAR, _TRIED = 8.0, 50
@@ -124,14 +124,13 @@ class MeshView(QWidget):
 
     @property
     def mesh(self) -> Mesh | None:
-        """The displayed mesh."""
         return self.renderer.mesh
 
     def set_mesh(
         self,
         mesh: Mesh | None,
         normals: npt.NDArray[np.float32] | None = None,
-        hidden: npt.NDArray[np.bool_] | None = None,
+        hidden: Mask | None = None,
     ) -> None:
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
         self._picking.drop()
@@ -192,7 +191,7 @@ class MeshView(QWidget):
             self._prepare_picking()
         self._moves()
 
-    def set_hidden(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+    def set_hidden(self, hidden: Mask | None) -> None:
         """Hide vertices with the faces around them, a mask of shape (n,); None shows all."""
         if self.mesh is None:
             return
@@ -226,11 +225,10 @@ class MeshView(QWidget):
         return 0 if self.renderer.caption is None else BAR_SPACE
 
     def set_pins(self, pins: Iterable[Any]) -> None:
-        """Mark the vertices of pins."""
         self.renderer.set_pins([(pin.vertex, pin.color, pin.label) for pin in pins])
         self.plotter.render()
 
-    def set_selected(self, selected: npt.NDArray[np.bool_] | None) -> None:
+    def set_selected(self, selected: Mask | None) -> None:
         """Draw vertices as selected, a mask of shape (n,); None for none."""
         if self.mesh is not None:
             self.renderer.set_selected(selected)
@@ -251,7 +249,6 @@ class MeshView(QWidget):
             self._moves()
 
     def set_theme(self, dark: bool) -> None:
-        """Use the light or the dark theme."""
         self.renderer.set_theme(dark)
         self.plotter.render()
 
@@ -285,7 +282,7 @@ class MeshView(QWidget):
             self._fit(view_axes(name, self.mesh))
             self._moves()
 
-    def _fit(self, axes: npt.NDArray[np.float64] | None = None) -> None:
+    def _fit(self, axes: FloatArray | None = None) -> None:
         """Show the whole mesh along these axes, or from where it is seen."""
         view = self.renderer.view
         if axes is None and view is not None:
@@ -598,7 +595,6 @@ class MeshView(QWidget):
         self.plotter.render()
 
     def set_points(self, points: PointCloud | None) -> None:
-        """Draw points of the displayed mesh, or none."""
         self.renderer.set_overlay(points, "points")
         self.plotter.render()
 
@@ -628,9 +624,7 @@ class MeshView(QWidget):
         self.plotter.close()
 
 
-def _facing(
-    outwards: npt.NDArray[np.float64], axes: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _facing(outwards: FloatArray, axes: FloatArray) -> FloatArray:
     """The axes of a camera turned by the smallest angle so that it looks against a direction."""
     eye = outwards / np.linalg.norm(outwards)
     turn, _ = Rotation.align_vectors(eye[np.newaxis], axes[2][np.newaxis])

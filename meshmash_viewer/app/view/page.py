@@ -135,7 +135,6 @@ class Page:
         axes.imshow(shades, aspect="auto", interpolation="bilinear")
 
     def lines(self, lines: Sequence[Line], left: float, top: float) -> None:
-        """Write lines under each other."""
         for line in lines:
             size, weight = line.size / self.font, "bold" if line.bold else "normal"
             self.text(left, top - 0.5 * line.space, line.text, size, weight=weight)

@@ -34,11 +34,9 @@ class Grip(Protocol):
 
     def grab(self, x: float, y: float) -> bool:
         """Take hold of what is at a position, if it is there."""
-        ...
 
     def drag(self, x: float, y: float) -> None:
         """Move what is held."""
-        ...
 
 
 class RenderWidget(QtInteractor):
@@ -98,7 +96,6 @@ class RenderWidget(QtInteractor):
 
     @property
     def window_of_vtk(self) -> vtkRenderWindow:
-        """The window that frames are drawn into."""
         window: vtkRenderWindow | None = self.ren_win
         assert window is not None, "the render has been closed"
         return window

@@ -16,12 +16,14 @@ from meshmash_viewer.app.view.camera import Margins, View, fitted_view
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, text_scale
 from meshmash_viewer.app.view.style import DARK, LIGHT, fitted, font_file
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import format_range
 
 
@@ -37,9 +39,9 @@ def shots_of(
     families: Sequence[Family],
     spectrum: Eigenpairs,
     mesh: Mesh,
-    sample: npt.NDArray[np.int64],
+    sample: IntArray,
     chosen: Mapping[str, Family],
-    hidden: npt.NDArray[np.bool_] | None = None,
+    hidden: Mask | None = None,
     names: Mapping[int, str] | None = None,
 ) -> list[Shot]:
     """A shot of each family, with its open parameters resolved.
@@ -61,7 +63,7 @@ def shots_of(
 
 
 def compute_shot(
-    shot: Shot, display: Display, live: LiveFeatures, picked: npt.NDArray[np.int64] | None = None
+    shot: Shot, display: Display, live: LiveFeatures, picked: IntArray | None = None
 ) -> Field | None:
     """Compute the field of a shot, by the direct sum if there is one; in any thread.
 
@@ -146,21 +148,17 @@ def aspect(drawing: MeshRenderer) -> float:
     return float(np.clip(wide / max(high, 1e-300), 0.25, 4.0))
 
 
-def _shows_all(view: View, points: npt.NDArray[np.float64], size: tuple[int, int]) -> bool:
+def _shows_all(view: View, points: FloatArray, size: tuple[int, int]) -> bool:
     places = view.to_pixels(points, *size)[:, :2]
     return bool((places >= -1.0).all() and (places <= np.array(size) + 1.0).all())
 
 
-def _middle(
-    points: npt.NDArray[np.float64], axes: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _middle(points: FloatArray, axes: FloatArray) -> FloatArray:
     seen = axes @ points.T
     return np.asarray((seen.min(axis=1) + seen.max(axis=1)) / 2 @ axes)
 
 
-def _cylinder(
-    points: npt.NDArray[np.float64], axes: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _cylinder(points: FloatArray, axes: FloatArray) -> FloatArray:
     """Corners, shape (4, 3), of the area that points sweep as they turn about the vertical."""
     middle = _middle(points, axes)
     seen = axes @ (points - middle).T

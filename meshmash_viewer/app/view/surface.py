@@ -21,6 +21,7 @@ from meshmash_viewer.app.view.style import (
     color_table,
     rgb,
 )
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.vertex_map import MOST_LABELS
 
 #: Faces are lit from the eye's side in either orientation, since raw meshes mix both.
@@ -146,7 +147,7 @@ class Surface:
         normals: npt.NDArray[np.float32],
     ) -> None:
         self.values = self._given = np.zeros(len(points), dtype=np.float32)
-        self._hidden: npt.NDArray[np.bool_] | None = None
+        self._hidden: Mask | None = None
         self._array = numpy_to_vtk(self.values)
         self._array.SetName("field")
         cells = vtkCellArray()
@@ -220,12 +221,12 @@ class Surface:
         self._show()
         return missing
 
-    def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
+    def hide(self, hidden: Mask | None) -> None:
         """Leave out the faces around some vertices."""
         self._hidden = hidden
         self._show()
 
-    def select(self, selected: npt.NDArray[np.bool_] | None) -> None:
+    def select(self, selected: Mask | None) -> None:
         """Draw some vertices as selected; None for none."""
         self._uniforms.SetUniformi("selectionShown", int(selected is not None))
         if selected is not None:
