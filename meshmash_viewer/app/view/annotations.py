@@ -46,6 +46,8 @@ EDGE = 16
 #: gap to its labels, and their smallest distance from the edge.
 BAR_SPACE, _BAR_EDGE, BAR, _GAP, _PAD = 108, 88, 14, 6, 4
 _MAX_LABELS = 7
+#: Distance of the labels at the ends of the colour bar from the next ones.
+_APART = 17
 #: Number of characters of a label that there is room for.
 _LONGEST = 9
 #: Font sizes of title, quantity, scale bar and labels.
@@ -268,7 +270,10 @@ class _Painter:
         next_to, theme = left + BAR + _GAP, self._theme
         self._strip(caption.table, left, below, tall)
         count = min(max(int(tall / 34), 2), _MAX_LABELS)
-        named = partial(bar_labels, caption.low, caption.high, caption.unit, caption.logarithmic)
+        named = partial(
+            bar_labels, caption.low, caption.high, caption.unit, caption.logarithmic,
+            gap=_APART / tall,
+        )  # fmt: skip
         labels, heading = named(count)
         while count > 2 and max((len(label) for _, label in labels), default=0) > _LONGEST:
             count -= 1  # fewer labels have fewer digits

@@ -22,8 +22,10 @@ if TYPE_CHECKING:  # loaded when the first figure is composed
 MM, POINTS = 25.4, 72.0
 #: Width of a colour bar, the gap to its labels, and the space around both, in font sizes.
 _BAR, _GAP, _AROUND = 1.2, 0.5, 1.2
-#: Most labels of a colour bar.
-_MOST = 7
+#: Largest height of a colour bar in font sizes.
+_TALLEST = 20.0
+#: Most labels of a colour bar, and the smallest distance between two in font sizes.
+_MOST, _APART = 7, 1.3
 _CELLS = 128
 
 
@@ -72,15 +74,17 @@ def wrapped(line: Line, width: float) -> list[Line]:
     ]
 
 
-def _bar_texts(caption: Caption, most: int) -> tuple[str, dict[float, str]]:
-    """The heading of a colour bar, and its labels by their position, from 0 to 1."""
-    labels, heading = bar_labels(caption.low, caption.high, caption.unit, caption.logarithmic, most)
+def _bar_texts(caption: Caption, size: float) -> tuple[str, dict[float, str]]:
+    """The heading of a colour bar of a size in font sizes, and its labels by position, 0 to 1."""
+    ends = caption.low, caption.high
+    most, gap = min(max(int(size / _APART), 3), _MOST), _APART / size
+    labels, heading = bar_labels(*ends, caption.unit, caption.logarithmic, most, gap)
     return heading, dict(labels)
 
 
 def bar_width(caption: Caption) -> float:
     """Width of a colour bar with its text and the space around both, in font sizes."""
-    factor, labels = _bar_texts(caption, _MOST)
+    factor, labels = _bar_texts(caption, _TALLEST)
     texts = [*labels.values(), "no value" if caption.missing else ""]
     return _AROUND + max(text_width(factor), _BAR + _GAP + max(map(text_width, texts)))
 
@@ -143,14 +147,14 @@ class Page:
     def bar(self, caption: Caption, left: float, box: Box) -> None:
         """Draw the colour bar of a field at `left`, next to a box and lower than that."""
         font = self.font
-        left, tall = left + 0.5 * _AROUND * font, min(0.6 * box.height, 20.0 * font)
+        left, tall = left + 0.5 * _AROUND * font, min(0.6 * box.height, _TALLEST * font)
         below = box.below + 0.5 * (box.height - tall)
         axes = self.axes(Box(left, below, _BAR * font, tall))
         colors = color_table(caption.colormap, _CELLS)[:, None, :] / 255.0
         edges = np.linspace(0.0, 1.0, _CELLS + 1)
         # quadrilaterals, so that the bar is no image in PDF and SVG
         axes.pcolormesh([0.0, 1.0], edges, colors, edgecolors="face", linewidth=0.1)
-        factor, labels = _bar_texts(caption, min(max(int(tall / (1.3 * font)), 3), _MOST))
+        factor, labels = _bar_texts(caption, tall / font)
         right = left + (_BAR + _GAP) * font
         for place, text in labels.items():
             self.text(right, below + place * tall, text)

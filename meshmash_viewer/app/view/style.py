@@ -22,11 +22,17 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import (
     NO_BREAK,
     engineering,
+    format_number,
     format_quantity,
     minus,
     power_text,
     superscript,
 )
+
+#: Distance of places along a colour bar, from 0 to 1, that are the same.
+_SAME = 1e-6
+#: Most decimals; a longer number has nine digits, or fewer within a number of characters.
+_DECIMALS, _LONGEST = 6, 9
 
 #: A name of one of matplotlib's colour maps, or the colours of labels 0, 1, 2 … as "#rrggbb".
 ColorMap: TypeAlias = str | tuple[str, ...]
@@ -159,11 +165,17 @@ def exponent_text(exponent: int) -> str:
 
 
 def bar_labels(
-    low: float, high: float, unit: str, logarithmic: bool = False, most: int = 6
+    low: float,
+    high: float,
+    unit: str,
+    logarithmic: bool = False,
+    most: int = 6,
+    gap: float = 0.06,
 ) -> tuple[list[tuple[float, str]], str]:
-    """Label a colour bar in a unit of the size of its values.
+    """Label a colour bar at both ends and at round values, in a unit of the size of its values.
 
     A logarithmic bar has decades; where these are fewer than two, twice and five times them too.
+    `most` limits the round values, and those closer than `gap` to an end are left out.
 
     Returns
     -------
@@ -177,21 +189,61 @@ def bar_labels(
     low, high = low * 10.0**shift, high * 10.0**shift
     values, form, exponent = ticks(low, high, most)
     scale = 10.0**exponent
-    if logarithmic:
-        marks = [(value * scale, form % value) for value in values]
-        powers = range(floor(log10(low)), ceil(log10(high)) + 1)
-        for factors in (1,), (1, 2, 5):
-            found = [(k * 10.0**power, power_text(power, k)) for power in powers for k in factors]
-            found = [each for each in found if low <= 1.000000001 * each[0] <= 1.000000002 * high]
-            if len(found) > 1:
-                marks, exponent = found[:: ceil(len(found) / most)], 0
-                break
-        start, length = log10(low), log10(high / low)
-        labels = [((log10(value) - start) / length, text) for value, text in marks]
+    decades = _decades(low, high, most) if logarithmic else []
+    if decades:
+        marks, exponent = decades, 0
+        ends = [_written_alone(each) for each in (low, high)]
     else:
-        start, length = low / scale, (high - low) / scale
-        labels = [((value - start) / length, minus(form % value)) for value in values]
-    return labels, NO_BREAK.join(part for part in (exponent_text(exponent), unit) if part)
+        marks = [(value * scale, minus(form % value)) for value in values]
+        ends = [_written_within(each / scale, (high - low) / scale) for each in (low, high)]
+    place = _log_place if logarithmic else _place
+    labels = [(place(value, low, high), text) for value, text in marks]
+    for end, text in enumerate(ends):
+        at_end = [label for label in labels if abs(label[0] - end) < _SAME]
+        labels = [label for label in labels if abs(label[0] - end) >= gap]
+        labels.append((float(end), at_end[0][1] if at_end else text))
+    heading = NO_BREAK.join(part for part in (exponent_text(exponent), unit) if part)
+    return sorted(labels), heading
+
+
+def _place(value: float, low: float, high: float) -> float:
+    return (value - low) / (high - low)
+
+
+def _log_place(value: float, low: float, high: float) -> float:
+    return log10(value / low) / log10(high / low)
+
+
+def _decades(low: float, high: float, most: int) -> list[tuple[float, str]]:
+    """Powers of ten from `low` to `high`, or twice and five times them too; at least two, or none.
+
+    Each has its value and its text.
+    """
+    powers = range(floor(log10(low)), ceil(log10(high)) + 1)
+    for factors in (1,), (1, 2, 5):
+        found = [(k * 10.0**power, power_text(power, k)) for power in powers for k in factors]
+        found = [each for each in found if low <= 1.000000001 * each[0] <= 1.000000002 * high]
+        if len(found) > 1:
+            return found[:: ceil(len(found) / most)]
+    return []
+
+
+def _written_alone(value: float) -> str:
+    """Write a value to three digits, or to two where it has a power of ten."""
+    text = format_number(value, 3)
+    return format_number(value, 2) if "×" in text else text
+
+
+def _written_within(value: float, span: float) -> str:
+    """Write an end of a range to a hundredth of its span or finer; 0 to that without a sign."""
+    decimals = 2 - floor(log10(span))
+    if value:  # two digits of a small one, with no more than two decimals added
+        decimals = max(decimals, min(1 - floor(log10(abs(value))), decimals + 2))
+    texts = [f"{value:.{max(decimals, 0)}f}"]
+    if decimals > _DECIMALS:
+        texts = [f"{value:.{digits}g}" for digits in (9, 8, 7, 6)]
+    text = next((each for each in texts if len(each) <= _LONGEST), texts[-1])
+    return minus(text) if float(text) else "0"
 
 
 def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int]:
@@ -218,5 +270,5 @@ def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int
             break
     decimals = max(0, -floor(log10(step) + 1e-9))
     # a narrow range far from zero needs all digits
-    form = f"%.{decimals}f" if decimals <= 6 else "%.9g"
+    form = f"%.{decimals}f" if decimals <= _DECIMALS else "%.9g"
     return [k * step for k in range(first, last + 1)], form, exponent

@@ -89,12 +89,42 @@ def test_a_bar_is_labelled_in_a_unit_of_the_size_of_its_values() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "first"), [(0.15, 40.0, "1"), (2e-6, 9e-6, "2×10⁻⁶"), (3.2, 3.3, None)]
+    ("low", "high", "texts"),
+    [
+        (0.15, 40.0, ["0.15", "1", "10", "40"]),
+        (2e-6, 9e-6, ["2×10⁻⁶", "5×10⁻⁶", "9×10⁻⁶"]),
+        (3.2, 3.3, ["3.20", "3.22", "3.24", "3.26", "3.28", "3.30"]),
+    ],
 )
 def test_a_short_logarithmic_bar_has_multiples_too(
-    low: float, high: float, first: str | None
+    low: float, high: float, texts: list[str]
 ) -> None:
     labels, _ = bar_labels(low, high, "", logarithmic=True)
-    assert first is None or labels[0][1] == first
-    assert 2 <= len(labels) <= 6
-    assert all(-1e-6 <= share <= 1.0 + 1e-6 for share, _ in labels)
+    assert [text for _, text in labels] == texts
+    assert all(0.0 <= share <= 1.0 for share, _ in labels)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "logarithmic", "texts"),
+    [
+        (-0.0173, 0.0173, False, ["−0.0173", "0.0173"]),  # no round value but zero between them
+        (0.0, 98.76, False, ["0", "98.8"]),
+        (0.004, 10.0, False, ["0.0040", "10"]),
+        (-1e-7, 10.0, False, ["0", "10"]),
+        (1234.0, 5678.9, False, ["1234", "5679"]),
+        (-2.345e-6, 1.2e-5, False, ["−0.23", "1.20"]),
+        (1.0 - 1.2e-7, 1.0 + 1e-7, False, ["0.9999999", "1.0000001"]),
+        (2.34e-8, 7.1e-4, True, ["2.3×10⁻⁸", "0.00071"]),
+        (0.0123, 4567.0, True, ["0.0123", "4570"]),
+        (3.213, 3.287, True, ["3.2130", "3.2870"]),
+    ],
+)
+@pytest.mark.parametrize("most", [2, 7])
+def test_both_ends_of_a_bar_are_labelled(
+    low: float, high: float, logarithmic: bool, texts: list[str], most: int
+) -> None:
+    labels, _ = bar_labels(low, high, "", logarithmic, most, 0.2)
+    shares = [share for share, _ in labels]
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert [labels[0][1], labels[-1][1]] == texts
+    assert all(0.2 <= share <= 0.8 for share in shares[1:-1])
