@@ -146,14 +146,23 @@ class Page:
 
     def bar(self, caption: Caption, left: float, box: Box) -> None:
         """Draw the colour bar of a field at `left`, next to a box and lower than that."""
+        from matplotlib.collections import PolyCollection
+
         font = self.font
         left, tall = left + 0.5 * _AROUND * font, min(0.6 * box.height, _TALLEST * font)
         below = box.below + 0.5 * (box.height - tall)
         axes = self.axes(Box(left, below, _BAR * font, tall))
-        colors = color_table(caption.colormap, _CELLS)[:, None, :] / 255.0
+        colors = color_table(caption.colormap, _CELLS) / 255.0
         edges = np.linspace(0.0, 1.0, _CELLS + 1)
-        # quadrilaterals, so that the bar is no image in PDF and SVG
-        axes.pcolormesh([0.0, 1.0], edges, colors, edgecolors="face", linewidth=0.1)
+        # rectangles, so that the bar is no image in PDF and SVG; each goes on below the next one,
+        # as viewers smooth edges, and the page would be seen between two
+        ends = np.append(edges[2:], 1.0)
+        corners = [
+            [(0.0, low), (1.0, low), (1.0, high), (0.0, high)]
+            for low, high in zip(edges, ends, strict=False)
+        ]
+        axes.add_collection(PolyCollection(corners, facecolors=colors, linewidth=0.0))
+        axes.set(xlim=(0, 1), ylim=(0, 1))
         factor, labels = _bar_texts(caption, tall / font)
         right = left + (_BAR + _GAP) * font
         for place, text in labels.items():
@@ -163,7 +172,7 @@ class Page:
                 place = below + up + min(tip, 0.0) * font
                 axes = self.axes(Box(left, place, _BAR * font, 0.7 * font))
                 base, point = (0.0, 1.0) if tip > 0.0 else (1.0, 0.0)
-                axes.fill([0.0, 1.0, 0.5], [base, base, point], color=colors[end, 0])
+                axes.fill([0.0, 1.0, 0.5], [base, base, point], color=colors[end])
                 axes.set(xlim=(0, 1), ylim=(0, 1))
         self.text(left, below + tall + 1.4 * font, factor)
         if caption.missing:

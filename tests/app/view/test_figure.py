@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import shapes
 from PIL import Image
+from PySide6.QtGui import QImage, QPainter
+from PySide6.QtSvg import QSvgRenderer
 from tiers import slow
 
 from meshmash_viewer.app.view.figure import (
@@ -72,6 +74,28 @@ def test_axes_that_point_left_or_down_are_on_the_page(
     pixels = picture_of(figure, 150.0)[:, :, :3]  # draws them
     edges = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
     assert all((edge == 255).all() for edge in edges), "nothing is cut off"
+
+
+@pytest.mark.parametrize("width", [640, 937])
+def test_nothing_is_seen_through_the_bar_of_an_svg(qapp, tmp_path: Path, width: int) -> None:
+    made = drawing()
+    figure = compose_figure([made], FigureOptions(background="transparent"))
+    save_figure(figure, tmp_path / "a.svg")
+    renderer = QSvgRenderer(str(tmp_path / "a.svg"))
+    height = round(width * figure.get_figheight() / figure.get_figwidth())
+    picture = QImage(width, height, QImage.Format.Format_RGBA8888)
+    picture.fill(0)
+    painter = QPainter(picture)
+    renderer.render(painter)
+    painter.end()
+    pixels = np.frombuffer(picture.constBits(), np.uint8).reshape(height, width, 4)
+    # right of the ball, the bar is what is longest
+    opaque = pixels[:, int(0.75 * width) :, 3]
+    column = opaque[:, np.count_nonzero(opaque, axis=0).argmax()]
+    runs = np.split(column, np.flatnonzero(np.diff(column > 0)) + 1)
+    bar = max(runs, key=np.count_nonzero)[2:-2]  # without its smoothed ends
+    assert len(bar) > 0.2 * height
+    assert bar.min() == 255
 
 
 @pytest.mark.slow
