@@ -10,7 +10,7 @@ import shapes
 from tiers import slow
 
 from meshmash_viewer.cli import main as cli
-from meshmash_viewer.cli.numbers import signed
+from meshmash_viewer.cli.arguments import signed
 from meshmash_viewer.cli.parser import command_parser
 
 RADIUS = 500.0  # nm

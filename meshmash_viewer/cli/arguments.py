@@ -1,19 +1,25 @@
-"""Groups of arguments of the commands, and the objects that they describe."""
+"""Groups of arguments of the commands, their numbers and quantities, and what they describe."""
 
 from __future__ import annotations
 
 import argparse
+import re
+from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import mode
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from meshmash_viewer.cli import numbers
-from meshmash_viewer.cli.numbers import option_type, whole
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import is_link
-from meshmash_viewer.learn import CLASSIFIERS, KINDS
-from meshmash_viewer.quantities import parse_number, parse_unit
+from meshmash_viewer.quantities import (
+    Quantity,
+    parse_number,
+    parse_quantity,
+    parse_unit,
+    parse_whole,
+)
 from meshmash_viewer.structures import named_structure
 from meshmash_viewer.units import UNIT_FORMS
 
@@ -22,6 +28,87 @@ if TYPE_CHECKING:
     from meshmash_viewer.fields.parameter import Parameter
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.spectral.weyl import Target
+
+_T = TypeVar("_T")
+#: Largest whole number of an option: indices and counts have 32 bits.
+_MOST = 2**31 - 1
+_NEGATIVE = re.compile(r"\A-(?=[.,]?[0-9][-0-9.,'_eE+×x*^⁻⁺⁰¹²³⁴-⁹ ]*\Z)")
+
+
+def signed(arguments: list[str]) -> list[str]:
+    """Replace the hyphen of negative numbers, as argparse takes "-1e-4" for an option."""
+    return [_NEGATIVE.sub("\u2212", each) for each in arguments]
+
+
+def option_type(parse: Callable[[str], _T]) -> Callable[[str], _T]:
+    """Return a function that parses as another one, for argparse: it raises what that expects."""
+
+    def taken(text: str) -> _T:
+        try:
+            return parse(text)
+        except InputError as fault:
+            raise ArgumentTypeError(str(fault).rstrip(".")) from None
+
+    return taken
+
+
+def whole(least: int = 0) -> Callable[[str], int]:
+    """Return a parser of whole numbers from a minimum."""
+    return option_type(lambda text: parse_whole(text, least, _MOST, "the value"))
+
+
+def number(unit: str = "", *, share: bool = False) -> Callable[[str], float]:
+    """Return a parser of numbers, which may have a unit."""
+    return option_type(lambda text: parse_number(text, unit, share=share))
+
+
+def quantity(power: int) -> Callable[[str], Quantity]:
+    """Return a parser of powers of a length, in any unit or in that of each mesh."""
+    return option_type(lambda text: parse_quantity(text, power))
+
+
+@dataclass(frozen=True)
+class TargetQuantity:
+    """A quantity that becomes a `Target` once the unit of its mesh is known."""
+
+    kind: Literal["max_eigenvalue", "wavelength"]
+    quantity: Quantity
+
+    def in_unit(self, unit: str) -> Target:
+        """Return the target in a unit of length."""
+        from meshmash_viewer.spectral.weyl import Target
+
+        return Target(self.kind, self.quantity.in_unit(unit))
+
+
+def _target(
+    kind: Literal["max_eigenvalue", "wavelength"], power: int
+) -> Callable[[str], Target | TargetQuantity]:
+    """Return a parser of targets, which checks those without a unit at once."""
+
+    def taken(text: str) -> Target | TargetQuantity:
+        found = TargetQuantity(kind, parse_quantity(text, power))
+        return found if found.quantity.unit else found.in_unit("")
+
+    return option_type(taken)
+
+
+def in_unit(options: Namespace, unit: str | None = None) -> Namespace:
+    """Convert all quantities of the options to the unit of a mesh, their `mesh_unit`.
+
+    Without one those in a unit of their own are left out, to check the others.
+    """
+    found = {name: _in_unit(value, unit) for name, value in vars(options).items()}
+    return Namespace(**{**found, "mesh_unit": unit})
+
+
+def _in_unit(value: Any, unit: str | None) -> Any:
+    if isinstance(value, Quantity):
+        return None if unit is None and value.unit else value.in_unit(unit or "")
+    if isinstance(value, TargetQuantity) and unit is not None:
+        return value.in_unit(unit)
+    return value
+
 
 #: Exit status for faults that the user can correct.
 FAULT = 2
@@ -50,63 +137,6 @@ def add_value(
 def add_switch(parser: argparse._ActionsContainer, flag: str, about: str) -> None:
     """Add an option without a value."""
     parser.add_argument(flag, action="store_true", help=about)
-
-
-def add_condensing(parser: argparse.ArgumentParser) -> None:
-    """Add the options of condense; defaults are those of `condensed_hks_pipeline`."""
-    about = 'an .npz file, a folder, or a template such as "features/{name}.npz"; header.txt next'
-    about += " to it names the columns"
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
-    add_value(parser, "--graphs", str, "OUT", "likewise for the graph of domains of each mesh")
-    add_cluster(parser)
-    for flag, power, about in (
-        ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
-        ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
-        ("--max-eigenvalue", -2, "all eigenvalues up to X (per unit²), default 1e-5 nm⁻²"),
-    ):
-        add_value(parser, flag, numbers.quantity(power), "X", about)
-    add_columns(parser, "number of times, default 32")
-    share, dest = numbers.number(share=True), "simplify_target_reduction"
-    about = "of the faces to remove before, default 0.7"
-    add_value(parser, "--reduction", share, "SHARE", about, dest=dest)
-    about = "Ward distance of log-HKS from which domains are separate, default 3"
-    add_value(parser, "--distance-threshold", numbers.number(), "D", about)
-    about, dest = "smaller components are in no domain, default 200", "min_vertex_threshold"
-    add_value(parser, "--min-vertices", whole(), "N", about, dest=dest)
-    about = "position of the nucleus in the unit of the mesh; its distance is one more column"
-    xyz = {"nargs": 3, "dest": "nuc_point"}
-    add_value(parser, "--nucleus", numbers.number(), ("X", "Y", "Z"), about, **xyz)
-    _add_jobs(parser)
-
-
-def add_training(parser: argparse.ArgumentParser) -> None:
-    """Add the options of train."""
-    about = "labels of a mesh, with names or numbers; once for each mesh, in the same order"
-    add_labels(parser, about, required=True, action="append")
-    parser.add_argument(
-        "--kind",
-        action="append",
-        choices=tuple(KINDS),
-        help=f"columns to learn from, default hks; may be given many times. {_listed(KINDS)}",
-    )
-    for flag, end in (("--t-min", "shortest"), ("--t-max", "longest")):
-        about = f"{end} diffusion time (unit²); default: from the spectrum of the first mesh"
-        add_value(parser, flag, numbers.quantity(2), "T", about)
-    add_columns(parser, "number of times, default 32")
-    add_drop_first(parser)
-    parser.add_argument(
-        "--classifier",
-        choices=tuple(CLASSIFIERS),
-        default="ensemble",
-        help=f"default ensemble; {_listed(CLASSIFIERS)}",
-    )
-    about = "length over which probabilities are smoothed (unit), default 0"
-    add_value(parser, "--smoothing", numbers.quantity(1), "L", about, default=0.0)
-    add_output(parser, "OUT.skops", "the model to write")
-
-
-def _listed(texts: Mapping[str, str]) -> str:
-    return "; ".join(f"{name}: {text}" for name, text in texts.items())
 
 
 def add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
@@ -154,7 +184,7 @@ def add_looks(
     about = f"in pixels, default {size[0]}x{size[1]}"
     add_value(parser, "--size", _size, "WIDTHxHEIGHT", about, default=size)
     add_value(parser, "--colormap", str, "NAME", "one of matplotlib's")
-    parser.add_argument("--limits", type=numbers.number(), nargs=2, metavar=("LOW", "HIGH"))
+    parser.add_argument("--limits", type=number(), nargs=2, metavar=("LOW", "HIGH"))
     parser.add_argument(
         "--color-scale",
         choices=("automatic", "linear", "log"),
@@ -262,9 +292,9 @@ def add_points(parser: argparse.ArgumentParser, *, required: bool = True) -> Non
     about = f"of the points: {UNIT_FORMS}; default: that of the mesh"
     add_value(unit, "--points-unit", option_type(_unit), "U", about, default="")
     about = "size of the voxels that the points count, in the unit of the mesh"
-    add_value(unit, "--voxel", numbers.number(), ("X", "Y", "Z"), about, nargs=3)
+    add_value(unit, "--voxel", number(), ("X", "Y", "Z"), about, nargs=3)
     about = "from a vertex (unit); default a hundredth of the diagonal of the mesh"
-    add_value(parser, "--max-distance", numbers.quantity(1), "L", about)
+    add_value(parser, "--max-distance", quantity(1), "L", about)
 
 
 def add_structure(parser: argparse.ArgumentParser) -> None:
@@ -297,9 +327,9 @@ def add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> N
     about += "; auto: as many as --t-min needs" if automatic else ""
     group = parser.add_mutually_exclusive_group()
     add_value(group, "--count", count, "K", about, dest="target")
-    about, kind = "all eigenvalues up to X (per unit²)", numbers.target("max_eigenvalue", -2)
+    about, kind = "all eigenvalues up to X (per unit²)", _target("max_eigenvalue", -2)
     add_value(group, "--max-eigenvalue", kind, "X", about, dest="target")
-    about, kind = "all waves of length W (unit) and longer", numbers.target("wavelength", 1)
+    about, kind = "all waves of length W (unit) and longer", _target("wavelength", 1)
     add_value(group, "--wavelength", kind, "W", about, dest="target")
 
 
@@ -310,10 +340,11 @@ def add_solver(parser: argparse.ArgumentParser, *, operator: bool = True) -> Non
         kind = option_type(_not_negative)
         parser.add_argument("--mollify-factor", type=kind, default=1e-5, metavar="F")
     add_switch(parser, "--no-cache", "neither use nor keep stored eigenpairs")
-    _add_jobs(parser)
+    add_jobs(parser)
 
 
-def _add_jobs(parser: argparse.ArgumentParser) -> None:
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """Add the number of processes."""
     add_value(parser, "--jobs", whole(1), "J", "processes; default: as many as fit")
 
 
@@ -380,7 +411,7 @@ def chosen_family(
 ) -> Family:
     """Return the requested family of a table, and check its parameters.
 
-    The options have their quantities in a unit (`numbers.in_unit`). `least` is the least
+    The options have their quantities in a unit (`in_unit`). `least` is the least
     number of columns that is a default.
     """
     chosen = table[options.kind]

@@ -15,10 +15,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from meshmash_viewer.cli.arguments import FAULT, chosen_operator
+from meshmash_viewer.cli.arguments import FAULT, chosen_operator, in_unit
 from meshmash_viewer.cli.cluster import connected, repeat_said, results_of_tasks
 from meshmash_viewer.cli.manifest import Content, Manifest, content_of
-from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh

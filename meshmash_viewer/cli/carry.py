@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.cli.arguments import made_with
+from meshmash_viewer.cli.arguments import in_unit, made_with
 from meshmash_viewer.cli.batch import Report, for_each, prepared, read, solved, with_maps
-from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.outputs import (
     check_map_outputs,
     folder_of,

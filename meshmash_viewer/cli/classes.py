@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.arrays import IntArray
-from meshmash_viewer.cli.arguments import chosen_operator
+from meshmash_viewer.cli.arguments import chosen_operator, in_unit
 from meshmash_viewer.cli.batch import (
     Report,
     for_each,
@@ -24,7 +24,6 @@ from meshmash_viewer.cli.batch import (
     titled_rows,
     until_interrupted,
 )
-from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.outputs import (
     check_map_outputs,
     folder_of,

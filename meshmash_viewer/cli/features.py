@@ -11,6 +11,7 @@ from meshmash_viewer.cli.arguments import (
     MAPS,
     chosen_family,
     chosen_operator,
+    in_unit,
     made_with,
     refuse_others,
 )
@@ -26,7 +27,6 @@ from meshmash_viewer.cli.batch import (
     until_interrupted,
     with_maps,
 )
-from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.outputs import folder_of, output_paths, output_remarks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features

@@ -18,8 +18,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from meshmash_viewer.cli.arguments import FAULT
-from meshmash_viewer.cli.numbers import signed
+from meshmash_viewer.cli.arguments import FAULT, signed
 from meshmash_viewer.cli.parser import COMMANDS, parsed_command, window_parser
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
 
-from meshmash_viewer.cli import numbers
 from meshmash_viewer.cli.arguments import (
     FAULT,
     FORMATS,
@@ -15,9 +15,9 @@ from meshmash_viewer.cli.arguments import (
     NO_FIELD,
     add_cluster,
     add_columns,
-    add_condensing,
     add_drop_first,
     add_families,
+    add_jobs,
     add_labels,
     add_looks,
     add_maps,
@@ -29,15 +29,17 @@ from meshmash_viewer.cli.arguments import (
     add_structure,
     add_switch,
     add_target,
-    add_training,
     add_unit,
     add_value,
     add_whole,
     mesh_argument,
+    number,
+    quantity,
     usual_counts,
+    whole,
 )
-from meshmash_viewer.cli.numbers import whole
 from meshmash_viewer.cli.streams import PROGRAM
+from meshmash_viewer.learn import CLASSIFIERS, KINDS
 
 #: Commands without a window: their arguments and result.
 _COMMANDS = {
@@ -141,7 +143,7 @@ def command_parser() -> argparse.ArgumentParser:
     add_outputs(features)
     add_cluster(features)
 
-    add_condensing(command("condense", "divide meshes into domains of similar HKS", None))
+    _add_condensing(command("condense", "divide meshes into domains of similar HKS", None))
 
     compare = command("compare", "compare two meshes", 2)
     kinds = tuple(family.export for family in FEATURES.values())
@@ -199,7 +201,7 @@ def command_parser() -> argparse.ArgumentParser:
     add_whole(carried)
     add_structure(carried)
 
-    add_training(command("train", "learn classes of vertices from labels", None))
+    _add_training(command("train", "learn classes of vertices from labels", None))
     predicted = command("predict", "predict classes of vertices by a model", None)
     about = "a .skops file that train wrote"
     add_value(predicted, "--model", Path, "FILE", about, required=True)
@@ -225,10 +227,10 @@ def command_parser() -> argparse.ArgumentParser:
     add_output(render, "OUT.png", "a .pdf or .svg is a figure")
     add_looks(render, (1600, 1200), transparent=True)
     about = "of a figure for a paper, in place of --size: white unless --transparent"
-    add_value(render, "--width-mm", numbers.number(), "MM", f"width {about}")
+    add_value(render, "--width-mm", number(), "MM", f"width {about}")
     add_value(render, "--dpi", whole(1), "N", "pixels per inch of a figure", default=300)
     about = "of a figure, in points"
-    add_value(render, "--font-size", numbers.number(), "PT", about, default=7.0)
+    add_value(render, "--font-size", number(), "PT", about, default=7.0)
 
     gallery = command("gallery", "draw many fields of a mesh side by side")
     movie = command("movie", "draw a sweep through fields, or a turn")
@@ -249,9 +251,9 @@ def command_parser() -> argparse.ArgumentParser:
     add_switch(moves, "--turntable", "once around the mesh, which shows one column")
     add_value(movie, "--column", whole(), "I", "which, on the turntable")
     about = "frames a second; default as the window plays these fields, 25 on the turntable"
-    add_value(movie, "--rate", numbers.number(), "FPS", about)
+    add_value(movie, "--rate", number(), "FPS", about)
     about = "how long; default every column once, 6 on the turntable"
-    add_value(movie, "--seconds", numbers.number("s"), "S", about)
+    add_value(movie, "--seconds", number("s"), "S", about)
     add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
     add_looks(movie, (1280, 720))
     for each in commands.choices.values():
@@ -267,3 +269,60 @@ def parsed_command(arguments: list[str]) -> argparse.Namespace:
         parser.error(f"unrecognized arguments: {' '.join(others)}")
     options.mesh += map(mesh_argument, others)
     return options
+
+
+def _add_condensing(parser: argparse.ArgumentParser) -> None:
+    """Add the options of condense; defaults are those of `condensed_hks_pipeline`."""
+    about = 'an .npz file, a folder, or a template such as "features/{name}.npz"; header.txt next'
+    about += " to it names the columns"
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
+    add_value(parser, "--graphs", str, "OUT", "likewise for the graph of domains of each mesh")
+    add_cluster(parser)
+    for flag, power, about in (
+        ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
+        ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
+        ("--max-eigenvalue", -2, "all eigenvalues up to X (per unit²), default 1e-5 nm⁻²"),
+    ):
+        add_value(parser, flag, quantity(power), "X", about)
+    add_columns(parser, "number of times, default 32")
+    share, dest = number(share=True), "simplify_target_reduction"
+    about = "of the faces to remove before, default 0.7"
+    add_value(parser, "--reduction", share, "SHARE", about, dest=dest)
+    about = "Ward distance of log-HKS from which domains are separate, default 3"
+    add_value(parser, "--distance-threshold", number(), "D", about)
+    about, dest = "smaller components are in no domain, default 200", "min_vertex_threshold"
+    add_value(parser, "--min-vertices", whole(), "N", about, dest=dest)
+    about = "position of the nucleus in the unit of the mesh; its distance is one more column"
+    xyz = {"nargs": 3, "dest": "nuc_point"}
+    add_value(parser, "--nucleus", number(), ("X", "Y", "Z"), about, **xyz)
+    add_jobs(parser)
+
+
+def _add_training(parser: argparse.ArgumentParser) -> None:
+    """Add the options of train."""
+    about = "labels of a mesh, with names or numbers; once for each mesh, in the same order"
+    add_labels(parser, about, required=True, action="append")
+    parser.add_argument(
+        "--kind",
+        action="append",
+        choices=tuple(KINDS),
+        help=f"columns to learn from, default hks; may be given many times. {_listed(KINDS)}",
+    )
+    for flag, end in (("--t-min", "shortest"), ("--t-max", "longest")):
+        about = f"{end} diffusion time (unit²); default: from the spectrum of the first mesh"
+        add_value(parser, flag, quantity(2), "T", about)
+    add_columns(parser, "number of times, default 32")
+    add_drop_first(parser)
+    parser.add_argument(
+        "--classifier",
+        choices=tuple(CLASSIFIERS),
+        default="ensemble",
+        help=f"default ensemble; {_listed(CLASSIFIERS)}",
+    )
+    about = "length over which probabilities are smoothed (unit), default 0"
+    add_value(parser, "--smoothing", quantity(1), "L", about, default=0.0)
+    add_output(parser, "OUT.skops", "the model to write")
+
+
+def _listed(texts: Mapping[str, str]) -> str:
+    return "; ".join(f"{name}: {text}" for name, text in texts.items())

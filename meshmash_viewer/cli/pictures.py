@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import chain, islice
 from typing import Any
 
-from meshmash_viewer.cli.arguments import NO_FIELD, chosen_family, options_of
+from meshmash_viewer.cli.arguments import NO_FIELD, chosen_family, in_unit, options_of
 from meshmash_viewer.cli.batch import (
     Report,
     for_each,
@@ -20,7 +20,6 @@ from meshmash_viewer.cli.batch import (
     solved,
     with_maps,
 )
-from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import heat_kernel_bank
