@@ -14,13 +14,13 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import (
     FileNumbering,
     IntArray,
+    Triangles,
     check_size,
     checked_faces,
     checked_vertices,
     scaled_vertices,
 )
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.triangles import Triangles
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import (
     LENGTH_UNITS,

@@ -17,8 +17,8 @@ from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.theme import Mode
 from meshmash_viewer.app.view.camera import view_label
+from meshmash_viewer.arrays import SMALL
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.triangles import SMALL
 
 #: How texts name keys, and a sequence that holds each.
 _MODIFIERS = {"Ctrl": "Ctrl+A", "Shift": "Shift+A", "Alt": "Alt+A"}
