@@ -16,10 +16,10 @@ from meshmash_viewer.health import repair_mesh as repair_mesh
 from meshmash_viewer.io.maps import read_labels as read_labels
 from meshmash_viewer.io.maps import read_maps as read_maps
 from meshmash_viewer.io.maps import read_mask as read_mask
-from meshmash_viewer.io.napari import to_napari as to_napari
 from meshmash_viewer.io.points import read_points as read_points
 from meshmash_viewer.io.points import write_points as write_points
 from meshmash_viewer.io.read import read_mesh as read_mesh
+from meshmash_viewer.io.write import to_napari as to_napari
 from meshmash_viewer.io.write import unused_path as unused_path
 from meshmash_viewer.io.write import write_eigenpairs as write_eigenpairs
 from meshmash_viewer.io.write import write_features as write_features
