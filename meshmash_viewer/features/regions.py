@@ -14,8 +14,8 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
+from meshmash_viewer.surface.curvature import neck_widths
 from meshmash_viewer.surface.edges import connected, edges_of, side_codes
-from meshmash_viewer.surface.necks import neck_widths
 from meshmash_viewer.units import counted, format_quantity, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -190,7 +190,7 @@ def regions(
             The largest of the extents along the principal axes, in `unit`.
         ``neck_width``
             Length of the shortest cut that separates the far half of the region from the rest of
-            the surface, see `meshmash_viewer.surface.necks`. NaN where it does not join any.
+            the surface, see `meshmash_viewer.surface.curvature`. NaN where it does not join any.
         ``lambda2``
             The first eigenvalue above zero of the region with a free border, per squared unit. NaN
             for faces without area.
