@@ -1,4 +1,4 @@
-"""Vertices and faces as arrays: checks, equal rows, numbering in the file, geometry of triangles."""
+"""Vertices and faces as arrays: checks, equal rows, numbering in the file, triangle geometry."""
 
 from __future__ import annotations
 
