@@ -30,8 +30,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine.run import Run
+from meshmash_viewer.spectral.eigensolver import Run, solve
 
 
 @pytest.fixture(autouse=True)
@@ -368,7 +367,7 @@ def test_no_fault_ends_a_batch(
             raise fault
         return Run(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("meshmash_viewer.spectral.engine.run.Run", failing)
+    monkeypatch.setattr("meshmash_viewer.spectral.eigensolver.Run", failing)
     arguments = ("features", ball, tmp_path / "absent.ply", sheet, "--count", 9)
     said = run(capsys, *arguments, "-o", f"{tmp_path / 'out'}/")
     assert said[0] == status
@@ -422,7 +421,7 @@ def test_stored_eigenpairs_are_not_computed_again(
         runs.append(1)
         return Run(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("meshmash_viewer.spectral.engine.run.Run", counted)
+    monkeypatch.setattr("meshmash_viewer.spectral.eigensolver.Run", counted)
     out = tmp_path / "out.npz"
     for options in ((), ("--kind", "geometry-vectors"), ("--no-robust",)):
         assert run(capsys, "features", ball, "--count", 9, *options, "-o", out)[0] == 0

@@ -145,7 +145,7 @@ class _Keeper:
         """Compute the pairs that are missing."""
         from meshmash_viewer.laplacian import cotangent_laplacian
         from meshmash_viewer.spectral.cost import check_memory, free_memory
-        from meshmash_viewer.spectral.engine.run import Run
+        from meshmash_viewer.spectral.eigensolver import Run
 
         free = free_memory()
         self._known, remark, self._source = _longest(self._all, None, request.cancel)
