@@ -5,7 +5,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.clustering import cluster_vertices
+from meshmash_viewer.surface.decimation import cluster_vertices
 
 
 def test_a_sphere_stays_a_sphere() -> None:

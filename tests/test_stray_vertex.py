@@ -17,7 +17,7 @@ from meshmash_viewer.health import REPAIRS, median_edge_length, mesh_health
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.preview import preview_eigenpairs
-from meshmash_viewer.surface.clustering import cluster_vertices
+from meshmash_viewer.surface.decimation import cluster_vertices
 from meshmash_viewer.surface.rays import RayTarget
 
 FAR = [1e6, 1e30, 1e100, 1e300, float(np.finfo(np.float64).max)]

@@ -14,7 +14,7 @@ from meshmash_viewer.app.listening import hasten
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices
+from meshmash_viewer.surface.decimation import CoarseMesh, cluster_vertices
 
 #: Milliseconds without movement after which the full mesh is drawn again.
 REST = 220

@@ -20,7 +20,7 @@ from meshmash_viewer.app.view.style import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.clustering import CoarseMesh
+from meshmash_viewer.surface.decimation import CoarseMesh
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.surface.rays import Plane, RayTarget
 
