@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import native_keys
+from meshmash_viewer.app.arrangement import progress_text, show_progress
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.document_controls import UnitCombo, written_cost
 from meshmash_viewer.app.controls.make import (
@@ -33,7 +34,6 @@ from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
-from meshmash_viewer.app.status_bar import progress_text, show_progress
 from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.document import Document
