@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement, HoverLabel, StatusProgress
-from meshmash_viewer.app.background import BackgroundIO
+from meshmash_viewer.app.background import BackgroundIO, Tasks
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_events import FieldWheel, FocusKeys
@@ -44,7 +44,6 @@ from meshmash_viewer.app.pin_commands import close_menus
 from meshmash_viewer.app.scripted_window import ScriptedWindow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import DropAreas, Stage
-from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.io.links import is_link, link_file, name_and_place, parse_link, shown_path
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, step

@@ -10,13 +10,12 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QToolButton, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, LatestThread
+from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, LatestThread, Tasks
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.app.listening import follow, listen, stop_listening
 from meshmash_viewer.app.stage import HeadLabel, render_head
-from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
 from meshmash_viewer.model.document import Document

@@ -11,7 +11,7 @@ import shapes
 from long_jobs import DyingJob, EndlessJob, FailingJob
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.app.background import Tasks
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
