@@ -12,10 +12,9 @@ from PySide6.QtWidgets import QFileDialog, QMainWindow
 
 from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controller import Controller
-from meshmash_viewer.app.last_session import LastSession
 from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.app.sessions import Restoration, session_of
-from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.settings import LastSession, Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors

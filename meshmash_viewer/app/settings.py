@@ -1,17 +1,37 @@
-"""Settings of the window, stored between runs."""
+"""What is stored between runs: settings of the window, and the session of every mesh file."""
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from PySide6.QtCore import QByteArray, QSettings
+from PySide6.QtCore import QByteArray, QObject, QSettings, Qt, QThreadPool, QTimer, Signal
 
+from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.app.theme import Mode
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import session_folder
+from meshmash_viewer.io.session import (
+    KEPT_MAPS_ENDING,
+    SESSION_ENDING,
+    KeptMaps,
+    Session,
+    read_kept_maps,
+    read_session,
+    write_kept_maps,
+    write_session,
+)
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.model.pair import Pair
+from meshmash_viewer.vertex_map import VertexMap
 
 _RECENT_KEPT = 10
 
@@ -91,3 +111,259 @@ class Settings:
     def layout(self, layout: tuple[QByteArray, QByteArray]) -> None:
         self._set("geometry", layout[0])
         self._set("state", layout[1])
+
+
+#: Milliseconds from one writing to the next during changes.
+_PAUSE = 300
+#: Number of mesh files whose sessions are kept.
+_KEPT = 200
+
+
+#: The maps of a document that are in no other file, as they were written last, by the name of the
+#: file in which each of them is.
+_Kept: TypeAlias = dict[str, VertexMap]
+
+
+class LastSession(QObject):
+    """Writes the session of a document's mesh file after every change, and finds it again.
+
+    A change is written before the next frame, which may take a second on a slow machine, and those
+    that follow it after a pause. Files are written in a thread, as flushing them to the disk takes
+    up to a tenth of a second.
+
+    `folder` holds them, one for each mesh file. `look` returns the camera (see `View.to_json`) and
+    the pair with the second mesh, if there is one.
+    """
+
+    _failed, _due = Signal(str), Signal()
+
+    def __init__(
+        self,
+        document: Document,
+        folder: Path,
+        look: Callable[[], tuple[dict[str, Any], Pair | None]],
+        parent: QObject,
+    ) -> None:
+        super().__init__(parent)
+        self._document, self._folder, self._look = document, folder, look
+        self._kept: _Kept = {}
+        self._second: Document | None = None
+        self._kept_of_second: _Kept = {}
+        #: The file of the second mesh, and its session as it was found or written last.
+        self._known_of_second: tuple[Path, Session | None] = Path(), None
+        self._pool = QThreadPool(self, maxThreadCount=1)
+        self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
+        #: Whether there is something to be written.
+        self._waiting = False
+        self._timer = QTimer(self, singleShot=True, interval=_PAUSE)
+        self._timer.timeout.connect(self._save_changes)
+        self._due.connect(self._save_changes, Qt.ConnectionType.QueuedConnection)
+        listen(document.mesh_changed, self._change_mesh)
+        changes = (
+            document.history.changed, document.display.events, document.solve.changed,
+            document.classes.changed,
+        )  # fmt: skip
+        listen(changes, self.changed)
+
+    def changed(self) -> None:
+        """Write the session soon."""
+        self._waiting = self._document.path is not None
+        # no longer than the pause, even where slow frames delay the timer
+        if self._waiting and self._timer.remainingTime() <= 0:
+            self._due.emit()
+
+    def watch(self, document: Document | None) -> None:
+        """Save unit, repairs and kept maps of a second document, too, until it is closed (None)."""
+        self._save_second()
+        self._second, self._kept_of_second = document, {}
+        self._known_of_second = Path(), None
+        if document is not None:
+            listen(document.mesh_changed, self._save_second)
+            listen(document.history.changed, self.changed)
+
+    def stored(self, mesh_path: Path) -> Session | None:
+        """Return the session of a mesh file; None if there is none that can be read."""
+        self._pool.waitForDone()
+        if not self.path(mesh_path).exists():
+            return None
+        try:
+            return read_session(self.path(mesh_path))
+        except InputError as fault:
+            self.set_aside(mesh_path, str(fault))
+            return None
+
+    def set_aside(self, mesh_path: Path, fault: str) -> None:
+        """Keep a session that cannot be used under another name, and say so."""
+        text = f"{mesh_path.name} opens without what was made on it before. {fault}"
+        text += _set_aside(self.path(mesh_path))
+        # past the opening, too
+        self._document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
+
+    def path(self, mesh_path: Path) -> Path:
+        key = hashlib.sha256(str(mesh_path.absolute()).encode()).hexdigest()[:20]
+        return self._folder / f"{key}{SESSION_ENDING}"
+
+    def save(self) -> None:
+        """Write the session now; a failure is shown in the message bar."""
+        self._timer.stop()
+        self._waiting = False
+        self._save_second()
+        document = self._document
+        if document.path is None or document.mesh is None:
+            return
+        path = self.path(document.path)
+        camera, pair = self._look()
+        if not camera:  # the render is still being loaded, and what was saved not yet restored
+            return
+        maps = self._new_maps(document, self._kept)
+        session = replace(session_of(document, camera, pair), kept_maps=list(self._kept))
+        self._pool.start(lambda: self._write(path, session, maps))
+
+    def close(self) -> None:
+        """Write the session, and wait for the thread."""
+        self.save()
+        self._pool.waitForDone()
+
+    def forget(self, mesh_path: Path) -> None:
+        self._timer.stop()
+        self._waiting = False
+        self._pool.waitForDone()
+        _delete(self.path(mesh_path))
+
+    def restore_maps(self, session: Path, names: Sequence[str]) -> int:
+        """Add the kept maps in files next to a session to the mesh, and return their number."""
+        return self._restore_maps(self._document, self._kept, session, names)
+
+    # -- details ------------------------------------------------------------------------------
+
+    def _change_mesh(self) -> None:
+        """Write the session after a pause, in which what was made on another mesh is restored."""
+        self._waiting = self._document.path is not None
+        if not self._timer.isActive():
+            self._timer.start()
+
+    def _save_changes(self) -> None:
+        """Write the session, or later if the thread is still writing the one before."""
+        if self._waiting and self._timer.remainingTime() <= 0:
+            if not self._pool.activeThreadCount():
+                self.save()
+            self._timer.start()
+
+    def _restore_maps(
+        self, document: Document, kept: _Kept, session: Path, names: Sequence[str]
+    ) -> int:
+        mesh = document.mesh
+        if mesh is None or document.path is None or not names:
+            return 0
+        self._pool.waitForDone()
+        found: list[KeptMaps] = []
+        for file in (session.with_name(Path(name).name) for name in names):
+            try:
+                stored = read_kept_maps(file)
+            except InputError as fault:
+                text = f"The maps kept of {document.path.name} cannot be read: {fault}"
+                if session.parent == self._folder:
+                    text += _set_aside(file)
+                document.notices.say(text, Severity.WARNING)
+                continue
+            if stored.mesh == mesh.content_hash:
+                found.append(stored)
+                if session.parent == self._folder and len(stored.maps) == 1:
+                    kept[file.name] = stored.maps[0]
+        maps = [each for stored in found for each in stored.maps]
+        document.maps.restore(mesh, maps, [name for stored in found for name in stored.edited])
+        return len(maps)
+
+    def _save_second(self) -> None:
+        """Write the session of the second mesh; once it is open, restore the maps kept of it."""
+        document, kept = self._second, self._kept_of_second
+        if document is None or document.path is None or document.mesh is None:
+            return
+        path, known = self._known_of_second
+        if path != document.path:
+            known = self.stored(document.path)
+            self._known_of_second = document.path, known
+            names = [] if known is None else known.kept_maps
+            self._restore_maps(document, kept, self.path(document.path), names)
+        now, maps = session_of(document, {}, None), self._new_maps(document, kept)
+        if known is not None:
+            now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
+        now = replace(now, kept_maps=list(kept))
+        if now != known:
+            self._known_of_second = document.path, now
+            file = self.path(document.path)
+            self._pool.start(lambda: self._write(file, now, maps))
+
+    def _new_maps(self, document: Document, kept: _Kept) -> dict[str, KeptMaps]:
+        """Return the maps that have not been written, by the names of their new files."""
+        assert document.path is not None  # without one nothing is saved
+        key, unsaved = _key(self.path(document.path)), document.maps.unsaved
+        maps: dict[str, VertexMap] = {}
+        new: dict[str, KeptMaps] = {}
+        for each in unsaved.maps:
+            written = (at for at in kept if at.startswith(key))
+            file = next((at for at in written if _is_same(kept[at], each)), "")
+            if not file:  # another name, as the session before needs the files that it names
+                file = f"{key}.{time.time_ns():x}-{len(maps)}{KEPT_MAPS_ENDING}"
+                edited = [name for name in unsaved.edited if name == each.name]
+                new[file] = KeptMaps((each,), unsaved.mesh, edited)
+            maps[file] = each
+        kept.clear()
+        kept.update(maps)
+        return new
+
+    def _write(self, path: Path, session: Session, maps: dict[str, KeptMaps]) -> None:
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            for name, each in maps.items():
+                write_kept_maps(self._folder / name, each)
+            write_session(path, session)
+            _delete_maps(path, session.kept_maps)
+            self._delete_oldest()
+        except (InputError, OSError) as fault:
+            self._failed.emit(str(fault))
+
+    def _say_failed(self, fault: str) -> None:
+        self._kept, self._kept_of_second = {}, {}  # to be tried again
+        text = f"What you made could not be saved for the next time: {fault}"
+        self._document.notices.say(text, Severity.WARNING)
+
+    def _delete_oldest(self) -> None:
+        sessions = sorted(
+            self._folder.glob(f"*{SESSION_ENDING}"), key=lambda each: each.stat().st_mtime
+        )
+        for old in sessions[:-_KEPT]:
+            _delete(old)
+
+
+def _set_aside(file: Path) -> str:
+    """Rename a file that cannot be read, and return a sentence that says so."""
+    kept = file.with_suffix(".unreadable")
+    try:
+        file.replace(kept)
+    except OSError as error:
+        return f" {file} cannot be renamed ({error.strerror})."
+    return f" That file is kept as {kept}."
+
+
+def _is_same(one: VertexMap, other: VertexMap) -> bool:
+    """Whether two maps have the same array of values, and the rest is equal."""
+    about = (one.name, one.unit, one.labels) == (other.name, other.unit, other.labels)
+    return about and one.values is other.values
+
+
+def _delete_maps(session: Path, but: Sequence[str] = ()) -> None:
+    """Delete the files of maps of a session, but for some."""
+    for file in session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}"):
+        if file.name not in but:
+            file.unlink(missing_ok=True)
+
+
+def _key(session: Path) -> str:
+    return session.name.removesuffix(SESSION_ENDING)
+
+
+def _delete(session: Path) -> None:
+    """Delete a session and its maps."""
+    session.unlink(missing_ok=True)
+    _delete_maps(session)
