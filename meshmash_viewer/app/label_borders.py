@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 
 from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import listen
-from meshmash_viewer.app.view.marks import BORDERS, GRAPH, Marks
+from meshmash_viewer.app.view.surface import BORDERS, GRAPH, Marks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.progress import CancelCallback

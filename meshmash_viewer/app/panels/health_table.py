@@ -25,8 +25,8 @@ from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.units import counted, format_share
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.view.marks import Marks
     from meshmash_viewer.app.view.mesh_view import MeshView
+    from meshmash_viewer.app.view.surface import Marks
 
 #: Places, what marks them, and what their repair would change.
 _Found: TypeAlias = "tuple[FaultPlaces, Marks | None, str]"
@@ -324,7 +324,7 @@ class HealthTable(QWidget):
 
 def _found(question: _Question, cancel: CancelCallback) -> _Found:
     """Find the faults of a row, and what their repair would change."""
-    from meshmash_viewer.app.view.marks import Marks
+    from meshmash_viewer.app.view.surface import Marks
 
     row, mesh = question.row, question.mesh
     places = fault_places(mesh, row.attribute)

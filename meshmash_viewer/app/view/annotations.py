@@ -20,7 +20,6 @@ from vtkmodules.vtkPythonContext2D import vtkPythonItem
 from vtkmodules.vtkRenderingContext2D import vtkContext2D, vtkContextActor, vtkPen
 
 from meshmash_viewer.app.view.camera import Margins, View
-from meshmash_viewer.app.view.marks import PointLegend
 from meshmash_viewer.app.view.style import (
     LIGHT,
     NAN_COLOR,
@@ -111,6 +110,15 @@ def caption_of(field: Field, limits: Limits, colormap: ColorMap, *, lined: bool)
         formula=field.formula,
         lines=field.line_spacing if lined else None,
     )
+
+
+@dataclass(frozen=True)
+class PointLegend:
+    """Colours "#rrggbb" of points with what they mean, from above; shades if `graded`."""
+
+    title: str
+    rows: tuple[tuple[str, str], ...]
+    graded: bool = False
 
 
 @dataclass(frozen=True)

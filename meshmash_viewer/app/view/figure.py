@@ -17,9 +17,8 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.app.view.annotations import Caption, Pin
+from meshmash_viewer.app.view.annotations import Caption, Pin, PointLegend
 from meshmash_viewer.app.view.camera import View
-from meshmash_viewer.app.view.marks import PointLegend
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.page import (
     MM,

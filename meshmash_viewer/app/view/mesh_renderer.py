@@ -12,12 +12,18 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkRenderingCore import vtkActor, vtkCamera, vtkLight, vtkProp, vtkRenderer
 
-from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
+from meshmash_viewer.app.view.annotations import (
+    Annotations,
+    Caption,
+    Page,
+    Pin,
+    PointLegend,
+    margins,
+)
 from meshmash_viewer.app.view.camera import View, fitted_view, geometry_of
-from meshmash_viewer.app.view.marks import Overlay, PointLegend
 from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.style import DARK, LIGHT, color_table, rgb
-from meshmash_viewer.app.view.surface import Surface
+from meshmash_viewer.app.view.surface import Overlay, Surface
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.decimation import CoarseMesh

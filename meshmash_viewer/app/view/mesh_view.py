@@ -17,12 +17,12 @@ from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins,
 from meshmash_viewer.app.view.camera import View, view_axes
 from meshmash_viewer.app.view.frames import Frames
 from meshmash_viewer.app.view.handles import BarHandles, CutHandle
-from meshmash_viewer.app.view.marks import Marks
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.render_widget import Outline, RenderWidget, Ring
 from meshmash_viewer.app.view.style import ColorMap
+from meshmash_viewer.app.view.surface import Marks
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
