@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 #: Names of packages that differ from the imported module.
-_PACKAGES = {"PIL": "pillow", "PySide6": "PySide6-Essentials", "vtkmodules": "vtk"}
+_PACKAGES = {
+    "PIL": "pillow", "PySide6": "PySide6-Essentials", "vtkmodules": "vtk",
+    "cloudvolume": "cloud-volume", "fast_simplification": "fast-simplification",
+    "sklearn": "scikit-learn",
+}  # fmt: skip
 
 
 class InputError(ValueError):
@@ -85,10 +89,11 @@ def of_mesh(name: str) -> str:
     return f"{printable(name)}: " if name else ""
 
 
-def not_installed(module: str) -> str:
+def not_installed(module: str, extra: str = "") -> str:
     """Return a clause on a missing module: "x, which is not installed: pip install x"."""
     package = _PACKAGES.get(module, module)
-    return f"{package}, which is not installed: pip install {package}"
+    remedy = f'"meshmash-viewer[{extra}]"' if extra else package
+    return f"{package}, which is not installed: pip install {remedy}"
 
 
 def missing_module(fault: BaseException) -> str:

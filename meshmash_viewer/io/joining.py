@@ -24,13 +24,10 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     """Join vertices at the same place, and drop the triangles that collapse by it.
 
     Exporters leave residues such as 1e-17 for 0. The same place therefore means closer than 2⁻²⁶ of
-    the longest side of the mesh, and than 2⁻⁷ of the smallest face at either vertex. Neither
-    depends on where the origin is, nor on vertices that no face uses, so small parts of a large
-    mesh keep their vertices. Joined vertices keep the order of their first appearance.
-
-    Vertices, shape (n, 3), are as they were written, before any transform. Vertices and faces are
-    returned with the indices of the vertices that are left. `InputError` is raised if a coordinate
-    is not finite, or is so large that most faces are residues next to it.
+    the longest side of the mesh, and than 2⁻⁷ of the smallest face at either vertex, wherever the
+    origin is. Vertices, shape (n, 3), are as they were written, before any transform; those that
+    are left keep their order, and their indices are returned, too. `InputError` is raised if a
+    coordinate is not finite, or is so large that most faces are residues next to it.
     """
     if not len(vertices):
         return vertices, faces, np.arange(0)

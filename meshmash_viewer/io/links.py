@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -132,14 +131,13 @@ def _layers_of_state(state: str) -> tuple[Layer, ...]:
             " layer (precomputed://… or graphene://…) and the id of the segment."
         )
     try:
-        content = json.loads(state)
-        layers = content.get("layers", [])
+        layers = json.loads(state).get("layers", [])
         if isinstance(layers, dict):
             layers = [{**each, "name": name} for name, each in layers.items()]
-        found = tuple(layer for each in layers for layer in _layers_of_entry(each))
-    except (ValueError, TypeError, AttributeError, RecursionError) as fault:
-        if isinstance(fault, InputError):
-            raise
+        found = tuple(filter(None, map(_layer_of_entry, layers)))
+    except InputError:
+        raise
+    except (ValueError, TypeError, AttributeError, RecursionError):
         raise InputError(
             "The state of this URL of Neuroglancer cannot be read: copy the whole URL again, or"
             " give the source of its layer and the id of the segment."
@@ -151,8 +149,8 @@ def _layers_of_state(state: str) -> tuple[Layer, ...]:
     return found
 
 
-def _layers_of_entry(entry: dict[str, Any]) -> Iterator[Layer]:
-    """Yield the layer of an entry of the state, if it is one of segments."""
+def _layer_of_entry(entry: dict[str, Any]) -> Layer | None:
+    """Return the layer of an entry of the state, if it is one of segments."""
     sources = entry.get("source", [])
     for given in sources if isinstance(sources, list) else [sources]:
         url = str(given.get("url", "") if isinstance(given, dict) else given)
@@ -160,8 +158,8 @@ def _layers_of_entry(entry: dict[str, Any]) -> Iterator[Layer]:
         if kind == "segmentation" and (_LAYER.fullmatch(url) or _PIPED.fullmatch(url)):
             # a "!" is before those that are not shown
             ids = (str(each).lstrip("!") for each in entry.get("segments", []))
-            yield Layer(_source(url), tuple(map(segment_id, ids)), name=str(entry.get("name", "")))
-            return
+            return Layer(_source(url), tuple(map(segment_id, ids)), name=str(entry.get("name", "")))
+    return None
 
 
 def _source(text: str) -> str:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import io
+import itertools
 import math
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 from urllib.parse import urlsplit
+from urllib.request import getproxies
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.links import MeshLink, read_link
 from meshmash_viewer.io.raw import (
@@ -43,6 +45,8 @@ _AT_ONCE = 64
 _SILENCE, _ANSWER = 300.0, 8.0
 #: Statuses of HTTP for lacking credentials.
 _REFUSED = (401, 403)
+_MISSING = "has no mesh; check the id, or open another segment."
+_ONE_LEVEL = "has one level of detail; leave it out, or give 0."
 #: Hosts of the cloud storages.
 _HOSTS = {"gs": "storage.googleapis.com", "s3": "s3.amazonaws.com"}
 #: Parts of the names of exceptions of cloud libraries, and what they mean.
@@ -80,22 +84,15 @@ def read_segment(
     `SegmentFault` is raised if that is not possible, and `Cancelled` if `cancel` returns True.
     """
     if importlib.util.find_spec("cloudvolume") is None:
-        raise SegmentFault(
-            'is read by cloud-volume, which is not installed: pip install "meshmash-viewer[neuro]".'
-        )
+        raise SegmentFault(f"is read by {not_installed('cloudvolume', 'neuro')}.")
     remove_abandoned()
     with TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as folder:
         notes = Path(folder, "notes")
         if is_child():
             return fetch(link, notes)
+        look, env = _Follower(notes, progress, cancel), {"OPENBLAS_NUM_THREADS": "1"}
         try:
-            return call_in_child(
-                fetch,
-                link,
-                notes,
-                look=_Follower(notes, progress, cancel),
-                env={"OPENBLAS_NUM_THREADS": "1"},
-            )
+            return call_in_child(fetch, link, notes, look=look, env=env)
         except ChildEnded:
             raise SegmentFault(
                 "has a fragment so broken that the library that reads it ends on it; open another"
@@ -168,13 +165,9 @@ def _explained(fault: BaseException | None) -> SegmentFault:
             if any(part in names for part in parts):
                 return SegmentFault(clause)
         if status in (400, 404):
-            return _missing()
+            return SegmentFault(_MISSING)
     name = type(seen[0]).__name__
     return SegmentFault(f"cannot be read ({name}); check the link, and open it in Neuroglancer.")
-
-
-def _missing() -> SegmentFault:
-    return SegmentFault("has no mesh; check the id, or open another segment.")
 
 
 def _check_place(source: str) -> None:
@@ -184,16 +177,14 @@ def _check_place(source: str) -> None:
         if os.name == "posix" and not os.path.isdir(rest):
             raise SegmentFault("belongs to no layer; check the link, whose folder does not exist.")
         return
-    given = {name.lower() for name in os.environ}
-    if given & {"http_proxy", "https_proxy", "all_proxy"}:
-        return  # which finds the host
+    if {"http", "https", "all"} & set(getproxies()):
+        return  # a proxy finds the host
     place = urlsplit(f"{protocol.removeprefix('middleauth+')}://{rest}")
     host = _HOSTS.get(protocol, place.hostname or "")
     port = None if protocol in _HOSTS else place.port
+    place_of_host = host, port or (80 if protocol == "http" else 443)
     try:
-        socket.create_connection(
-            (host, port or (80 if protocol == "http" else 443)), _ANSWER
-        ).close()
+        socket.create_connection(place_of_host, _ANSWER).close()
     except OSError:
         raise SegmentFault(
             f"cannot be reached, as {host} does not answer; check the network and the link."
@@ -245,11 +236,11 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     from cloudvolume.datasource.precomputed.mesh.common import apply_transform
 
     if link.lod:
-        raise SegmentFault("has one level of detail; leave it out, or give 0.")
+        raise SegmentFault(_ONE_LEVEL)
     folder = CloudFiles(source.meta.layerpath, progress=False)
     manifest = folder.get_json(f"{link.segment}:0")
     if manifest is None:
-        raise _missing()
+        raise SegmentFault(_MISSING)
     names = sorted(set(manifest["fragments"]))
     sizes = folder.size(names)
     lacking = [name for name in names if sizes[name] is None]
@@ -257,7 +248,9 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
         what = f"lacks {counted(len(lacking), 'fragment')}" if lacking else "lists no fragments"
         raise SegmentFault(f"{what}; report it to those who host the layer.")
     total, done, n_vertices, meshes = sum(sizes.values()), 0, 0, []
-    for batch in _batches(names):
+    # the first alone, by which the size of all is estimated
+    starts = [0, *range(1, len(names), _AT_ONCE), len(names)]
+    for batch in (names[start:end] for start, end in itertools.pairwise(starts)):
         found = {each["path"]: each["content"] for each in folder.get(batch)}
         for name in batch:
             meshes.append(_decoded(Mesh, name, found[name]))
@@ -269,13 +262,6 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     mesh = Mesh.concatenate(*meshes)
     mesh.vertices = apply_transform(mesh.vertices, source.transform)
     return mesh, len(names)
-
-
-def _batches(names: Sequence[str]) -> Iterator[Sequence[str]]:
-    """Yield the first name alone, by which the size of all is estimated, and then many at once."""
-    yield names[:1]
-    for start in range(1, len(names), _AT_ONCE):
-        yield names[start : start + _AT_ONCE]
 
 
 def _decoded(kind: Any, name: str, content: bytes) -> Any:
@@ -297,19 +283,14 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     """Read a level of detail of a multi-resolution mesh."""
     manifest = source.get_manifest(link.segment)
     if manifest is None:
-        raise _missing()
-    n_levels = manifest.num_lods
-    lod = link.lod or 0
+        raise SegmentFault(_MISSING)
+    n_levels, lod = manifest.num_lods, link.lod or 0
     if lod >= n_levels:
-        one = n_levels == 1
-        raise SegmentFault(
-            "has one level of detail; leave it out, or give 0."
-            if one
-            else f"has the levels of detail 0 to {n_levels - 1}; give one of these."
-        )
+        several = f"has the levels of detail 0 to {n_levels - 1}; give one of these."
+        raise SegmentFault(_ONE_LEVEL if n_levels == 1 else several)
     sizes = [int(each.sum()) for each in manifest.fragment_offsets]
     n_vertices = sizes[lod] / _PACKED_BYTES
-    if link.lod is None and n_vertices > _most():
+    if link.lod is None and n_vertices > MOST_VERTICES * limit_factor():
         # the coarsest level shows how tightly they are packed
         n_coarse = len(source.get(link.segment, lod=n_levels - 1)[link.segment].vertices)
         expected = [n_coarse * size / max(sizes[-1], 1) for size in sizes]
@@ -322,14 +303,9 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     return found[link.segment], len(manifest.fragment_offsets[lod])
 
 
-def _most() -> float:
-    """Vertices that are read unasked; the environment variable multiplies them as all limits."""
-    return MOST_VERTICES * limit_factor()
-
-
 def _check_size(expected: Sequence[float]) -> None:
     """Raise `SegmentFault` if the first level has too many vertices, and name one that fits."""
-    most = _most()
+    most = MOST_VERTICES * limit_factor()
     if expected[0] <= most:
         return
     said = f"has about {_millions(expected[0])}, more than the {_millions(most)} that are read"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.io.raw import RawMesh
 
 _FIRST = b"DRACO"
@@ -32,9 +32,7 @@ def decode_draco(data: bytes) -> RawMesh:
     try:
         import DracoPy
     except ImportError:
-        raise InputError(
-            'is read by DracoPy, which is not installed: pip install "meshmash-viewer[draco]"'
-        ) from None
+        raise InputError(f"is read by {not_installed('DracoPy', 'draco')}") from None
     if not data.startswith(_FIRST):
         raise InputError(f'does not begin with "{_FIRST.decode()}"')
     try:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.io.formats.draco import decode_draco
 from meshmash_viewer.io.raw import RawMap, RawMesh
 from meshmash_viewer.units import counted
@@ -22,9 +22,7 @@ def read_meshparty(path: Path) -> RawMesh:
     try:
         import h5py
     except ImportError:
-        raise InputError(
-            'is read by h5py, which is not installed: pip install "meshmash-viewer[neuro]"'
-        ) from None
+        raise InputError(f"is read by {not_installed('h5py', 'neuro')}") from None
     try:
         with h5py.File(path, "r") as file:
             held = {name: file[name][()] for name in _KNOWN if _is_array(file.get(name))}
