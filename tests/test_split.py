@@ -82,7 +82,7 @@ def test_a_piece_is_in_one_part_and_its_faces_in_the_order_of_the_mesh(fine_sphe
     stitcher = MeshStitcher(fine_sphere)
     stitcher.split_mesh(333, overlap=0.0)
     for number, piece in enumerate(stitcher.pieces):
-        faces = stitcher.piece_mesh(number)[1]
+        faces = stitcher[number][1]
         assert Mesh(fine_sphere.vertices[piece], faces).n_components == 1
         inside = np.isin(fine_sphere.faces, piece).all(axis=1)
         np.testing.assert_array_equal(piece[faces], fine_sphere.faces[inside])
@@ -212,7 +212,7 @@ def test_a_failure_names_the_piece(sphere: Mesh, n_jobs: int) -> None:
     stitcher.split_mesh(150)
     assert len(stitcher.pieces) > 4
     third = len(stitcher.pieces[2])
-    corner = stitcher.piece_mesh(2)[0][0]
+    corner = stitcher[2][0][0]
 
     def fails(piece: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         return 1 / 0 if (piece[0][0] == corner).all() else piece[0]
@@ -558,7 +558,9 @@ def test_features_are_combined_as_they_come(sphere: Mesh) -> None:
         return rows
 
     combined = stitcher.stitching()
-    stitcher.each(computed, lambda number, rows: combined.add(number, rows[:, :2]))
+    for number, rows in stitcher.each(computed):
+        combined.add(number, rows[:, :2])
+        del rows
     assert len(alive) == len(stitcher) > 2
     results = [task(piece)[:, :2] for piece in stitcher]
     found = task.on(stitcher)
@@ -584,11 +586,12 @@ def test_a_failure_of_the_caller_starts_no_further_piece(sphere: Mesh) -> None:
     stitcher = MeshStitcher(sphere, n_jobs=1).split_mesh(150)
     calls: list[int] = []
 
-    def taken(number: int, result: Any) -> None:
-        raise ValueError("no room")
+    def take() -> None:
+        for _ in stitcher.each(lambda piece: calls.append(1)):
+            raise ValueError("no room")
 
     with pytest.raises(ValueError, match="no room"):
-        stitcher.each(lambda piece: calls.append(1), taken)
+        take()
     assert len(calls) <= 2 < len(stitcher)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes
@@ -24,8 +24,6 @@ NODE_COLUMNS = ("x", "y", "z", "area", "n_vertices", "component_area", "componen
 EDGE_COLUMNS = ("source", "target", "boundary_length", "count", "edge_length")
 #: Column of a node with its distance from a given point.
 NUCLEUS_COLUMN = "distance_to_nucleus"
-#: What is installed for the functions that make and read domains.
-EXTRA = 'pip install "meshmash-viewer[neuro]"'
 
 
 def require(*modules: str) -> None:
@@ -34,8 +32,7 @@ def require(*modules: str) -> None:
 
     for module in modules:
         if find_spec(module) is None:
-            name = {"sklearn": "scikit-learn"}.get(module, module.replace("_", "-"))
-            raise InputError(f"Domains need {name}, which is not installed: {EXTRA}.")
+            raise InputError(f"Domains need {not_installed(module, 'neuro')}.")
 
 
 def checked_labels(labels: npt.ArrayLike, n_vertices: int) -> IntArray:
@@ -46,9 +43,9 @@ def checked_labels(labels: npt.ArrayLike, n_vertices: int) -> IntArray:
             f"Labels of domains have shape {found.shape} and type {found.dtype}: give one whole"
             f" number for each of the {n_vertices:,} vertices."
         )
-    if n_vertices and int(found.min()) < -1:
+    if (least := int(found.min(initial=-1))) < -1:
         raise InputError(
-            f"A label of a domain is {found.min()}: domains are numbered from 0, and -1 is none."
+            f"A label of a domain is {least}: domains are numbered from 0, and -1 is none."
         )
     return found.astype(np.int64)
 
@@ -66,7 +63,7 @@ def aggregate_features(
     labels: npt.ArrayLike,
     weights: npt.ArrayLike | None = None,
 ) -> DataFrame:
-    """Compute the mean of features over each domain.
+    """Compute the mean of features over each domain; the index is the domain, NaN for -1.
 
     `InputError` is raised if numbers of rows differ, or a weight is negative.
 
@@ -80,27 +77,25 @@ def aggregate_features(
         Such as `Mesh.vertex_areas`; without, and for domains of weight 0, all vertices have the
         same.
 
-    Returns
-    -------
-    DataFrame
-        Its index are the domains from -1 on, whose row is NaN.
-
     Examples
     --------
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
     >>> mv.aggregate_features(ball.vertices[:, 2], halves)[0].round(2).tolist()
     [nan, -0.48, 0.53]
     """
+    table = np.asarray(features, dtype=np.float64)
+    table = table.reshape(len(table), -1)
+    names = getattr(features, "columns", range(table.shape[1]))
+    return frame_of_domains(domain_means(table, labels, weights), names, first=-1)
+
+
+def frame_of_domains(values: npt.NDArray[Any], columns: Any, first: int = 0) -> DataFrame:
+    """Return a table with a row for each domain from `first` on."""
     require("pandas")
     import pandas
 
-    table = np.asarray(features, dtype=np.float64)
-    table = table.reshape(len(table), -1)
-    means = domain_means(table, labels, weights)
-    index = pandas.RangeIndex(-1, len(means) - 1, name="label")
-    given: Any = features
-    columns = list(getattr(given, "columns", range(table.shape[1])))
-    return pandas.DataFrame(means, index=index, columns=columns)
+    index = pandas.RangeIndex(first, first + len(values), name="label")
+    return pandas.DataFrame(values, index=index, columns=list(columns))
 
 
 def domain_means(
@@ -131,48 +126,30 @@ def domain_means(
 def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike) -> Any:
     """Give every vertex the row of its domain, the inverse of `aggregate_features`.
 
-    `InputError` is raised if a domain has no row.
-
-    Parameters
-    ----------
-    condensed : DataFrame, or array_like, shape (k, f) or (k,)
-        A row for each domain: by its index, or from domain 0 on.
-    labels : array_like of int, shape (n,)
-        The domain of each vertex, -1 for none, which has NaN.
-
-    Returns
-    -------
-    DataFrame or ndarray, shape (n, f) or (n,)
-        As `condensed`.
+    `condensed` is a table whose index is the domain, or an array of shape (k, f) or (k,). The
+    result is of the same kind, with NaN where `labels`, shape (n,), are -1. `InputError` is raised
+    if a domain has no row.
 
     Examples
     --------
     >>> mv.expand_features([10.0, 20.0], [0, 1, -1, 1])
     array([10., 20., nan, 20.])
     """
-    known = checked_labels(labels, len(np.asarray(labels)))
-    frame = hasattr(condensed, "reindex")
-    rows = np.asarray(condensed, dtype=np.float64)
-    given: Any = condensed
-    index = np.asarray(given.index) if frame else np.arange(len(rows))
-    place = np.full(max(int(known.max(initial=-1)), int(index.max(initial=-1))) + 2, len(rows))
-    place[index[index >= 0]] = np.flatnonzero(index >= 0)
-    at = place[known]
-    missing = np.unique(known[(at == len(rows)) & (known >= 0)])
-    if len(missing):
-        raise InputError(
-            f"Domain {missing[0]} has no row: there are {len(rows)} rows, and labels up to"
-            f" {known.max()}."
-        )
-    values = np.concatenate([rows, np.full((1, *rows.shape[1:]), np.nan)])[
-        np.where(known < 0, len(rows), at)
-    ]
-    if not frame:
-        return values
+    require("pandas")
     import pandas
 
-    columns: Any = getattr(condensed, "columns", None)
-    return pandas.DataFrame(values, columns=columns)
+    known = checked_labels(labels, len(np.asarray(labels)))
+    given: Any = condensed
+    table = given if hasattr(given, "reindex") else pandas.DataFrame(np.asarray(given))
+    if missing := sorted(set(known[known >= 0].tolist()) - set(table.index)):
+        raise InputError(
+            f"Domain {missing[0]} has no row: there are {len(table)} rows, and labels up to"
+            f" {known.max()}."
+        )
+    rows = table.drop(index=-1, errors="ignore").reindex(known).astype(np.float64)
+    if table is given:
+        return rows.reset_index(drop=True)
+    return rows.to_numpy().reshape(len(known), *np.shape(given)[1:])
 
 
 def condense_mesh_to_graph(
@@ -182,13 +159,8 @@ def condense_mesh_to_graph(
 
     `InputError` is raised if labels do not match the mesh, or no vertex is in a domain.
 
-    Parameters
-    ----------
-    mesh : MeshLike
-    labels : array_like of int, shape (n,)
-        The domain of each vertex, -1 for none.
-    nuc_point : array_like, shape (3,), optional
-        A point from which the distance of each node is a further column.
+    `labels`, shape (n,), are -1 for vertices in no domain. With `nuc_point`, shape (3,), the
+    distance of each node from it is a further column.
 
     Returns
     -------
@@ -215,36 +187,26 @@ def condense_mesh_to_graph(
     if not (known >= 0).any():
         raise InputError("No vertex is in a domain: all labels are -1.")
     k = int(known.max()) + 1
-    positions, columns = _nodes(surface, known, k)
-    nodes = pandas.DataFrame(dict(zip(NODE_COLUMNS, [*positions.T, *columns], strict=True)))
+    areas, component = surface.vertex_areas, surface.component_labels
+    positions = domain_means(surface.vertices, known, areas)[1:]
+    inside, used = np.flatnonzero(known >= 0), component >= 0
+    of_domain = np.full(k, -1)
+    of_domain[known[inside[::-1]]] = component[inside[::-1]]  # that of its lowest vertex
+    values = [
+        *positions.T,
+        np.bincount(known[inside], areas[inside], k),
+        np.bincount(known[inside], minlength=k),
+        np.append(np.bincount(component[used], areas[used]), 0)[of_domain],
+        np.append(np.bincount(component[used]), 0)[of_domain],
+    ]
+    nodes = pandas.DataFrame(dict(zip(NODE_COLUMNS, values, strict=True)))
     if nuc_point is not None:
         nodes[NUCLEUS_COLUMN] = np.linalg.norm(positions - checked_point(nuc_point), axis=1)
     pairs, length, count = _boundaries(surface, known, k)
     source, target = np.divmod(pairs, k)
     apart = np.linalg.norm(positions[source] - positions[target], axis=1)
-    values = (source, target, length, count, apart)
+    values = [source, target, length, count, apart]
     return nodes, pandas.DataFrame(dict(zip(EDGE_COLUMNS, values, strict=True)))
-
-
-def _nodes(mesh: Mesh, labels: IntArray, k: int) -> tuple[FloatArray, list[npt.NDArray[Any]]]:
-    """Return positions, shape (k, 3), and the other columns of nodes."""
-    inside = np.flatnonzero(labels >= 0)
-    domain, areas = labels[inside], mesh.vertex_areas[inside]
-    area, size = np.bincount(domain, areas, k), np.bincount(domain, minlength=k)
-    weights = np.where((area > 0.0)[domain], areas, 1.0)
-    whole = np.bincount(domain, weights, k)
-    with np.errstate(invalid="ignore"):  # of a number without vertices
-        positions = np.stack(
-            [np.bincount(domain, weights * x, k) / whole for x in mesh.vertices[inside].T], axis=1
-        )
-    component = mesh.component_labels
-    used = component >= 0
-    component_area = np.bincount(component[used], mesh.vertex_areas[used])
-    component_size = np.bincount(component[used])
-    of_domain = np.full(k, -1)
-    of_domain[domain[::-1]] = component[inside][::-1]  # that of its lowest vertex
-    sums = [np.append(each, 0)[of_domain] for each in (component_area, component_size)]
-    return positions, [area, size, *sums]
 
 
 def _boundaries(mesh: Mesh, labels: IntArray, k: int) -> tuple[IntArray, FloatArray, IntArray]:

@@ -24,6 +24,7 @@ from meshmash_viewer.features.domains import (
     NODE_COLUMNS,
     NUCLEUS_COLUMN,
     checked_labels,
+    frame_of_domains,
     require,
 )
 from meshmash_viewer.io.atomic import writing_errors, written_together
@@ -33,7 +34,7 @@ from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Files of column names, next to the others.
+#: Files of column names.
 HEADER, NODES_HEADER, EDGES_HEADER = "header.txt", "nodes_header.txt", "edges_header.txt"
 #: Columns of edges with the nodes that they connect.
 _ENDS = EDGE_COLUMNS[:2]
@@ -49,14 +50,11 @@ ID_MAP = "id_to_mesh_map"
 def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.ArrayLike) -> None:
     """Write features of domains to ``NAME.npz``, and the names of their columns to ``header.txt``.
 
-    Both are written as a whole or not at all.
-
-    `InputError` is raised if the numbers of domains differ, or the folder has a header of other
-    columns.
+    Both are written as a whole or not at all. `InputError` is raised if the numbers of domains
+    differ, or the folder has a header of other columns.
 
     Parameters
     ----------
-    path : str or Path
     features : DataFrame
         A row for each domain, its index from 0 on; a row -1 is that of vertices without a domain.
     labels : array_like of int, shape (n,)
@@ -67,54 +65,37 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
     >>> means = mv.aggregate_features(ball.vertices, halves)
     >>> mv.write_condensed_features(folder / "halves.npz", means, halves)
-    >>> features, labels = mv.read_condensed_features(folder / "halves.npz")
-    >>> features.shape, labels.shape
-    ((3, 3), (642,))
+    >>> mv.read_condensed_features(folder / "halves.npz")[0].shape
+    (3, 3)
     """
-    known = np.asarray(labels)
-    known = checked_labels(known, len(known))
-    index = np.asarray(features.index)
-    rows = np.asarray(features, dtype=np.float32)
-    has_none = bool(len(index)) and index[0] == -1
-    if not has_none:
-        rows = np.concatenate([np.full((1, rows.shape[1]), np.nan, np.float32), rows])
+    known = checked_labels(labels, len(np.asarray(labels)))
+    rows = features if -1 in features.index else features.reindex([-1, *features.index])
     k = len(rows) - 1
-    if not np.array_equal(index, np.arange(-1 if has_none else 0, k)):
+    if rows.index.tolist() != list(range(-1, k)):
         raise InputError("The index of condensed features is not 0, 1, 2 and so on: sort them.")
     if int(known.max(initial=-1)) >= k:
         raise InputError(f"Labels are up to {known.max()}, and there are {k} rows of domains.")
-    _write(path, {"X": rows, "labels": known.astype(np.int32)}, {HEADER: list(map(str, features))})
+    arrays = {"X": np.asarray(rows, dtype=np.float32), "labels": known.astype(np.int32)}
+    _write(path, arrays, {HEADER: list(map(str, features))})
 
 
 def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
-    """Read features of domains, as `write_condensed_features` and meshmash write them.
+    """Read features of domains and the domain of each vertex; see `write_condensed_features`.
 
-    `InputError` is raised if the file is none, or does not match its header.
-
-    Parameters
-    ----------
-    path : str or Path
-        Next to it is ``header.txt``.
-
-    Returns
-    -------
-    features : DataFrame
-        Its index is the domain from -1 on.
-    labels : ndarray of int, shape (n,)
-        The domain of each vertex of the raw mesh, -1 for none.
+    The index of the features is the domain from -1 on. `InputError` is raised if the file is none,
+    or does not match ``header.txt`` next to it.
 
     Examples
     --------
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
     >>> means = mv.aggregate_features(ball.vertices, halves)
     >>> mv.write_condensed_features(folder / "halves.npz", means, halves)
-    >>> features, labels = mv.read_condensed_features(folder / "halves.npz")
-    >>> features.shape, labels.shape
-    ((3, 3), (642,))
+    >>> mv.read_condensed_features(folder / "halves.npz")[0].index.tolist()
+    [-1, 0, 1]
     """
     with _reading(path, "X", "labels") as (values, labels):
         names = condensed_columns(Path(path), values, labels)
-        return _frame(values, names, first=-1), labels.astype(np.int64)
+        return frame_of_domains(values, names, first=-1), labels.astype(np.int64)
 
 
 def condensed_columns(
@@ -138,16 +119,10 @@ def condensed_columns(
 
 
 def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) -> None:
-    """Write a graph of domains, see `condense_mesh_to_graph`, and the names of its columns.
+    """Write a graph of domains to ``NAME.npz``, see `condense_mesh_to_graph`.
 
-    `InputError` is raised if columns are missing, an edge ends at no node, or the folder has
-    headers of other columns.
-
-    Parameters
-    ----------
-    path : str or Path
-        ``NAME.npz``, next to which ``nodes_header.txt`` and ``edges_header.txt`` are written.
-    nodes, edges : DataFrame
+    The names of its columns go to ``nodes_header.txt`` and ``edges_header.txt``. `InputError` is
+    raised if columns are missing, an edge ends at no node, or the folder has other headers.
 
     Examples
     --------
@@ -168,22 +143,17 @@ def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) 
 
 
 def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
-    """Read a graph of domains, as `write_condensed_graph` and meshmash write it.
+    """Read the nodes and edges of a graph of domains; see `write_condensed_graph`.
 
-    `InputError` is raised if the file is none, or does not match its headers.
-
-    Returns
-    -------
-    nodes, edges : DataFrame
-        Row i of `nodes` is domain i.
+    Row i of the nodes is domain i. `InputError` is raised if the file is none, or does not match
+    its headers.
 
     Examples
     --------
     >>> graph = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
     >>> mv.write_condensed_graph(folder / "graph.npz", *graph)
-    >>> nodes, edges = mv.read_condensed_graph(folder / "graph.npz")
-    >>> len(nodes), edges["source"].tolist(), edges["target"].tolist()
-    (2, [0], [1])
+    >>> [len(each) for each in mv.read_condensed_graph(folder / "graph.npz")]
+    [2, 1]
     """
     with _reading(path, "nodes", "edges") as (nodes, edges):
         if nodes.ndim != 2 or edges.ndim != 2:
@@ -191,24 +161,18 @@ def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
                 f"has nodes of shape {nodes.shape} and edges of shape {edges.shape}, not tables"
             )
         usual = (*NODE_COLUMNS, NUCLEUS_COLUMN)
-        first = _frame(nodes, _header(Path(path), NODES_HEADER, nodes.shape[1], usual))
+        first = frame_of_domains(nodes, _header(Path(path), NODES_HEADER, nodes.shape[1], usual))
         names = _header(Path(path), EDGES_HEADER, edges.shape[1], EDGE_COLUMNS)
-        second = _frame(edges, names).astype(dict.fromkeys(set(names) & set(_ENDS), np.int64))
+        ends = dict.fromkeys(set(names) & set(_ENDS), np.int64)
+        second = frame_of_domains(edges, names).astype(ends)
         _check_graph(first, second, "has")
         return first, second
 
 
 def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) -> None:
-    """Write which vertex each object, such as a synapse, is at.
+    """Write which vertex of the raw mesh each object, such as a synapse, is at, -1 for none.
 
-    `InputError` is raised if the numbers of both differ, or they are no whole numbers.
-
-    Parameters
-    ----------
-    path : str or Path
-    ids : array_like of int, shape (k,)
-    vertices : array_like of int, shape (k,)
-        Vertices of the raw mesh, -1 for none.
+    Both are whole numbers of shape (k,), or `InputError` is raised.
 
     Examples
     --------
@@ -217,33 +181,28 @@ def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) 
     >>> ids.tolist(), vertices.tolist()
     ([7001, 7002], [12, 640])
     """
-    columns = [np.asarray(each) for each in (ids, vertices)]
-    shapes = [each.shape for each in columns]
-    if any(len(each.shape) != 1 or each.dtype.kind not in "iu" for each in columns) or (
-        len(set(shapes)) > 1
+    found = [np.asarray(each) for each in (ids, vertices)]
+    shapes = [each.shape for each in found]
+    if shapes[0] != shapes[1] or any(
+        each.ndim != 1 or each.dtype.kind not in "iu" for each in found
     ):
         said = " and ".join(map(str, shapes))
         raise InputError(f"Ids and vertices of shapes {said}: give one whole number of each.")
-    if len(columns[0]) and int(columns[0].max()) >= 2**63:
-        raise InputError(f"The id {columns[0].max()} is not below 2**63: the file cannot hold it.")
-    _write(path, {ID_MAP: np.stack([each.astype(np.int64) for each in columns], axis=1)}, {})
+    if int(found[0].max(initial=0)) >= 2**63:
+        raise InputError(f"The id {found[0].max()} is not below 2**63: the file cannot hold it.")
+    _write(path, {ID_MAP: np.stack([each.astype(np.int64) for each in found], axis=1)}, {})
 
 
 def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
-    """Read which vertex each object is at, as `write_id_map` and meshmash write it.
+    """Read objects and the vertex of each, both of shape (k,); see `write_id_map`.
 
     `InputError` is raised if the file is none.
-
-    Returns
-    -------
-    ids, vertices : ndarray of int, shape (k,)
 
     Examples
     --------
     >>> mv.write_id_map(folder / "ids.npz", [7001, 7002], [12, 640])
-    >>> ids, vertices = mv.read_id_map(folder / "ids.npz")
-    >>> ids.tolist(), vertices.tolist()
-    ([7001, 7002], [12, 640])
+    >>> mv.read_id_map(folder / "ids.npz")[1].tolist()
+    [12, 640]
     """
     with _reading(path, ID_MAP) as (found,):
         if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
@@ -271,26 +230,26 @@ def labelled_domains(
     Domains that touch have different colours. Where there are more than labels can be, a label is a
     group of domains that do not touch, and the map of their numbers stays.
     """
-    at = next((i for i, each in enumerate(maps) if each.name == DOMAINS), None)
-    if at is None:
+    given = next((each for each in maps if each.name == DOMAINS), None)
+    if given is None:
         return tuple(maps), ()
-    given = maps[at]
     numbers = np.nan_to_num(given.values, nan=-1.0).astype(np.int64)
     of_mesh = numbers if len(numbers) == mesh.n_vertices else numbers[mesh.file_indices]
-    colors = _distinct(of_mesh[mesh.faces], int(numbers.max()) + 1)
-    count = len(colors)
-    if count <= MOST_LABELS:
-        labels = tuple(
-            Label(i + 1, f"domain {i}", _COLORS[color % len(_COLORS)])
-            for i, color in enumerate(colors)
+    groups = _distinct(of_mesh[mesh.faces], int(numbers.max()) + 1)
+    count = len(groups)
+
+    def label_set(name: str, one: str, first: int, keys: IntArray, groups: list[int]) -> VertexMap:
+        labels = (
+            Label(at + 1, f"{one} {at + first}", _COLORS[group % len(_COLORS)])
+            for at, group in enumerate(groups)
         )
-        found = VertexMap(DOMAINS, numbers + 1, labels, path=given.path)
-        return (*maps[:at], *maps[at + 1 :], found), ()
-    groups = tuple(
-        Label(i + 1, f"group {i + 1}", _COLORS[i % len(_COLORS)]) for i in range(max(colors) + 1)
-    )
-    keys = np.append(np.asarray(colors) + 1, 0)[numbers]
-    found = VertexMap("groups of domains", keys, groups, path=given.path)
+        return VertexMap(name, keys, tuple(labels), path=given.path)
+
+    if count <= MOST_LABELS:
+        found = label_set(DOMAINS, "domain", 0, numbers + 1, groups)
+        return (*(each for each in maps if each is not given), found), ()
+    keys = np.append(np.asarray(groups) + 1, 0)[numbers]
+    found = label_set("groups of domains", "group", 1, keys, [*range(max(groups) + 1)])
     said = (
         f"has {count:,} domains, and {MOST_LABELS} labels can be distinguished: a label is a group"
         f" of domains that do not touch, and the map {DOMAINS} has their numbers"
@@ -329,22 +288,22 @@ def _write(
     if path.suffix.lower() != ".npz":
         raise InputError(f"{path} does not end in .npz, which is the format of domains.")
     with writing_errors(path):
-        new = []
+        new = {}
         for name, columns in headers.items():
             if any("\t" in each or "\n" in each for each in columns):
                 raise InputError(f"A column of {path} has a tab or a line break in its name.")
             text, header = "\t".join(columns), path.parent / name
             if not header.exists():
-                new.append((header, text))
+                new[header] = text
             elif header.read_text(encoding="utf-8").rstrip("\r\n") != text:
                 raise InputError(
                     f"{path} has other columns than those in {header}, which is for all files of"
                     " the folder: choose another folder."
                 )
-        with written_together(*(header for header, _ in new), path) as parts:
-            for part, (_, text) in zip(parts, new, strict=False):
+        with written_together(*new, path) as (*parts, whole):
+            for part, text in zip(parts, new.values(), strict=True):
                 part.write_text(text, encoding="utf-8")
-            with parts[-1].open("wb") as file:
+            with whole.open("wb") as file:
                 np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
@@ -387,10 +346,3 @@ def _reading(path: str | Path, *names: str) -> Iterator[list[npt.NDArray[Any]]]:
         yield found
     except InputError as fault:
         raise InputError(f"{path} {fault}.") from fault
-
-
-def _frame(values: npt.NDArray[Any], columns: Sequence[str], first: int = 0) -> DataFrame:
-    import pandas
-
-    index = pandas.RangeIndex(first, first + len(values), name="label")
-    return pandas.DataFrame(values, index=index, columns=list(columns))

@@ -40,7 +40,7 @@ from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher, reach_of
 from meshmash_viewer.split.stitching import seam_sentence
 from meshmash_viewer.surface.decimation import decimated
-from meshmash_viewer.units import whole_number
+from meshmash_viewer.units import METRES, whole_number
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -165,28 +165,25 @@ def condensed_hks_pipeline(
     overlapping pieces, its logarithm clustered by Ward's criterion, and averaged over the area of
     each cluster. A mesh in another unit is converted to nm; without a unit it is taken as in nm.
 
-    `InputError` is raised if an argument is invalid, all components are small, or fast-
-    simplification, scikit-learn or pandas is not installed.
+    `InputError` is raised if an argument is invalid, all components are small, or a package is not
+    installed. `TruncationWarning` is given if more than 1 % of a column is missing for want of
+    eigenpairs, or a column differs by more than 1 % in the median where pieces meet.
 
     Parameters
     ----------
-    mesh : MeshLike
     simplify_agg, simplify_target_reduction : float
         Aggressiveness of the decimation, and share of the faces to remove; 0 for none.
     overlap_distance : float
-        Maximum width of the overlap. It is narrower where heat does not spread so far up to
-        `t_max`, see `MeshStitcher.split_mesh`.
+        Maximum width of the overlap; it is narrower where `t_max` allows it.
     max_vertex_threshold, max_overlap_neighbors : int, optional
         Maximum number of vertices of a piece without its overlap, and of the overlap.
     min_vertex_threshold : int
         Components of the mesh with fewer vertices are dropped.
     n_components, t_min, t_max : int, float
         Number of times, shortest and longest one, evenly spaced in log t.
-    max_eigenvalue, robust, mollify_factor, drop_first, decomposition_dtype
+    max_eigenvalue, robust, mollify_factor, truncate_extra, drop_first, decomposition_dtype
         See `compute_hks`. With the defaults, 12 of the 32 columns miss more than 1 %, the shortest
         time about 61 %: ``max_eigenvalue=1e-4`` is enough for all.
-    truncate_extra, verbose : bool, int
-        See `compute_hks`, and `MeshStitcher`.
     compute_hks_kwargs : dict, optional
         Arguments of `compute_hks` that replace those above.
     nuc_point : array_like, shape (3,), optional
@@ -195,20 +192,8 @@ def condensed_hks_pipeline(
         Ward distance of log-HKS from which clusters are separate. Larger ones are fewer.
     auxiliary_features : bool
         Whether columns of the nodes follow the signature: areas, numbers of vertices, distance.
-    n_jobs : int
-        Number of processes as in joblib. It does not change the result.
-    progress, cancel : callable, optional
-        See `meshmash_viewer.progress`.
-
-    Returns
-    -------
-    CondensedHKS
-
-    Warns
-    -----
-    TruncationWarning
-        If more than 1 % of a column is missing for want of eigenpairs, or a column differs by more
-        than 1 % in the median where pieces meet.
+    n_jobs, verbose : int
+        See `MeshStitcher`. They do not change the result.
 
     Examples
     --------
@@ -229,43 +214,51 @@ def condensed_hks_pipeline(
         "drop_first": drop_first, "decomposition_dtype": decomposition_dtype,
         **(compute_hks_kwargs or {}),
     })  # fmt: skip
-    times, steps = task.bank.parameters, _Steps(progress, cancel)
-    surface = as_mesh(mesh)
+    times, surface = task.bank.parameters, as_mesh(mesh)
+    starts: dict[str, float] = {}
+
+    def begin(step: str) -> None:
+        check_cancelled(cancel)
+        starts[step] = time.perf_counter()
+        if progress is not None:
+            progress(Progress(step, message=f"Condensing: {step}"))
+
     scale = nm_of(surface)
     if scale != 1.0:
         surface = replace(surface, vertices=surface.vertices * scale, unit="nm", maps=())
     point = None if nuc_point is None else scale * checked_point(nuc_point)
-    steps.begin("decimation")
+    begin("decimation")
     simple, mapping = decimated(
         surface, simplify_target_reduction, simplify_agg, min_vertex_threshold
     )
-    steps.begin("pieces")
+    begin("pieces")
     stitcher = MeshStitcher(simple, n_jobs, verbose)
     graph = edge_graph(simple)
     width = min(overlap_distance, reach_of(float(times.max()), graph))
     stitcher.split_mesh(
         max_vertex_threshold, overlap_distance=width, max_overlap_neighbors=max_overlap_neighbors
     )
-    steps.begin("hks")
+    begin("hks")
     values, truncation, _, median = task.on(stitcher, progress=progress, cancel=cancel)
     assert truncation is not None  # the filters have a tail
-    steps.begin("domains")
+    begin("domains")
     simple_labels = ward_domains(
         _logarithms(values, times), graph, stitcher.submesh_mapping, distance_threshold,
         n_jobs=n_jobs, cancel=cancel,
     )  # fmt: skip
-    steps.begin("graph")
+    begin("graph")
     named = Features(values, task.bank.columns)
     features = aggregate_features(named, simple_labels, simple.vertex_areas)
     features[:] = _logarithms(features.to_numpy(), times)
     features.iloc[0] = np.nan
     nodes, edges = condense_mesh_to_graph(simple, simple_labels, point)
     if auxiliary_features:
-        others = nodes.drop(columns=list(NODE_COLUMNS[:3]))
-        features = features.join(others)
+        features = features.join(nodes.drop(columns=list(NODE_COLUMNS[:3])))
+    moments = [*starts.values(), time.perf_counter()]
+    seconds = dict(zip(starts, np.diff(moments).tolist(), strict=True))
     found = CondensedHKS(
         simple, mapping, stitcher, simple_labels, np.append(simple_labels, -1)[mapping], features,
-        nodes, edges, steps.end(), truncation, median,
+        nodes, edges, {**seconds, "total": moments[-1] - moments[0]}, truncation, median,
     )  # fmt: skip
     warn_of_truncation(truncation, name=surface.name)
     if said := _seam_sentence(median):
@@ -275,8 +268,6 @@ def condensed_hks_pipeline(
 
 def nm_of(mesh: Mesh) -> float:
     """Return the length of the unit of a mesh in nm; 1 without a unit."""
-    from meshmash_viewer.units import METRES
-
     return float(10.0 ** (METRES[mesh.unit] - METRES["nm"])) if mesh.unit else 1.0
 
 
@@ -284,28 +275,3 @@ def _seam_sentence(median: FloatArray) -> str:
     """Say which columns differ too much where pieces meet; empty if none does."""
     remedy = "allow a wider overlap (overlap_distance, max_overlap_neighbors)"
     return seam_sentence([f"hks_{at}" for at in range(len(median))], median, remedy)
-
-
-class _Steps:
-    """Times of the steps, which are reported."""
-
-    def __init__(self, progress: ProgressCallback | None, cancel: CancelCallback | None) -> None:
-        self._progress, self._cancel = progress, cancel
-        self._began = self._last = time.perf_counter()
-        self._name = ""
-        self.seconds: dict[str, float] = {}
-
-    def begin(self, name: str) -> None:
-        """End the last step and begin another."""
-        check_cancelled(self._cancel)
-        now = time.perf_counter()
-        if self._name:
-            self.seconds[self._name] = now - self._last
-        self._name, self._last = name, now
-        if self._progress is not None:
-            self._progress(Progress(name, message=f"Condensing: {name}"))
-
-    def end(self) -> dict[str, float]:
-        """Return the seconds of each step, and of all."""
-        self.begin("")
-        return {**self.seconds, "total": time.perf_counter() - self._began}

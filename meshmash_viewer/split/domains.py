@@ -36,30 +36,21 @@ def ward_domains(
     n_jobs: int | None = 1,
     cancel: CancelCallback | None = None,
 ) -> IntArray:
-    """Cluster vertices of a graph.
+    """Return the domain of each vertex from 0, shape (n,), -1 for vertices that are left out.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, f)
-        What vertices of a cluster have in common.
-    graph : sparse array, shape (n, n)
-        Symmetric; what is stored connects.
-    pieces : ndarray of int, shape (n,)
-        Piece of each vertex, -1 for vertices that are left out.
-    threshold : float
-        Clusters are joined while their Ward distance is below it.
-    n_jobs, cancel
-        See `meshmash_viewer.split.stitching.results_of_calls`.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        The domain of each vertex from 0, -1 for vertices that are left out.
+    `values`, shape (n, f), are what vertices of a domain have in common. `graph` is symmetric; what
+    is stored connects. `pieces` has the piece of each vertex, -1 for those that are left out.
+    Clusters are joined while their Ward distance is below `threshold`. For `n_jobs` and `cancel`
+    see `results_of_calls`.
     """
-    numbers = np.unique(pieces[pieces >= 0])
-    members = [np.flatnonzero(pieces == number) for number in numbers]
+    ends = sparse.coo_array(graph).coords
+    inner = pieces[ends[0]] == pieces[ends[1]]
+    within = sparse.coo_array((inner[inner], [each[inner] for each in ends]), graph.shape)
+    part = np.where(pieces < 0, -1, connected_components(within, directed=False)[1])
+    order = np.argsort(part, kind="stable")[np.count_nonzero(part < 0) :]
+    members = np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
     calls = (
-        (f"piece {at + 1} of {len(members)}", (values[own], sparse.csr_array(graph[own][:, own])))
+        (f"part {at + 1} of {len(members)}", (values[own], sparse.csr_matrix(graph[own][:, own])))
         for at, own in enumerate(members)
     )
     found = results_of_calls(partial(_clustered, threshold=threshold), calls, n_jobs, cancel)
@@ -73,24 +64,16 @@ def ward_domains(
     return labels
 
 
-def _clustered(values: FloatArray, graph: Graph, threshold: float) -> IntArray:
-    """Cluster the vertices of a piece, each of its connected components by itself."""
+def _clustered(values: FloatArray, graph: Any, threshold: float) -> IntArray:
+    """Cluster the vertices of a connected graph."""
     from sklearn.cluster import AgglomerativeClustering
 
-    _, part = connected_components(graph, directed=False)
-    order = np.argsort(part, kind="stable")
-    labels, count = np.empty(len(part), dtype=np.int64), 0
-    for own in np.split(order, np.cumsum(np.bincount(part))[:-1]):
-        found = np.zeros(len(own), dtype=np.int64)
-        if len(own) > 1:
-            inner = sparse.csr_matrix(graph[own][:, own])
-            ward = AgglomerativeClustering(
-                n_clusters=None, distance_threshold=threshold, connectivity=inner, linkage="ward"
-            )
-            found = ward.fit(values[own]).labels_.astype(np.int64)
-        labels[own] = found + count
-        count += int(found.max()) + 1
-    return labels
+    if len(values) == 1:
+        return np.zeros(1, dtype=np.int64)
+    ward = AgglomerativeClustering(
+        n_clusters=None, distance_threshold=threshold, connectivity=graph, linkage="ward"
+    )
+    return np.asarray(ward.fit(values).labels_, dtype=np.int64)
 
 
 def _numbered(labels: IntArray) -> IntArray:

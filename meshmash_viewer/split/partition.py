@@ -98,13 +98,12 @@ def interior_depth(graph: Graph, members: IntArray) -> FloatArray:
 def overlapping_pieces(
     graph: Graph, labels: IntArray, max_size: int, width: float
 ) -> list[IntArray]:
-    """Cut a graph from `edge_graph` into overlapping pieces of at most `max_size` vertices.
+    """Cut a graph from `edge_graph` into overlapping pieces of at most `max_size` sorted vertices.
 
     `labels` are the connected components of vertices, -1 for those in no piece. `width` of the
     overlap, in the unit of the graph, is reduced where the piece would be too large, but always
-    contains all neighbours of the core. The sorted vertices of each piece are returned. Components
-    that fit are not cut; small ones share a piece. `InputError` is raised if a vertex has too many
-    neighbours.
+    contains all neighbours of the core. Components that fit are not cut; small ones share a piece.
+    `InputError` is raised if a vertex has too many neighbours.
     """
     degrees = np.diff(graph.indptr)
     if degrees.max(initial=0) + 1 > max_size:
@@ -117,12 +116,9 @@ def overlapping_pieces(
     def cut(local: Graph, cells: _Cells) -> list[IntArray]:
         # Cut first without overlap, measure the size with overlap, and cut again accordingly.
         trial = cells.unions(0.9 * max_size)
-        sizes = np.array(
-            [
-                [len(core), np.isfinite(_distances(local, core, width)).sum()]
-                for core in trial[:: max(1, len(trial) // _SAMPLES)]
-            ]
-        )
+        trial = trial[:: max(1, len(trial) // _SAMPLES)]
+        reached = [np.isfinite(_distances(local, core, width)).sum() for core in trial]
+        sizes = np.stack([[*map(len, trial)], reached], axis=1)
         cores = cells.unions(_fitting_core(sizes, max_size))
         return _widened(local, cores, partial(_within, local, max_size=max_size, width=width))
 

@@ -83,21 +83,24 @@ class PieceFeatures:
     ) -> StitchedFeatures:
         """Compute features of all pieces, and stitch them; see `MeshStitcher.apply`."""
         columns, others, seaming = stitcher.stitching(), stitcher.stitching(), stitcher.seaming()
-
-        def take(number: int, rows: FloatArray) -> None:
-            values = rows[:, :-2]
-            columns.add(number, values)
+        jobs = self._fitting(stitcher)
+        report = _said(progress, jobs)
+        for number, rows in stitcher.each(self, n_jobs=jobs, progress=report, cancel=cancel):
+            columns.add(number, rows[:, :-2])
             others.add(number, rows[:, -2:])
-            seaming.add(number, values)
+            seaming.add(number, rows[:, :-2])
             piece = stitcher.pieces[number]
             own = stitcher.submesh_mapping[piece] == number
-            done(piece[own], values[own])
-
-        jobs = self._fitting(stitcher)
-        stitcher.each(self, take, n_jobs=jobs, progress=_said(progress, jobs), cancel=cancel)
-        values, seams = columns.values(), seaming.differences()
-        density, mass = others.values().T
-        truncation = self._truncation(values, density, np.nan_to_num(mass))
+            done(piece[own], rows[own, :-2])
+            del rows  # before the next are computed
+        values, seams, (density, mass) = columns.values(), seaming.differences(), others.values().T
+        # what the pairs beyond `max_eigenvalue` would add
+        mass, top = np.nan_to_num(mass), self.max_eigenvalue
+        n_pairs = max(round(float(mass[mass > 0.0] @ density[mass > 0.0])), 1)
+        truncation = measure_truncation(
+            values, self.bank, np.full(n_pairs, top), density, mass,
+            precision=self.dtype, known_to=top,
+        )  # fmt: skip
         median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
         return StitchedFeatures(values, truncation, seams, median)
 
@@ -119,17 +122,6 @@ class PieceFeatures:
         largest = np.cumsum(sorted(needed, reverse=True)[:jobs])
         fitting = int(np.searchsorted(largest, _SHARE * free_memory()))
         return max(fitting, 1) if fitting < len(largest) else None
-
-    def _truncation(
-        self, values: FloatArray, density: FloatArray, mass: FloatArray
-    ) -> Truncation | None:
-        """Return what the pairs beyond `max_eigenvalue` would add, from the stitched columns."""
-        used, top = mass > 0.0, self.max_eigenvalue
-        n_pairs = max(round(float(mass[used] @ density[used])), 1)
-        pairs = np.full(n_pairs, top)
-        return measure_truncation(
-            values, self.bank, pairs, density, mass, precision=self.dtype, known_to=top
-        )
 
 
 def _release_freed() -> None:

@@ -11,7 +11,7 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, nullcontext
 from functools import cached_property, partial
 from numbers import Real
@@ -52,7 +52,6 @@ class MeshStitcher(Sequence[Piece]):
 
     Parameters
     ----------
-    mesh : MeshLike
     n_jobs : int
         Number of processes as in joblib: -1 is one for each core, 1 uses this process only. Within
         ``joblib.parallel_config`` the backend selected there is used, which may be a cluster.
@@ -63,13 +62,10 @@ class MeshStitcher(Sequence[Piece]):
 
     Attributes
     ----------
-    mesh : Mesh
-    pieces, submesh_overlap_indices : tuple of ndarray of int
+    pieces : tuple of ndarray of int
         Vertices of each piece, increasing; empty before `split_mesh`.
     submesh_mapping : ndarray of int, shape (n,)
         Piece to which each vertex is assigned; -1 for none.
-    submeshes : list of Piece
-        ``(vertices, faces)`` of each piece.
 
     Examples
     --------
@@ -109,8 +105,9 @@ class MeshStitcher(Sequence[Piece]):
     def __getitem__(self, index: slice) -> list[Piece]: ...
     def __getitem__(self, index: int | slice) -> Piece | list[Piece]:
         if isinstance(index, slice):
-            return [self.piece_mesh(number) for number in range(len(self))[index]]
-        return self.piece_mesh(range(len(self))[index])
+            return [self[number] for number in range(len(self))[index]]
+        piece, faces = self.pieces[index], self._piece_faces[index].astype(np.int64)
+        return Piece.of(self.mesh.vertices[piece], faces, self._first[piece])
 
     @property
     def submeshes(self) -> list[Piece]:
@@ -132,11 +129,10 @@ class MeshStitcher(Sequence[Piece]):
         min_vertex_threshold: int | None = 0,
         max_overlap_neighbors: int | None = None,
     ) -> MeshStitcher:
-        """Cut the mesh into overlapping pieces; they are then in `pieces`.
+        """Cut the mesh into overlapping pieces; return this object, the sequence of these.
 
         `InputError` is raised if the threshold is too small for a vertex and its neighbours, no
-        component is large enough, more than one width of the overlap is given, or one is negative
-        or not finite.
+        component is large enough, or a width of the overlap is invalid or one of several.
 
         Parameters
         ----------
@@ -160,11 +156,6 @@ class MeshStitcher(Sequence[Piece]):
         max_overlap_neighbors : int, optional
             Maximum number of vertices of an overlap, the nearest ones; with `overlap_distance` or
             `t_max`.
-
-        Returns
-        -------
-        MeshStitcher
-            This object, the sequence of the pieces.
         """
         mesh = self.mesh
         threshold = mesh.n_vertices if max_vertex_threshold is None else int(max_vertex_threshold)
@@ -223,11 +214,6 @@ class MeshStitcher(Sequence[Piece]):
         area = mesh.face_areas[mesh.distinct_corners & on_first[mesh.faces[:, 0]]].sum()
         return np.where(on_first, 1.0 / area if area > 0.0 else 0.0, 0.0)
 
-    def piece_mesh(self, number: int) -> Piece:
-        """Return a fresh copy of one piece as ``(vertices, faces)``."""
-        piece, faces = self.pieces[number], self._piece_faces[number].astype(np.int64)
-        return Piece.of(self.mesh.vertices[piece], faces, self._first[piece])
-
     def apply(
         self,
         function: Callable[..., Any],
@@ -239,6 +225,9 @@ class MeshStitcher(Sequence[Piece]):
         **arguments: Any,
     ) -> Any:
         """Call a function on every piece, in parallel, and put the results together.
+
+        `PieceError` is raised if the function fails on a piece, which the message names,
+        `InputError` if the results cannot be stitched, and `Cancelled` if `cancel` returned True.
 
         Parameters
         ----------
@@ -264,25 +253,11 @@ class MeshStitcher(Sequence[Piece]):
             Unreferenced vertices are in no piece and have `fill_value`; if that is NaN, integer
             results become floating-point.
 
-        Raises
-        ------
-        PieceError
-            If the function fails on a piece, which the message names.
-        InputError
-            If the results cannot be stitched.
-        Cancelled
-            If `cancel` returned True.
-
-        Warns
-        -----
-        TruncationWarning
-            If `t_max` is among the arguments and a column differs by more than 1 % in the median
-            where pieces meet; see `seams`.
-
         Notes
         -----
         If `t_max` is among the arguments, and `split_mesh` has not been called with a width of the
-        overlap, it is called again with this time.
+        overlap, it is called again with this time. `TruncationWarning` is then given if a column
+        differs by more than 1 % in the median where pieces meet; see `seams`.
 
         With ``drop_first=True`` the functions of `meshmash_viewer.decompose` leave out the first
         pair of the whole mesh, not that of the piece, whose square is larger by the ratio of their
@@ -347,16 +322,9 @@ class MeshStitcher(Sequence[Piece]):
     ) -> npt.NDArray[Any]:
         """Call a function only on the pieces to which some vertices are assigned; see `apply`.
 
-        `InputError` is raised if a vertex does not exist, or all are in no piece.
-
-        Parameters
-        ----------
-        indices : array_like of int, or of bool, shape (n,)
-            The vertices.
-        reindex : bool
-            Whether to return rows for these vertices only, not for all vertices of the mesh.
-        fill_value : float
-            Value of vertices whose piece was not computed.
+        The vertices are given by `indices`, or as a mask of shape (n,); with `reindex` only their
+        rows are returned. Vertices whose piece was not computed have `fill_value`. `InputError` is
+        raised if a vertex does not exist, or all are in no piece.
         """
         vertices = np.atleast_1d(np.asarray(indices))
         n = self.mesh.n_vertices
@@ -389,27 +357,23 @@ class MeshStitcher(Sequence[Piece]):
         results: list[Any] = [None] * len(self)
         stitching = self.stitching(fill_value)
         put = stitching.add if stitch else results.__setitem__
-
-        def take(number: int, result: Any) -> None:
+        for number, result in self.each(partial(function, **arguments), **given):
             put(number, result)
             if seams is not None:
                 seams.add(number, result)
-
-        self.each(partial(function, **arguments), take, **given)
         return stitching.values() if stitch else results
 
     def each(
         self,
         function: Callable[..., Any],
-        take: Callable[[int, Any], None],
         *,
         rows: npt.NDArray[Any] | None = None,
         vertices: IntArray | None = None,
         n_jobs: int | None = None,
         progress: ProgressCallback | None = None,
         cancel: CancelCallback | None = None,
-    ) -> None:
-        """Call a function on every piece in parallel, and pass its number and result to `take`.
+    ) -> Generator[tuple[int, Any], None, None]:
+        """Call a function on every piece in parallel, and yield its number and result.
 
         No result is kept. See `apply_on_features` for `rows` and `subset_apply` for `vertices`;
         `n_jobs` replaces that of the stitcher.
@@ -420,13 +384,18 @@ class MeshStitcher(Sequence[Piece]):
             raise InputError(
                 "The vertices are in no piece: no face uses them, or they are in small components."
             )
-        calls = ((self._name(number), self._arguments(number, rows)) for number in numbers)
-        began = time.monotonic()
+
+        def call(number: int) -> tuple[str, tuple[Any, ...]]:
+            piece, count = self.pieces[number], f"piece {number + 1} of {len(self)}"
+            name = f"{count} ({len(piece)} vertices, the first is vertex {piece[0]})"
+            return name, (self[number],) if rows is None else (self[number], rows[piece])
+
+        began, calls = time.monotonic(), map(call, numbers)
         found = results_of_calls(function, calls, n_jobs or self.n_jobs, cancel, self.client)
         drawn = ProgressBar("pieces", progress) if self.verbose else nullcontext(progress)
         with closing(found), drawn as report:
             for count, number in enumerate(numbers, 1):
-                take(number, next(found))
+                yield number, next(found)
                 if report is not None:
                     share = count / len(numbers)
                     left = (time.monotonic() - began) * (1.0 / share - 1.0)
@@ -434,27 +403,13 @@ class MeshStitcher(Sequence[Piece]):
                     report(Progress("pieces", share, remaining=left, message=message))
             next(found, None)  # raises what ended it
 
-    def _arguments(self, number: int, rows: npt.NDArray[Any] | None) -> tuple[Any, ...]:
-        own = () if rows is None else (rows[self.pieces[number]],)
-        return (self.piece_mesh(number), *own)
-
-    def _name(self, number: int) -> str:
-        """Return the name of a piece in messages."""
-        piece = self.pieces[number]
-        return (
-            f"piece {number + 1} of {len(self)} ({len(piece)} vertices, the first is vertex"
-            f" {piece[0]})"
-        )
-
     def stitch_features(
         self, features_by_submesh: Sequence[Any], fill_value: float = np.nan
     ) -> npt.NDArray[Any]:
         """Combine the results of `apply` with ``stitch=False``, None for a piece without values.
 
-        Vertices without a value get `fill_value`.
-
-        `InputError` is raised if their number differs from that of the pieces, or shapes do not
-        agree.
+        Vertices without a value get `fill_value`. `InputError` is raised if the number of results
+        differs from that of the pieces, or shapes do not agree.
         """
         if len(features_by_submesh) != len(self):
             raise InputError(
@@ -477,11 +432,8 @@ class MeshStitcher(Sequence[Piece]):
     def seams(self, results: Sequence[Any]) -> FloatArray:
         """Compute the differences of the results of `apply` with ``stitch=False`` along seams.
 
-        Returns
-        -------
-        ndarray of float64, shape (s, f)
-            Relative difference of the values of two pieces at each vertex next to a seam that both
-            contain. Without seams the shape is (0, f).
+        They are relative to the values of two pieces at each vertex next to a seam that both
+        contain, shape (s, f).
         """
         seams = self.seaming()
         for number, result in enumerate(results):

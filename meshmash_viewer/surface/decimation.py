@@ -19,40 +19,24 @@ def decimated(
     """Remove a share of the faces of each connected component.
 
     Components are decimated separately, in the order of their lowest vertex, so that none is
-    collapsed into another. The result is deterministic.
+    collapsed into another. Those with fewer than `least` vertices are left out. Larger values of
+    `aggressiveness` are faster, and less exact. The result is deterministic: a mesh without
+    unreferenced vertices, and its vertex for each vertex of `mesh`, shape (n,), or -1.
 
     `InputError` is raised if `reduction` is out of range, or all components are left out.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    reduction : float
-        Share of the faces to remove, at least 0 and below 1.
-    aggressiveness : float
-        Larger values are faster, and less exact.
-    least : int
-        Components with fewer vertices are left out.
-
-    Returns
-    -------
-    simple : Mesh
-        Without unreferenced vertices.
-    mapping : ndarray of int, shape (n,)
-        The vertex of `simple` for each vertex of `mesh`; -1 for vertices that are left out.
     """
     if not 0.0 <= reduction < 1.0:
         raise InputError(
             f"The share of faces to remove is {reduction:g}: give one from 0 to below 1."
         )
-    labels = mesh.component_labels
-    sizes = np.bincount(labels[labels >= 0])
+    sizes = np.bincount(mesh.component_labels[mesh.component_labels >= 0])
     if not (sizes >= least).any():
         raise InputError(
             f"All components have fewer than {least} vertices, the largest"
             f" {counted(int(sizes.max()), 'vertex')}: give a smaller min_vertex_threshold."
         )
     faces = mesh.faces[mesh.distinct_corners]
-    of_face = labels[faces[:, 0]]
+    of_face = mesh.component_labels[faces[:, 0]]
     order = np.argsort(of_face, kind="stable")
     groups = np.split(faces[order], np.cumsum(np.bincount(of_face))[:-1])
     mapping = np.full(mesh.n_vertices, -1, dtype=np.int64)
