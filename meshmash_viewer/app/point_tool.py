@@ -38,11 +38,9 @@ if TYPE_CHECKING:
 
 #: Width of the question how points are to be read.
 _WIDE = 440
-#: What to draw, and where it is on the mesh as far as that is known.
-_Asked: TypeAlias = tuple[Mesh, PointSet, ProjectedPoints | None]
-_Drawn: TypeAlias = tuple[ProjectedPoints, PointCloud]
-#: Measured regions, and the points that are to be counted in them.
-_Inside: TypeAlias = tuple[Regions, ProjectedPoints | None]
+#: What to draw, and regions in which to count it; where it is on the mesh as far as that is known.
+_Asked: TypeAlias = tuple[Mesh, PointSet, Regions | None, ProjectedPoints | None]
+_Drawn: TypeAlias = tuple[ProjectedPoints, PointCloud, Regions | None]
 #: What reading a table led to: points on the mesh, a question, or None if it is no such table.
 _Read: TypeAlias = tuple[PointSet, ProjectedPoints] | SeveralPositionsError | FarPointsError | None
 
@@ -74,26 +72,20 @@ class PointTool(QObject):
         self._settings, self._background_io = settings, background_io
         self._asked: _Asked | None = None
         self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
-        self._counting: _Inside | None = None
-        self._counter: LatestThread[_Inside] = LatestThread(
-            _counted, self._take_counts, parent=self
-        )
         listen(document.mesh_changed, self._begin)
-        listen(document.points.changed, self.refresh)
-        listen((document.points.changed, document.labels.changed), self._count)
+        listen((document.points.changed, document.labels.changed), self.refresh)
         document.points.requested.connect(self._restore)
         self.refresh()
 
     @property
     def idle(self) -> bool:
         """Whether the drawn and counted points are those of the document."""
-        return not (self._thread.working or self._counter.working)
+        return not self._thread.working
 
     def close(self) -> None:
-        """Wait for the threads."""
+        """Wait for the thread."""
         self._document.points.requested.disconnect(self._restore)
         self._thread.close()
-        self._counter.close()
 
     # -- reading ------------------------------------------------------------------------------
 
@@ -192,61 +184,48 @@ class PointTool(QObject):
 
         self._background_io.run(f"Reading {path.name}", read, take)
 
-    # -- drawing ------------------------------------------------------------------------------
+    # -- drawing and counting -----------------------------------------------------------------
 
     def _begin(self) -> None:
         """Draw them anew on a mesh that is drawn anew."""
-        self._asked = None
+        self._forget()
         self.refresh()
 
+    def _forget(self) -> None:
+        """Draw and count no points."""
+        self._asked, labels = None, self._document.labels
+        self._scene.set_points(None)
+        if labels.measured is not None:
+            labels.accept_counts(labels.measured, labels.measured)
+
     def refresh(self) -> None:
-        """Draw the points of the document, or none."""
-        mesh, points, before = self._document.mesh, self._document.points.shown, self._asked
+        """Draw the points of the document, or none, and count them in the measured regions."""
+        document, before = self._document, self._asked
+        mesh, points, measured = document.mesh, document.points.shown, document.labels.measured
         if mesh is None or points is None:
-            self._asked = None
-            self._scene.set_points(None)
-        elif before is None or before[1] is not points:
-            self._asked = mesh, points, self._document.points.projected
+            if before is not None:
+                self._forget()
+        elif before is None or before[1] is not points or before[2] is not measured:
+            self._asked = mesh, points, measured, document.points.projected
             self._thread.ask(self._asked)
 
     def _take(self, asked: _Asked, drawn: _Drawn | Exception) -> None:
+        document, measured = self._document, asked[2]
         if asked is not self._asked:
             return
         if isinstance(drawn, InputError):
-            self._document.notices.say(str(drawn), Severity.WARNING)
-            self._scene.set_points(None)
-            self._document.points.accept(None)
+            document.notices.say(str(drawn), Severity.WARNING)
+            self._forget()
+            self._asked = asked
+            document.points.accept(None)
         elif isinstance(drawn, Exception):
             raise drawn
-        elif self._scene.mesh is not None and self._document.is_shown(self._scene.mesh):
-            self._scene.set_points(drawn[1])
-            self._document.points.accept(drawn[0])
-
-    # -- counting -----------------------------------------------------------------------------
-
-    def _count(self) -> None:
-        """Count the points in the measured regions, if they are on the same mesh."""
-        measured, found = self._document.labels.measured, self._document.points.projected
-        if measured is None:
-            self._counting = None
-            return
-        if found is not None and found.mesh.vertices is not measured.mesh.vertices:
-            found = None
-        before = self._counting
-        if before is None or before[0] is not measured or before[1] is not found:
-            self._counting = measured, found
-            self._counter.ask(self._counting)
-
-    def _take_counts(self, asked: _Inside, counted: Regions | Exception) -> None:
-        if isinstance(counted, Exception):
-            raise counted
-        if asked is self._counting:
-            self._document.labels.accept_counts(asked[0], counted)
-
-
-def _counted(asked: _Inside, _cancel: CancelCallback) -> Regions:
-    measured, found = asked
-    return measured if found is None else measured.with_points(found)
+        elif self._scene.mesh is not None and document.is_shown(self._scene.mesh):
+            found, cloud, counted = drawn
+            self._scene.set_points(cloud)
+            document.points.accept(found)
+            if measured is not None and counted is not None:
+                document.labels.accept_counts(measured, counted)
 
 
 def _read(table: _Table, mesh: Mesh) -> _Read:
@@ -267,8 +246,10 @@ def _hash(path: Path) -> str:
 
 
 def _found(asked: _Asked, _cancel: CancelCallback) -> _Drawn:
-    mesh, points, known = asked
+    mesh, points, measured, known = asked
     if known is None or known.mesh.vertices is not mesh.vertices or known.mesh.unit != mesh.unit:
         known = project_points(mesh, points.table, points.max_distance)
+    if measured is not None and known.mesh.vertices is measured.mesh.vertices:
+        measured = measured.with_points(known)
     colors, legend = point_colors(known, points.column)
-    return known, PointCloud(known, colors, legend, points.size)
+    return known, PointCloud(known, colors, legend, points.size), measured

@@ -65,28 +65,23 @@ def _write(mesh: Mesh, options: Namespace) -> Report:
         "max_distance": found.max_distance,
         "remarks": remarks,
     }
-    if options.labels:
-        labels = read_labels(options.labels, mesh)
-        maps.insert(0, replace(labels, name="label"))
-        columns = found.per_label(labels)
-        report["labels"] = {name: values.tolist() for name, values in columns.items()}
-    features = [_features(mesh, kind, options, remarks) for kind in dict.fromkeys(options.kind)]
-    made = {
-        "features": list(options.kind),
-        "labels": options.labels,
-        "repairs": list(options.repair),
-        "mask": options.mask,
-    }
-    write_points(options.output, found, *maps, *features, meta=made)
-    if options.id_map is not None:
-        write_points(options.id_map, found, meta=made)
-    report["seconds"] = round(time.perf_counter() - began, 3)
     within = format_quantity(found.max_distance, mesh.unit)
     of = f"{found.n_near:,} of {counted(len(found), 'point')}"
     said = f"{options.output}: {of} within {within} of a vertex"
     if options.labels:
-        counts = zip(report["labels"]["label"], report["labels"]["points"], strict=True)
+        labels = read_labels(options.labels, mesh)
+        maps.insert(0, replace(labels, name="label"))
+        columns = {name: values.tolist() for name, values in found.per_label(labels).items()}
+        report["labels"] = columns
+        counts = zip(columns["label"], columns["points"], strict=True)
         said += "; " + ", ".join(f"{name} {count:,}" for name, count in counts)
+    features = [_features(mesh, kind, options, remarks) for kind in dict.fromkeys(options.kind)]
+    made = {"features": list(options.kind), "repairs": list(options.repair)}
+    made |= {"labels": options.labels, "mask": options.mask}
+    write_points(options.output, found, *maps, *features, meta=made)
+    if options.id_map is not None:
+        write_points(options.id_map, found, meta=made)
+    report["seconds"] = round(time.perf_counter() - began, 3)
     return report, said
 
 

@@ -61,17 +61,14 @@ class Points:
     Parameters
     ----------
     positions : array_like, shape (k, 3)
-        Finite coordinates.
     columns : dict of str to ndarray, shape (k,)
         Numbers, or objects: text, and whole numbers of which some are missing, as None.
     unit : str
-        As `parse_unit` reads it: "µm", or "4 × 4 × 40 nm" for coordinates that count voxels; "" for
-        that of the mesh.
+        Such as "µm", or "4 × 4 × 40 nm" for coordinates that count voxels; "" for that of the mesh.
     id : str
         The column that identifies them; "" for none.
-    name : str
-    path : str
-        The file; "" if they are from a script.
+    name, path : str
+        Of the file; "" if they are from a script.
     remarks : tuple of str
         What was left out.
 
@@ -129,15 +126,12 @@ class ProjectedPoints:
 
     Parameters
     ----------
-    points : Points
-    mesh : Mesh
     positions : ndarray of float64, shape (k, 3)
         In the unit of the mesh.
     vertices : ndarray of int64, shape (k,)
         Nearest vertex of the mesh, -1 for points that are farther than `max_distance`.
     distances : ndarray of float64, shape (k,)
         From that vertex; NaN for those.
-    max_distance : float
     remarks : tuple of str
         What was left out, and whether the points may be in another unit.
 
@@ -187,16 +181,9 @@ class ProjectedPoints:
     def sums(self, groups: npt.NDArray[np.integer], n_groups: int) -> dict[str, npt.NDArray[Any]]:
         """Count the points of each group, and sum their columns without rounding between.
 
-        Parameters
-        ----------
-        groups : ndarray of int, shape (n,)
-            Group of each vertex from 0, -1 for none.
-        n_groups : int
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n_groups,)
-            ``points``, and ``sum NAME`` of each column of `Points.summed`, without missing values.
+        `groups`, shape (n,), is the group of each vertex from 0, -1 for none. The result has
+        ``points``, and ``sum NAME`` of each column of `Points.summed` without missing values, both
+        of shape (n_groups,).
         """
         of_point = np.where(self.near, groups[self.vertices], -1)
         inside = np.flatnonzero(of_point >= 0)
@@ -210,17 +197,9 @@ class ProjectedPoints:
         return result
 
     def per_label(self, labels: VertexMap | npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
-        """Count the points of each label or domain, and sum their columns.
+        """Count the points of each label or domain, and sum their columns, as `sums` does.
 
-        Parameters
-        ----------
-        labels : VertexMap or array_like, shape (n,)
-            Without names, each number is one, also 0 and -1.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``label``, and those of `sums`.
+        Of `labels`, shape (n,), without names each number is a ``label``, also 0 and -1.
 
         Examples
         --------
@@ -252,11 +231,10 @@ class ProjectedPoints:
         or None after it. Of a map with labels, names are given. A name that is taken gets a number.
         """
         vertex = self.at(self.mesh.file_indices.astype(object))
-        own = {**dict(zip("xyz", self.positions.T, strict=True)), "vertex": vertex}
-        if self.near.all():
-            own["vertex"] = vertex.astype(np.int64)
+        vertex = vertex.astype(np.int64) if self.near.all() else vertex
         found = dict(self.points.columns)
-        more = [*own.items(), ("distance", self.distances)]
+        more = [*zip("xyz", self.positions.T, strict=True)]
+        more += [("vertex", vertex), ("distance", self.distances)]
         for each in features:
             if isinstance(each, Features):
                 more += [*zip(each.columns, self.at(each.values).T, strict=True)]
@@ -300,25 +278,17 @@ class ProjectedPoints:
 def project_points(
     mesh: MeshLike, points: Points | npt.ArrayLike, max_distance: float | None = None
 ) -> ProjectedPoints:
-    """Find the nearest vertex of each point.
-
-    Vertices of no face are not taken.
+    """Find the nearest vertex of each point; vertices of no face are not taken.
 
     `InputError` is raised if no point is within the distance; the message names the likely unit.
 
     Parameters
     ----------
-    mesh : MeshLike
     points : Points or array_like, shape (k, 3)
         Positions alone are in the unit of the mesh.
     max_distance : float, optional
         Distance up to which a point has a vertex, in the unit of the mesh; by default a hundredth
-        of the diagonal of the mesh, at least two edges of a typical triangle. ``np.inf`` for all
-        points.
-
-    Returns
-    -------
-    ProjectedPoints
+        of the diagonal of the mesh, at least two edges of a typical triangle.
 
     Examples
     --------
@@ -346,10 +316,10 @@ def project_points(
     vertices = np.full(len(places), -1, dtype=np.int64)
     vertices[near] = used[found[near]]
     distances[~near] = np.nan
-    outside = int((((places < low - limit) | (places > high + limit)).any(axis=1)).sum())
     remark = unit = ""
-    if np.count_nonzero(near) < 0.5 * len(near):
-        remark, unit = _elsewhere(surface, table, tree, limit, outside, int(np.count_nonzero(near)))
+    if near.mean() < 0.5:
+        outside = ((places < low - limit) | (places > high + limit)).any(axis=1)
+        remark, unit = _elsewhere(surface, table, tree, limit, int(outside.sum()), near.mean())
     if not near.any():
         within = format_quantity(limit, surface.unit)
         of = f" of {table.name}" if table.name else ""
@@ -359,8 +329,10 @@ def project_points(
     return ProjectedPoints(table, surface, places, vertices, distances, limit, said)
 
 
-def likely_unit(mesh: Mesh, points: Points, tree: cKDTree, limit: float) -> tuple[str, float]:
-    """Return the unit in which most points are near a mesh, and their share; "" for none."""
+def _elsewhere(
+    mesh: Mesh, points: Points, tree: cKDTree, limit: float, outside: int, near: float
+) -> tuple[str, str]:
+    """Say that all but a share are far from a mesh, and return the unit in which most are near."""
     sample = Points(points.positions[:: max(1, len(points) // _SAMPLE)])
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.rint(mesh.bounds.mean(axis=0) / np.median(points.positions, axis=0))
@@ -369,25 +341,16 @@ def likely_unit(mesh: Mesh, points: Points, tree: cKDTree, limit: float) -> tupl
     voxels += [(x, y, z) for x, y, z in sizes if min(x, y, z) > 0.0 and math.isfinite(x + y + z)]
     units = [written_unit(mesh.unit, each) for each in voxels if mesh.unit and each != NO_VOXEL]
     units += [each for each in ("nm", "µm", "mm") if mesh.unit and each != mesh.unit]
-    best, most = "", 0.0
-    for unit in units:
-        places = sample.positions_in(mesh, unit)
+    share, unit = 0.0, ""
+    for each in units:
+        places = sample.positions_in(mesh, each)
         distances, _ = tree.query(places, distance_upper_bound=limit)
-        share = float(np.isfinite(distances).mean())
-        if share > most:
-            best, most = unit, share
-    return best, most
-
-
-def _elsewhere(
-    mesh: Mesh, points: Points, tree: cKDTree, limit: float, outside: int, n_near: int
-) -> tuple[str, str]:
-    """Say that most points are far from a mesh, and in which unit they would not be."""
-    unit, share = likely_unit(mesh, points, tree, limit)
+        if (found := float(np.isfinite(distances).mean())) > share:
+            share, unit = found, each
     where = f"{outside:,} of {counted(len(points), 'point')} lie outside the box of the mesh"
-    if share > max(0.5, 2.0 * n_near / len(points)):
-        near = f"in {unit} {format_share(share, 2)} are near it: state that as their unit"
-        return (f"{where}, and {near}." if outside else f"{near}."), unit
+    if share > max(0.5, 2.0 * near):
+        remedy = f"in {unit} {format_share(share, 2)} are near it: state that as their unit."
+        return (f"{where}, and {remedy}" if outside else remedy), unit
     return (f"{where}: check their unit, or allow a larger distance." if outside else ""), ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from itertools import islice
@@ -58,10 +59,9 @@ def read_points(
 
     Positions are three columns ``x``, ``y``, ``z``, or such as ``ctr_pt_x``, ``ctr_pt_y``,
     ``ctr_pt_z``; or one of three numbers such as ``ctr_pt_position``, in text as "[1 2 3]". Rows
-    without one are left out. A column ``id`` or ``synapse_id`` identifies the points.
-
-    `InputError` is raised if it cannot be read, has no rows or no positions, or several of which
-    none is named.
+    without one are left out, with a remark. A column ``id`` or ``synapse_id`` identifies the
+    points. `InputError` is raised if it cannot be read, has no rows or no positions, or several of
+    which none is named.
 
     Parameters
     ----------
@@ -72,11 +72,6 @@ def read_points(
         mesh that they will be projected onto.
     position : str
         Which position, where there are several: "pre_pt_position".
-
-    Returns
-    -------
-    Points
-        With a remark on rows that are left out.
 
     Examples
     --------
@@ -142,19 +137,9 @@ def write_points(
     """Write points with their vertex, distance, and features there, as CSV, Parquet or NPZ.
 
     Columns are those of `ProjectedPoints.table`. NPZ is the map from identifiers to vertices alone,
-    ``id_to_mesh_map`` of shape (m, 2).
-
-    `InputError` is raised if the ending is unknown, the file cannot be written, or a map has no
-    identifiers.
-
-    Parameters
-    ----------
-    path : str or Path
-    found : ProjectedPoints
-    *features : Features or VertexMap
-        Of the vertices of its mesh.
-    meta : dict, optional
-        JSON-able options that led to it, or a result of `provenance`.
+    ``id_to_mesh_map`` of shape (m, 2). `meta` are JSON-able options that led to it, or a result of
+    `provenance`. `InputError` is raised if the ending is unknown, the file cannot be written, or a
+    map has no identifiers.
 
     Examples
     --------
@@ -281,34 +266,33 @@ def _is_triple(values: npt.NDArray[Any]) -> bool:
 
 def _coordinates(name: str, columns: Columns, names: tuple[str, ...]) -> FloatArray:
     """The positions in some columns, shape (k, 3); NaN where there is none."""
-    if len(names) == 3:
-        return np.column_stack([_numbers(name, each, columns[each]) for each in names])
-    values = columns[names[0]]
-    places = np.full((len(values), 3), np.nan)
-    for at, each in enumerate(values):
-        if each is None:
+    axes = len(names) == 3
+    parse, wanted = (_number, "a number") if axes else (_three_numbers, "three numbers")
+    found = []
+    for column in names:
+        if columns[column].dtype.kind in "iuf":
+            found.append(columns[column].astype(np.float64))
             continue
-        match = _TRIPLE.fullmatch(each) if isinstance(each, str) else None
-        found = match.groups() if match else () if isinstance(each, str) else each
-        if np.shape(found) != (3,):
-            raise _no_number(name, each, names[0], at, "three numbers")
-        places[at] = [np.nan if one is None else float(one) for one in found]
-    return places
-
-
-def _numbers(name: str, column: str, values: npt.NDArray[Any]) -> FloatArray:
-    if values.dtype.kind in "iuf":
-        return values.astype(np.float64)
-    made = np.full(len(values), np.nan)
-    for at, each in enumerate(values.tolist()):
-        if each is not None:
+        made = []
+        for row, given in enumerate(columns[column].tolist(), 1):
             try:
-                made[at] = float(each)
+                made.append(parse(given))
             except (TypeError, ValueError) as fault:
-                raise _no_number(name, each, column, at, "a number") from fault
-    return made
+                said = f"{printable(given, 30)!r} as {column} in row {row}"
+                raise InputError(
+                    f"{name} has {said}, which is not {wanted}: correct that row."
+                ) from fault
+        found.append(np.array(made, dtype=np.float64))
+    return np.column_stack(found)
 
 
-def _no_number(name: str, value: object, column: str, row: int, wanted: str) -> InputError:
-    said = f"{printable(value, 30)!r} as {column} in row {row + 1}"
-    return InputError(f"{name} has {said}, which is not {wanted}: correct that row.")
+def _number(given: Any) -> float:
+    return math.nan if given is None else float(given)
+
+
+def _three_numbers(given: Any) -> tuple[float, float, float]:
+    if given is None:
+        return math.nan, math.nan, math.nan
+    match = _TRIPLE.fullmatch(given) if isinstance(given, str) else None
+    x, y, z = match.groups() if match else () if isinstance(given, str) else given
+    return _number(x), _number(y), _number(z)
