@@ -184,7 +184,7 @@ def test_two_runs_at_once_write_one_manifest() -> None:
     made += "all = [P(f'out/{each}.npz') for each in names]\n"
     made += "one = it.Manifest(all, [], N(command='features', mesh=[P(each) for each in names]))\n"
     made += "print(flush=True); input()\n"
-    made += "for i in range(9): one.add([(i, None, {}, '')])"
+    made += "for i in range(9): one.add([it.Outcome(i)])"
     Path("out").mkdir()
     command = [sys.executable, "-c", made]
     runs = [subprocess.Popen([*command, name], stdin=-1, stdout=-1, text=True) for name in "ab"]

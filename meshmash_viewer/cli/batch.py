@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from meshmash_viewer.cli.arguments import FAULT, chosen_operator, in_unit
-from meshmash_viewer.cli.cluster import connected, repeat_said, results_of_tasks
-from meshmash_viewer.cli.manifest import Content, Manifest, content_of
+from meshmash_viewer.cli.cluster import connected, results_of_tasks
+from meshmash_viewer.cli.manifest import Content, Manifest, Outcome, content_of
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
@@ -158,21 +158,6 @@ def expanded(named: Iterable[Path]) -> list[Path]:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What became of a mesh; sent by workers of a cluster."""
-
-    number: int
-    report: dict[str, Any] = field(default_factory=dict)
-    said: str = ""
-    #: None for a mesh that could not be read.
-    content: Content | None = None
-    status: int = 0
-    fault: str = ""
-    #: Whether its result was there before.
-    kept: bool = False
-
-
-@dataclass(frozen=True)
 class Batch:
     """Work on meshes, in this process or in those of a cluster."""
 
@@ -206,20 +191,17 @@ class Batch:
         status, text = described_fault(fault, shown_path(self.options.mesh[number]))
         return Outcome(number, content=content, status=status, fault=text)
 
-    def here(self) -> Iterator[list[Outcome]]:
-        """Do the work for every mesh in this process."""
-        return ([self.outcome(number)] for number in range(len(self.options.mesh)))
-
-    def on(self, client: Any) -> Iterator[list[Outcome]]:
-        """Do the work on a cluster, one task a mesh; outcomes come in any order."""
+    def outcomes(self, client: Any = None) -> Iterator[list[Outcome]]:
+        """Do the work for every mesh in this process, or on a cluster in any order."""
         numbers = range(len(self.options.mesh))
+        if client is None:
+            yield from ([self.outcome(number)] for number in numbers)
+            return
         for answers in results_of_tasks(client, self.outcome, numbers):
-            outcomes = []
-            for number, result, heard in answers:
-                repeat_said(heard)
-                failed = isinstance(result, Exception)
-                outcomes.append(self.failed(number, result) if failed else result)
-            yield outcomes
+            yield [
+                self.failed(number, result) if isinstance(result, Exception) else result
+                for number, result in answers
+            ]
 
 
 def for_each(
@@ -240,22 +222,19 @@ def for_each(
     batch = Batch(options, work, repaired)
     scheduler = getattr(options, "scheduler", None)
     if scheduler is None and not getattr(options, "resume", False):
-        return max((_say_outcome(options, each) for (each,) in batch.here()), key=_SEVERITY.index)
+        said = (_say_outcome(options, each) for (each,) in batch.outcomes())
+        return max(said, key=_SEVERITY.index)
     manifest = Manifest(outputs, others, options)
     if options.resume:
         batch = replace(batch, finished=manifest.finished())
     with contextlib.ExitStack() as stack:
-        outcomes, bar = batch.here(), None
-        if scheduler is not None:
-            client = stack.enter_context(connected(scheduler))
-            if len(options.mesh) == 1 and getattr(options, "pieces", None):
-                options.client = client  # the pieces are the tasks
-            else:
-                options.jobs = options.jobs or 1  # each worker has cores of its own
-                outcomes = batch.on(client)
-                if sys.stderr.isatty():
-                    bar = stack.enter_context(ProgressBar("meshes", leave=False))
-        return _with_manifest(options, outcomes, manifest, bar)
+        bar, client = None, None if scheduler is None else stack.enter_context(connected(scheduler))
+        if client and len(options.mesh) == 1 and getattr(options, "pieces", None):
+            options.client, client = client, None  # the pieces are the tasks
+        elif client:
+            options.jobs = options.jobs or 1  # each worker has cores of its own
+            bar = stack.enter_context(progress_bar("meshes"))
+        return _with_manifest(options, batch.outcomes(client), manifest, bar)
 
 
 def _say_outcome(options: Namespace, outcome: Outcome) -> int:
@@ -279,11 +258,7 @@ def _with_manifest(
     count = len(options.mesh)
     try:
         for batch in outcomes:
-            manifest.add(
-                (each.number, each.content, each.report, each.fault)
-                for each in batch
-                if not each.kept
-            )
+            manifest.add(each for each in batch if not each.kept)
             came += batch
             failed += [each for each in batch if each.fault]
             with contextlib.nullcontext() if bar is None else bar.hidden():
@@ -332,14 +307,9 @@ def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
 
 def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
     """Return the eigenpairs of a mesh, stored or computed."""
+    count, top = target.n_components, target.max_eigenvalue
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
-        request = Request(
-            target.n_components,
-            target.max_eigenvalue,
-            n_jobs=options.jobs,
-            progress=bar,
-            cancel=cancel,
-        )
+        request = Request(count, top, n_jobs=options.jobs, progress=bar, cancel=cancel)
         pairs, remark = obtain_eigenpairs(
             mesh, chosen_operator(options), request, use_cache=not options.no_cache
         )

@@ -17,26 +17,32 @@ from concurrent.futures import CancelledError
 from typing import Any
 
 from meshmash_viewer.cli.streams import PROGRAM, say
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.units import counted
 
 #: Begins the name of a scheduler that runs during the command, with processes of this machine.
 LOCAL = "local:"
 #: Settings of that scheduler: no profiler and fewer looks at memory and time, which take a tenth of
-#: a core by default. A process that does not answer is not a lost one: it computes.
+#: a core by default. A process that does not answer is not a lost one: it computes. Without the
+#: MALLOC_TRIM_THRESHOLD_ that Dask sets, freed memory is not given back and taken again.
 _QUIET = {
     "distributed.scheduler.worker-ttl": None,
     "distributed.worker.profile.enabled": False,
     "distributed.worker.memory.monitor-interval": "1s",
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
+    "distributed.nanny.pre-spawn-environ": {
+        "OMP_NUM_THREADS": 1,
+        "MKL_NUM_THREADS": 1,
+        "OPENBLAS_NUM_THREADS": 1,
+    },
 }
 #: Seconds until a scheduler has to answer.
 _ANSWER = 10.0
 #: One mesh at a time in a process: the working directory and standard error are the process's.
 _ONE = threading.Lock()
-#: Result of a task, or its fault; and what it printed on standard error.
-Answer = tuple[int, Any, str]
+#: Number of a task, and its result or fault.
+Answer = tuple[int, Any]
 
 
 @contextlib.contextmanager
@@ -50,10 +56,7 @@ def connected(scheduler: str) -> Iterator[Any]:
         import distributed
         from distributed.comm.addressing import resolve_address
     except ModuleNotFoundError as fault:
-        raise InputError(
-            "--scheduler needs distributed, which is not installed: pip install"
-            ' "meshmash-viewer[cluster]".'
-        ) from fault
+        raise InputError(f"--scheduler needs {not_installed('distributed', 'cluster')}.") from fault
     # faults are sentences of this command, and a processor of C code is not a lost worker
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
@@ -91,8 +94,9 @@ def results_of_tasks(
 ) -> Iterator[list[Answer]]:
     """Call a function with numbers, one a task; yield results in batches as they come.
 
-    A fault is yielded in place of a result. The function runs in the folder of this command.
-    `InputError` is raised if the connection ends.
+    A fault is yielded in place of a result. The function runs in the folder of this command, and
+    what it prints on standard error is repeated here. `InputError` is raised if the connection
+    ends.
     """
     from distributed import as_completed
 
@@ -114,11 +118,10 @@ def results_of_tasks(
                     f" {counted(len(numbers), 'mesh')}: start it, and this command again with"
                     " --resume."
                 )
-            number = asked.pop(task.key)
-            if task.status == "error":
-                answers.append((number, fault_of_task(result[1]), ""))
-            else:
-                answers.append((number, *result))
+            result, said = (fault_of_task(result[1]), "") if task.status == "error" else result
+            for line in said.splitlines():
+                print(line if line.startswith(PROGRAM) else f"{PROGRAM}: {line}", file=sys.stderr)
+            answers.append((asked.pop(task.key), result))
         yield answers
 
 
@@ -142,9 +145,3 @@ def _in_worker(number: int, folder: str, function: Callable[[int], Any]) -> tupl
             return function(number), said.getvalue()
         finally:
             os.chdir(before)
-
-
-def repeat_said(text: str) -> None:
-    """Print what a task printed on standard error."""
-    for line in text.splitlines():
-        print(line if line.startswith(PROGRAM) else f"{PROGRAM}: {line}", file=sys.stderr)

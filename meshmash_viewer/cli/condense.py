@@ -31,38 +31,34 @@ _ARGUMENTS = {
 def condense(options: Namespace) -> int:
     """Divide meshes into domains, and write these and their graphs."""
     require("fast_simplification", "sklearn", "pandas")
-    outputs = output_paths(options.mesh, options.output, "domains", ".npz")
-    graphs = None
-    if options.graphs is not None:
-        graphs = output_paths(options.mesh, options.graphs, "graph", ".npz")
-        if same := set(outputs) & set(graphs):
-            raise InputError(
-                f"{min(same)} would be both features and graph: give --graphs another folder."
-            )
+    outputs, graphs = (
+        output_paths(options.mesh, given, kind, ".npz") if given is not None else []
+        for given, kind in ((options.output, "domains"), (options.graphs, "graph"))
+    )
+    if same := set(outputs) & set(graphs):
+        raise InputError(
+            f"{min(same)} would be both features and graph: give --graphs another folder."
+        )
+
+    def work(mesh: Mesh, at: int, own: Namespace) -> Report:
+        return _write(mesh, outputs[at], graphs[at] if graphs else None, own)
+
     with contextlib.ExitStack() as folders:
         for given in filter(None, (options.output, options.graphs)):
             folders.enter_context(folder_of(given))
-        for path in (*outputs, *(graphs or ())):
+        for path in (*outputs, *graphs):
             if path.suffix.lower() != ".npz":
                 raise InputError(f"{path} does not end in .npz, which is the format of domains.")
             check_output(path)
-        return for_each(
-            options,
-            lambda mesh, at, own: _write(
-                mesh, outputs[at], None if graphs is None else graphs[at], own
-            ),
-            outputs=outputs,
-            others=graphs or (),
-        )
+        return for_each(options, work, outputs=outputs, others=graphs)
 
 
 def _write(mesh: Mesh, path: Path, graph: Path | None, options: Namespace) -> Report:
     began, scale = time.perf_counter(), nm_of(mesh)
-    given = {name: getattr(options, name) for name in _ARGUMENTS}
     arguments = {
-        name: value * scale ** _ARGUMENTS[name] if _ARGUMENTS[name] else value
-        for name, value in given.items()
-        if value is not None
+        name: value * scale**power if power else value
+        for name, power in _ARGUMENTS.items()
+        if (value := getattr(options, name)) is not None
     }
     with (
         progress_bar(mesh) as bar,

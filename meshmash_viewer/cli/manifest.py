@@ -6,9 +6,10 @@ import contextlib
 import hashlib
 import json
 import os
-import sys
+import time
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,30 +17,33 @@ from typing import Any, TypeAlias
 
 from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.cache import FileLock
 from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.mesh import Mesh
 
 #: Columns, and their types; None where a value is not known.
-COLUMNS: dict[str, type] = {
-    "mesh": str,  # the file
-    "output": str,  # relative to the folder of the manifest
-    "status": str,  # DONE or FAILED
-    "fault": str,
-    "hash": str,  # of the mesh as read, as in its provenance
-    "maps_hash": str,  # of its unit and maps
-    "options": str,  # JSON
-    "pairs": int,
-    "max_eigenvalue": float,
-    "residual": float,  # of the worst pair
-    "orthonormality": float,
-    "complete": bool,
-    "proof": str,
-    "truncation": float,  # largest share that a column misses, as estimated
-    "seconds": float,
-    "bytes": int,  # of the output
-    "report": str,  # what --json prints
+COLUMNS = {
+    "mesh": "string",  # the file
+    "output": "string",  # relative to the folder of the manifest
+    "status": "string",  # DONE or FAILED
+    "fault": "string",
+    "hash": "string",  # of the mesh as read, as in its provenance
+    "maps_hash": "string",  # of its unit and maps
+    "options": "string",  # JSON
+    "pairs": "int64",
+    "max_eigenvalue": "float64",
+    "residual": "float64",  # of the worst pair
+    "orthonormality": "float64",
+    "complete": "bool",
+    "proof": "string",
+    "truncation": "float64",  # largest share that a column misses, as estimated
+    "seconds": "float64",
+    "bytes": "int64",  # of the output
+    "report": "string",  # what --json prints
 }
 DONE, FAILED = "done", "failed"
+#: Seconds between looks whether another process has written.
+_WAIT = 0.02
 #: Columns whose entry of the report has another name.
 _REPORTED = {"pairs": "n_eigenpairs", "residual": "worst_residual"}
 #: Options that do not change what is written for a mesh of the same content.
@@ -51,6 +55,21 @@ _FREE = (
 _WRITTEN = ("graphs", "id_map")
 #: Hashes of a mesh: of vertices and faces, and of the rest.
 Content: TypeAlias = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a mesh; sent by workers of a cluster."""
+
+    number: int
+    report: dict[str, Any] = field(default_factory=dict)
+    said: str = ""
+    #: None for a mesh that could not be read.
+    content: Content | None = None
+    status: int = 0
+    fault: str = ""
+    #: Whether its result was there before.
+    kept: bool = False
 
 
 class Manifest:
@@ -69,67 +88,60 @@ class Manifest:
 
     def finished(self) -> dict[int, Content]:
         """Return the contents of meshes whose results exist, made with the same options."""
-        found = {}
         rows = {row["output"]: row for row in _table_in(self.path).to_pylist()}
-        for number, output in enumerate(self._outputs):
-            row = rows.get(self._name(output), {})
-            if (
-                row.get("status") == DONE
-                and row["options"] == self._options
-                and row["bytes"] == _size(output)
-                and all(path.is_file() for path in self._others[number : number + 1])
-            ):
-                found[number] = row["hash"], row["maps_hash"]
-        return found
+        return {
+            number: (row["hash"], row["maps_hash"])
+            for number, output in enumerate(self._outputs)
+            if (row := rows.get(self._name(output), {})).get("status") == DONE
+            and row["options"] == self._options
+            and row["bytes"] == _size(output)
+            and all(path.is_file() for path in self._others[number : number + 1])
+        }
 
-    def add(self, results: Iterable[tuple[int, Content | None, dict[str, Any], str]]) -> None:
-        """Add rows, given by number, content, report and fault of meshes, and write the file."""
+    def add(self, outcomes: Iterable[Outcome]) -> None:
+        """Add rows, and write the file."""
         import pyarrow
         import pyarrow.compute
         import pyarrow.parquet
 
         rows = []
-        for number, content, report, fault in results:
-            output = self._outputs[number]
+        for each in outcomes:
+            output, report, content = self._outputs[each.number], each.report, each.content
             missing = (report.get("truncation") or {}).get("estimate")
             row = {name: report.get(_REPORTED.get(name, name)) for name in COLUMNS}
             rows.append(row | {
-                "mesh": self._meshes[number],
+                "mesh": self._meshes[each.number],
                 "output": self._name(output),
-                "status": FAILED if fault else DONE,
-                "fault": fault or None,
+                "status": FAILED if each.fault else DONE,
+                "fault": each.fault or None,
                 "hash": content and content[0],
                 "maps_hash": content and content[1],
                 "options": self._options,
                 "truncation": max(missing) if missing else None,
-                "bytes": None if fault else _size(output),
-                "report": None if fault else json.dumps(report),
+                "bytes": None if each.fault else _size(output),
+                "report": None if each.fault else json.dumps(report),
             })  # fmt: skip
-        added = pyarrow.Table.from_pylist(rows, _schema())
-        with writing_errors(self.path), _alone(self.path):
+        added = pyarrow.Table.from_pylist(rows, pyarrow.schema(COLUMNS.items()))
+        with writing_errors(self.path), self._alone():
             before = _table_in(self.path)
             again = pyarrow.compute.is_in(before["output"], added["output"].combine_chunks())
             table = pyarrow.concat_tables([before.filter(pyarrow.compute.invert(again)), added])
             with written_whole(self.path) as part:
                 pyarrow.parquet.write_table(table.sort_by("output"), str(part))
 
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Wait until no other process is here for the same file; the system frees a killed one."""
+        lock = FileLock(self.path.with_name(f".{self.path.stem}.lock"))
+        while not lock.acquire():
+            time.sleep(_WAIT)
+        try:
+            yield
+        finally:
+            lock.release()
+
     def _name(self, output: Path) -> str:
         return Path(os.path.relpath(output, self.folder)).as_posix()
-
-
-@contextlib.contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Wait until no other process is here for the same file; the system frees a killed one."""
-    with path.with_name(f".{path.stem}.lock").open("a") as file:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def content_of(mesh: Mesh) -> Content:
@@ -154,13 +166,13 @@ def _described(options: Namespace) -> str:
         for name, value in sorted(vars(options).items())
         if name not in _FREE and value not in (None, False, [])
     }
-    files = {}
-    for name, value in chosen.items():
-        if name in _WRITTEN:
-            continue
-        for each in value if isinstance(value, list) else [value]:
-            if isinstance(each, str | Path) and (place := _named_place(str(each))):
-                files[str(each)] = _digest(Path(place))
+    files = {
+        str(each): _digest(Path(place))
+        for name, value in chosen.items()
+        if name not in _WRITTEN
+        for each in (value if isinstance(value, list) else [value])
+        if isinstance(each, str | Path) and (place := _named_place(str(each)))
+    }
     program = metadata.version("meshmash-viewer")
     return json.dumps({**chosen, "program": program, "files": files}, default=str)
 
@@ -184,26 +196,11 @@ def _size(path: Path) -> int | None:
     return path.stat().st_size if path.is_file() else None
 
 
-# Files ----------------------------------------------------------------------------------------
-
-
-def _schema() -> Any:
-    import pyarrow
-
-    types = {
-        str: pyarrow.string(),
-        int: pyarrow.int64(),
-        float: pyarrow.float64(),
-        bool: pyarrow.bool_(),
-    }
-    return pyarrow.schema([(name, types[kind]) for name, kind in COLUMNS.items()])
-
-
 def _table_in(path: Path) -> Any:
     """Read a manifest; without a file it is empty."""
     import pyarrow.parquet
 
-    schema = _schema()
+    schema = pyarrow.schema(COLUMNS.items())
     if not path.is_file():
         return schema.empty_table()
     try:
