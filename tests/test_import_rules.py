@@ -12,6 +12,8 @@ from graphlib import TopologicalSorter
 from itertools import product
 from pathlib import Path
 
+import pytest
+
 import meshmash_viewer
 from meshmash_viewer.fields import FAMILIES
 
@@ -229,8 +231,9 @@ def test_the_command_line_loads_the_window_only_to_open_one() -> None:
             assert not {name for name in top if name.startswith("meshmash_viewer.app")}
 
 
-def test_the_help_comes_before_anything_heavy() -> None:
-    code = "import sys; sys.argv = ['meshmash-viewer', '--help']\n"
+@pytest.mark.parametrize("arguments", ["'--help'", "'features', '--help'"])
+def test_the_help_comes_before_anything_heavy(arguments: str) -> None:
+    code = f"import sys; sys.argv = ['meshmash-viewer', {arguments}]\n"
     code += "from meshmash_viewer.cli.main import main\n"
     code += "try:\n    main()\nexcept SystemExit:\n    pass"
     assert not roots(loaded_by(code)) & (WINDOW_LIBRARIES | {"scipy", "pyarrow", "trimesh"})

@@ -6,11 +6,9 @@ import warnings
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import MeshWarning
-from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes, winding_of
 from meshmash_viewer.units import counted
@@ -231,6 +229,7 @@ def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
 
 def _near(mesh: Mesh, faces: IntArray, parts: IntArray) -> npt.NDArray[np.bool_]:
     """Find the vertices of the near half of each part, shape (n,)."""
+    from scipy import sparse
     from scipy.sparse.csgraph import dijkstra
 
     n = mesh.n_vertices
@@ -264,7 +263,10 @@ def _harmonic(
     mesh: Mesh, faces: IntArray, parts: IntArray, near: npt.NDArray[np.bool_]
 ) -> FloatArray:
     """Solve for the values at the near vertices of all parts; 0 at the others, shape (n,)."""
+    from scipy import sparse
     from scipy.sparse.linalg import cg
+
+    from meshmash_viewer.laplacian import cotangent_laplacian
 
     values = np.zeros(mesh.n_vertices)
     unknown = np.flatnonzero(near)
