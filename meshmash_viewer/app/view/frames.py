@@ -174,7 +174,7 @@ class Frames(QObject):
         # slow ones are smoothed afterwards instead.
         quickly = self.slow and (self._seconds > VERY_SLOW_FRAME or not at_rest)
         window.SetMultiSamples(0 if quickly else 4)
-        drawing.smooth_afterwards(quickly and at_rest)
+        drawing.renderer.SetUseFXAA(quickly and at_rest)
         started, view = perf_counter(), drawing.view
         drawing.prepare(*self._canvas.pixels())
         if view is not None and drawing.view is not view:

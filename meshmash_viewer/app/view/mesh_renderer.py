@@ -103,10 +103,6 @@ class MeshRenderer:
 
     # -- contents ---------------------------------------------------------------------------
 
-    def smooth_afterwards(self, smooth: bool) -> None:
-        """Smooth edges in the finished frame, which is faster than multisampling."""
-        self.renderer.SetUseFXAA(smooth)
-
     def set_theme(self, dark: bool) -> None:
         """Set the colours of the background and of everything but the field."""
         self.dark = dark

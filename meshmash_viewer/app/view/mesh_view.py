@@ -256,11 +256,8 @@ class MeshView(QWidget):
 
     def reset_camera(self) -> None:
         """Show the whole mesh from its best side."""
-        if self.mesh is not None:
-            self.renderer.fit_view(*self.plotter.pixels())
-        self.turned_by_hand = False
+        self._fit(self.renderer.axes)
         self.plotter.render()
-        self.camera_changed.emit()
 
     def camera(self) -> dict[str, Any] | None:
         """The camera as plain numbers for a session, None without a mesh."""
@@ -341,12 +338,13 @@ class MeshView(QWidget):
 
     def vertex_at(self, x: float, y: float) -> int:
         """Vertex displayed at a position of this widget, -1 for none."""
-        drawing = self.renderer
-        if drawing.picker is None or drawing.view is None:
-            return -1
+        view = self.renderer.view
+        return -1 if view is None else self.renderer.vertex_under(self._through(view, x, y))
+
+    def _through(self, view: View, x: float, y: float) -> FloatArray:
+        """The point of the focal plane, in mesh coordinates, at a position of this widget."""
         width, height, _ = self.plotter.pixels()
-        through = drawing.view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
-        return drawing.vertex_under(through)
+        return view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
 
     def pin_at(self, x: float, y: float) -> int:
         """Vertex of the nearest visible pin within a few pixels of a position, -1 for none."""
@@ -366,10 +364,9 @@ class MeshView(QWidget):
         vertex, drawing = self.pinned_or_at(x, y), self.renderer
         if vertex >= 0 or drawing.picker is None or drawing.view is None:
             return vertex
-        (width, height, ratio), view = self.plotter.pixels(), drawing.view
-        through = view.from_pixels(*self.plotter.to_pixels(x, y), width, height) - drawing.centre
-        radius = _NEAR * ratio * view.length_per_pixel(width, height)
-        near = drawing.picker.corners_near(through, view.axes[:2], radius)
+        view = drawing.view
+        through = self._through(view, x, y) - drawing.centre
+        near = drawing.picker.corners_near(through, view.axes[:2], _NEAR * self.unit_per_pixel)
         if drawing.cut is not None and (away := drawing.away()) is not None:
             near = near[~away[near]]
         for vertex in near[:_TRIED].tolist():

@@ -56,7 +56,7 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
     drawing, window = MeshRenderer(), vtkRenderWindow()
     drawing.set_mesh(plate, plate.vertex_normals)
     drawing.surface.actor.GetProperty().SetColor(0.5, 0.5, 0.5)
-    drawing.smooth_afterwards(samples == 0)
+    drawing.renderer.SetUseFXAA(samples == 0)
     window.SetOffScreenRendering(True)
     window.SetMultiSamples(samples)
     window.SetSize(300, 300)
