@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.point_tool import PointTool
     from meshmash_viewer.app.select_tool import SelectTool
-    from meshmash_viewer.app.view.mesh_view import MeshView
 
 #: Commands that are on or off as the attribute of the display is.
 _SHOWN = ("nodal_lines", "label_borders", "label_graph", "hide_small")
@@ -45,7 +44,8 @@ _OF_FIELDS = ("cancel", "undo", "redo")
 class Commands:
     """Implements each command of the table by the method of its name, here or in a helper.
 
-    The others are `opening`, `pictures`, for what is taken of the render, `pins`, and the document.
+    The others are `opening`, `pictures`, for what is taken of the render, `pins`, the document, and
+    the render.
     """
 
     def __init__(
@@ -63,9 +63,8 @@ class Commands:
         self._background_io, self._opening = background_io, opening
         self._export_ending = ""
         self._exported: Exported | None = None
-        self.pictures = Pictures(window, document, settings, background_io)
-        self.pictures.scenes = lambda: opening.scenes
-        self.pins = PinCommands(window, document, settings, actions, background_io)
+        self.pictures = Pictures(window, document, settings, background_io, opening)
+        self.pins = PinCommands(window, document, settings, actions, background_io, opening)
         opening.pins_requested.connect(self.pins.read)
         #: Made with the render.
         self.select_tool: SelectTool | None = None
@@ -126,7 +125,8 @@ class Commands:
 
     def method(self, name: str) -> Callable[..., object]:
         tools = self.select_tool, self.point_tool, self.cutting
-        owners = (self, *tools, self._opening, self.pictures, self.pins, self._document)
+        own = self, *tools, self._opening, self.pictures, self.pins
+        owners = *own, self._document, self._opening.scene
         return self._calls.get(name) or next(
             getattr(owner, name) for owner in owners if hasattr(owner, name)
         )
@@ -134,7 +134,7 @@ class Commands:
     def there(self) -> set[str]:
         """Return the needs of commands (`Command.needs`) that are met now."""
         ready, spectrum = self._document.ready, self._document.spectrum
-        shown = self.scene is not None and ready is not None
+        shown = self._opening.scene is not None and ready is not None
         some = shown and spectrum is not None and len(spectrum) > 0
         known = {
             "": True,
@@ -180,14 +180,6 @@ class Commands:
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:
             actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
-
-    @property
-    def scene(self) -> MeshView | None:
-        return self.pictures.scene
-
-    @scene.setter
-    def scene(self, scene: MeshView) -> None:
-        self.pictures.scene = self.pins.scene = scene
 
     # -- taking away --------------------------------------------------------------------------
 
@@ -274,15 +266,6 @@ class Commands:
 
     # -- looking ------------------------------------------------------------------------------
 
-    def reset_camera(self) -> None:
-        assert self.scene is not None
-        self.scene.reset_camera()
-
-    def look_from(self, name: str) -> None:
-        """Show the whole mesh from a side, one of `camera.DIRECTIONS`."""
-        assert self.scene is not None
-        self.scene.look_from(name)
-
     def choose_theme(self, mode: theme.Mode) -> None:
         self._settings.theme = mode
         theme.set_mode(mode)
@@ -307,7 +290,8 @@ class Commands:
         from meshmash_viewer.app.view.picture import graphics
         from meshmash_viewer.model.notices import system_report
 
-        drawn = "none yet" if self.scene is None else graphics(self.scene.plotter.window_of_vtk)
+        scene = self._opening.scene
+        drawn = "none yet" if scene is None else graphics(scene.plotter.window_of_vtk)
         QGuiApplication.clipboard().setText(system_report(drawn))
         self._document.notices.say("System report copied: paste it where you report a fault.")
 

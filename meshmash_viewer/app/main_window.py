@@ -189,7 +189,7 @@ class MainWindow(ScriptedWindow):
 
         self.scene = MeshView(self.document, self.stage)
         self.stage.set_scene(self.scene)
-        self.commands.scene = self.scene
+        self.opening.scene = self.scene
         self.field_panel = FieldPanel(self.document)
         self.spectrum_panel = SpectrumPanel(self.document)
         self.profile_panel = ProfilePanel(self.document)
@@ -198,7 +198,7 @@ class MainWindow(ScriptedWindow):
         self.label_panel = LabelPanel(self.document)
         for name in ("field", "spectrum", "profile", "shape", "pair", "label"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
-        self.controller = Controller(self.document, self.scene, self)
+        self.controller = self.opening.controller = Controller(self.document, self.scene, self)
         self.controller.drawn.connect(self._on_drawn)
         self.label_borders = LabelBorders(self.document, self.scene, self)
         self.select_tool = SelectTool(self.document, self.scene, self.controller, self)
@@ -224,7 +224,6 @@ class MainWindow(ScriptedWindow):
         self.shape_source.shape_ready.connect(self._show_shape)
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
-        self.opening.scene, self.opening.controller = self.scene, self.controller
         self.mesh_panel.health.scene = self.label_panel.scene = self.scene
         self.label_panel.write_requested.connect(self.commands.write)
         self.pair_panel.open_requested.connect(self.opening.compare_with)
@@ -238,7 +237,7 @@ class MainWindow(ScriptedWindow):
         self.scene.click_revoked.connect(self.document.history.revoke)
         self.scene.vertex_hovered.connect(self.hover_label.show_vertex)
         self.scene.vertex_hovered.connect(self._point_at_pin)
-        self.commands.pins.connect(self.scene, self.profile_panel, self.controller)
+        self.commands.pins.connect(self.scene, self.profile_panel)
         self.scene.stepped.connect(partial(step, self.document))
         self.loaded = True
         self.stage.welcome.set_loading("")

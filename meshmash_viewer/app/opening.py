@@ -95,8 +95,7 @@ class Opening(QObject):
         """
         if paths[0].suffix != LINK_ENDING:  # a link has no folder to go on in
             self._settings.folder = paths[0].parent
-        maps = [path for path in paths if is_map_file(path) or _is_table(path)]
-        others = [path for path in paths if path not in maps]
+        maps, others = _divided(paths)
         pins = [] if others else [path for path in maps if is_pin_table(path)]
         maps = [path for path in maps if path not in pins]
         for path in pins:
@@ -137,11 +136,7 @@ class Opening(QObject):
 
     def drop_texts(self, paths: Sequence[Path]) -> tuple[str, ...]:
         """Say what `open_paths` does with files, and with `as_second` if that is something else."""
-        first, maps = (
-            self._document.mesh,
-            [path for path in paths if is_map_file(path) or _is_table(path)],
-        )
-        others = [path for path in paths if path not in maps]
+        first, (maps, others) = self._document.mesh, _divided(paths)
         values = maps[0].name if len(maps) == 1 else counted(len(maps), "map")
         if not others:
             names = ["the open mesh" if first is None else first.name or "the open mesh"]
@@ -387,6 +382,12 @@ class Opening(QObject):
             self._document.notices.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
         say_saved(self._document, f"Session saved to {path}.", path)
+
+
+def _divided(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """The files of maps or points, and the others."""
+    maps = [path for path in paths if is_map_file(path) or _is_table(path)]
+    return maps, [path for path in paths if path not in maps]
 
 
 def _is_table(path: Path) -> bool:

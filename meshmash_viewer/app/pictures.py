@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QDialog, QMainWindow
 
 from meshmash_viewer.app.background import BackgroundIO, say_saved
 from meshmash_viewer.app.listening import later
+from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Pictures:
-    """The commands that save or copy the render `scene`, with their dialogs."""
+    """The commands that save or copy the render, with their dialogs."""
 
     def __init__(
         self,
@@ -40,11 +41,10 @@ class Pictures:
         document: Document,
         settings: Settings,
         background_io: BackgroundIO,
+        opening: Opening,
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
-        self.scene: MeshView | None = None
-        #: Returns the renders of the first mesh and of the second, if there is one.
-        self.scenes: Callable[[], list[MeshView]] = list
+        self._opening = opening
         #: Name of the mesh, path and options of the last picture, and the meshes of its preview.
         self._saved: tuple[str, Path, FigureOptions] | None = None
         self._previewed: list[weakref.ref[Mesh]] = []
@@ -72,7 +72,7 @@ class Pictures:
 
     def _scenes(self) -> list[MeshView]:
         """The renders that have a mesh."""
-        return [scene for scene in self.scenes() if scene.mesh is not None]
+        return [scene for scene in self._opening.scenes if scene.mesh is not None]
 
     def _seen(self) -> list[Frame]:
         """What the renders show; empty while a stand-in of a large mesh is being made."""
@@ -114,7 +114,7 @@ class Pictures:
     def gallery(self) -> None:
         from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
 
-        scene = self.scene
+        scene = self._opening.scene
         assert scene is not None
         if not self._raise_open("gallery"):
             dialog = GalleryDialog(self._document, scene, self._window)
@@ -132,7 +132,7 @@ class Pictures:
     def save_movie(self) -> None:
         from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
 
-        scene, mesh = self.scene, self._document.mesh
+        scene, mesh = self._opening.scene, self._document.mesh
         assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
         if not self._raise_open("movie"):
             path = self._settings.folder / (mesh.name or "mesh")
@@ -174,9 +174,8 @@ class Pictures:
     def _write_scene(self, path: Path) -> None:
         from meshmash_viewer.app.view.picture import displayed_surface, write_scene
 
-        assert self.scene is not None
         try:
-            surface = displayed_surface(self.scene.renderer)
+            surface = displayed_surface(self._opening.scenes[0].renderer)
         except InputError as fault:
             self._document.notices.say(f"The scene was not saved: {fault}", Severity.ERROR)
             return

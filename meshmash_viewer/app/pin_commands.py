@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.background import BackgroundIO
+from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
@@ -35,7 +36,6 @@ from meshmash_viewer.model.placing import PlacedPins, merged_pins, place_pins
 from meshmash_viewer.units import NO_VOXEL, counted, format_position, plain_text
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog
     from meshmash_viewer.app.panels.profile_panel import ProfilePanel
     from meshmash_viewer.app.second_view import SecondView
@@ -59,17 +59,16 @@ class PinCommands:
         settings: Settings,
         actions: Actions,
         background_io: BackgroundIO,
+        opening: Opening,
     ) -> None:
         self._window, self._document, self._actions = window, document, actions
         self._settings, self._background_io = settings, background_io
-        self.scene: MeshView | None = None
-        self.controller: Controller | None = None
+        self._opening = opening
         self._panel: ProfilePanel | None = None
         self._dragging = False
 
-    def connect(self, scene: MeshView, panel: ProfilePanel, controller: Controller) -> None:
+    def connect(self, scene: MeshView, panel: ProfilePanel) -> None:
         """Take requests of the render and of the lists of pins."""
-        self.controller = controller
         self._panel = panel
         scene.movable_pins = True
         scene.pin_dragged.connect(self.drag)
@@ -84,7 +83,7 @@ class PinCommands:
 
     def pin(self) -> None:
         """Pin the vertex under the pointer, or remove its pin."""
-        scene = self.scene
+        scene = self._opening.scene
         assert scene is not None
         place = scene.mapFromGlobal(QCursor.pos())
         vertex = scene.pinned_or_at(place.x(), place.y()) if scene.rect().contains(place) else -1
@@ -190,8 +189,9 @@ class PinCommands:
 
     def fly_to(self, vertex: int) -> None:
         """Move the camera so that a vertex is in the middle."""
-        if self.scene is not None and self._document.is_shown(self.scene.mesh):
-            self.scene.centre_on(vertex)
+        scene = self._opening.scene
+        if scene is not None and self._document.is_shown(scene.mesh):
+            scene.centre_on(vertex)
 
     # -- one pin ------------------------------------------------------------------------------
 
@@ -251,7 +251,7 @@ class PinCommands:
 
     def show_menu(self, vertex: int, place: QPoint, elsewhere: Sequence[str] = _ELSEWHERE) -> None:
         """Show what can be done at a vertex, or for -1 the commands `elsewhere`."""
-        document, mesh, controller = self._document, self._document.mesh, self.controller
+        document, mesh, controller = self._document, self._document.mesh, self._opening.controller
         if mesh is None:
             return
         if vertex < 0:
