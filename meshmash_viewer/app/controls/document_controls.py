@@ -82,7 +82,6 @@ class UnitCombo(QComboBox):
         self._document.notices.review()
 
     def refresh(self) -> None:
-        """Write the unit, from its beginning and in the width that it takes."""
         self.setEnabled(self._document.ready is not None)
         text = "none" if self._document.ready is None else self._document.unit_text
         self.setCurrentText(text)
@@ -113,7 +112,6 @@ class ComputeButton(QPushButton):
         follow(document.work.changed, self._refresh)
 
     def show_target(self, target: Target | None) -> None:
-        """Offer to compute a part of the spectrum, or nothing."""
         self._target = target
         self._refresh()
 

@@ -13,11 +13,13 @@ from PySide6.QtWidgets import (
     QApplication,
     QComboBox,
     QLineEdit,
+    QScrollArea,
     QScrollBar,
     QTabBar,
     QWidget,
 )
 
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.number_field import DecimalField, NumberField, WholeField
 
 _WATCHED = (QAbstractButton, QComboBox, QTabBar, QLineEdit, QAbstractSpinBox)
@@ -44,7 +46,6 @@ class FocusKeys(QObject):
         self._follow(None, application.focusWidget())
 
     def stop(self) -> None:
-        """Watch nothing any more."""
         self._application.focusChanged.disconnect(self._follow)
         self._follow(None, None)
 
@@ -171,3 +172,12 @@ def scroll_area(widget: QWidget) -> QAbstractScrollArea | None:
     while parent is not None and not isinstance(parent, QAbstractScrollArea):
         parent = parent.parentWidget()
     return parent
+
+
+def bring_into_view(widget: QWidget) -> None:
+    """Scroll the panel of a widget, which may just have been shown, until it is seen."""
+    area, layout = scroll_area(widget), widget.window().layout()
+    if layout is not None:
+        layout.activate()
+    if isinstance(area, QScrollArea):
+        area.ensureWidgetVisible(widget, 0, theme.GAP)

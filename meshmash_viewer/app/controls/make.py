@@ -233,7 +233,6 @@ class Segments(QWidget):
         self.setLayout(column(*rows, spacing=4))
 
     def set_text(self, key: str, text: str) -> None:
-        """Change the text of a key."""
         self._buttons[key].setText(text)
         self._buttons[key].setAccessibleName(f"{self.accessibleName()}: {text}")
 

@@ -86,7 +86,6 @@ class MessageBar(QFrame):
             self._timer.start(_STAY)
 
     def dismiss(self) -> None:
-        """Take the bar away."""
         self._timer.stop()
         self.notice = None
         self.hide()

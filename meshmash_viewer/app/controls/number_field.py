@@ -310,7 +310,6 @@ class NumberField(QAbstractSpinBox):
             super().wheelEvent(event)
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Take what was typed; if it is no number, go back to what was."""
         self.commit()
         self._write()
         super().focusOutEvent(event)

@@ -73,7 +73,6 @@ class StepSlider(QSlider):
         self._own_keys = own_keys
 
     def set_marks(self, marks: tuple[Mark, ...]) -> None:
-        """Label places along the groove."""
         if marks != self._marks:
             grown = bool(marks) != bool(self._marks)
             self._marks = marks
@@ -88,17 +87,14 @@ class StepSlider(QSlider):
         return self._hatched
 
     def set_hatched(self, hatched: tuple[float, float] | None) -> None:
-        """Mark a part of the range as in doubt."""
         if hatched != self._hatched:
             self._hatched = hatched
             self.update()
 
     def sizeHint(self) -> QSize:
-        """Room for the groove and, under it, the labels."""
         return QSize(180, _ROW + (self._room if self._marks else 0))
 
     def minimumSizeHint(self) -> QSize:
-        """Narrow, but never cut."""
         return QSize(90, self.sizeHint().height())
 
     @property
@@ -187,7 +183,6 @@ class LogSlider(StepSlider):
         self.valueChanged.connect(self._give)
 
     def set_steps(self, count: int) -> None:
-        """Say how many steps there are from one end to the other."""
         one = max(round(_POSITIONS / max(count, 1)), 1)
         self.setSingleStep(one)
         self.setPageStep(min(10 * one, _POSITIONS))

@@ -48,7 +48,6 @@ class Format:
 
     @property
     def pattern(self) -> str:
-        """Name filter of a file dialog."""
         return f"{self.name} (*{self.ending})"
 
 
@@ -203,7 +202,6 @@ class ExportDialog(SaveDialog):
 
     @property
     def format(self) -> Format:
-        """The format chosen in the table."""
         return FORMATS[max(self.table.currentRow(), 0)]
 
     @property
@@ -211,7 +209,6 @@ class ExportDialog(SaveDialog):
         return self.kind == _MAPS
 
     def job(self) -> ExportJob:
-        """The chosen export."""
         mesh = self._mesh
         if self._maps_alone:
             mesh = mesh.with_only_maps(*self._chosen_maps())
@@ -332,7 +329,6 @@ class ExportDialog(SaveDialog):
         self._refresh()
 
     def _follow_name(self) -> None:
-        """Choose the format whose ending was typed."""
         name = self.file_row.edit.text().strip().lower()
         if not name.endswith(self.format.ending):
             self._choose_ending(next((e.ending for e in FORMATS if name.endswith(e.ending)), ""))
@@ -465,7 +461,6 @@ class PiecesDialog(SaveDialog):
         )
 
     def job(self) -> PiecesJob:
-        """The chosen job."""
         document = self._document
         family = self._families[self.family_combo.currentData()]
         return PiecesJob(

@@ -113,13 +113,11 @@ class SheetDialog(FormatDialog):
             self.width_spin.setFocus()
 
     def _show_width(self) -> None:
-        """Choose the entry of the width."""
         row = self.width_combo.findData(str(self.width_spin.value()))
         self.width_combo.setCurrentIndex(row if row >= 0 else self.width_combo.findData(""))
         self._change()
 
     def _change(self, *_: object) -> None:
-        """Follow a change of the options."""
         self._refresh_remark()
 
     def _refresh_remark(self) -> None:
@@ -203,7 +201,6 @@ class FigureDialog(SheetDialog):
 
     @property
     def options(self) -> FigureOptions:
-        """The current choices; InputError if they do not go together."""
         shown: dict[str, Any] = {name: check.isChecked() for name, check in self.checks.items()}
         return replace(super().options, font_points=float(self.font_spin.value()), **shown)
 
@@ -213,7 +210,6 @@ class FigureDialog(SheetDialog):
         return self._panels
 
     def look(self) -> None:
-        """Draw the preview if the renders can be drawn."""
         if not self._frames and self.isVisible():
             self._frames = self._seen()
             self._change()

@@ -61,7 +61,6 @@ class SaveDialog(QDialog):
 
     @property
     def path(self) -> Path:
-        """Where to write."""
         return self.file_row.path
 
     def _arrange_rows(
@@ -77,7 +76,6 @@ class SaveDialog(QDialog):
             self._arrange((row((left,), column(form, None), spacing=20),))
 
     def _arrange(self, *parts: Part, spacing: int = theme.MARGIN) -> None:
-        """Lay out the parts above the two buttons."""
         self.accept_button.setDefault(True)
         self.accept_button.pressed.connect(self._note_refusal)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
@@ -158,7 +156,6 @@ class FormatDialog(SaveDialog):
 
     @property
     def ending(self) -> str:
-        """Ending of the chosen format."""
         return str(self.format_combo.currentData())
 
     def _pattern(self, ending: str) -> str:
@@ -235,7 +232,6 @@ class FileRow(QWidget):
 
     @property
     def path(self) -> Path:
-        """The file, with an ending; what was typed, where it names no file."""
         # unlike Path.expanduser it takes "~r" on the way to "~root" as it is
         path = Path(os.path.expanduser(self.edit.text().strip()))
         # "bun.jpg" means what it says, though it cannot be had; "t=0.5" has no ending yet
@@ -259,7 +255,6 @@ class FileRow(QWidget):
         return ""
 
     def set_ending(self, ending: str, pattern: str) -> None:
-        """Change the ending of the file."""
         path, before, typed = self.path, self._ending, self.edit.text().strip().lower()
         self._ending, self._pattern = ending, pattern
         if self.named and not typed.endswith(ending):

@@ -125,7 +125,6 @@ class GalleryDialog(SeriesDialog):
         self._mark()
 
     def _draw_draft(self) -> None:
-        """Draw all thumbnails anew."""
         self._delay.stop()
         self._draft_painter.stop()
         document, display = self._document, self._document.display
@@ -265,7 +264,6 @@ class _Thumbnails(QListWidget):
         self.setSpacing(4)
 
     def begin(self, captions: list[str], size: QSize) -> None:
-        """Show empty pictures of a size with these captions."""
         self.clear()
         self.setIconSize(size)
         self.setGridSize(size + QSize(30, 2 * self.fontMetrics().lineSpacing() + 18))
@@ -277,7 +275,6 @@ class _Thumbnails(QListWidget):
             item.setToolTip(caption)
 
     def show_picture(self, at: int, image: QImage) -> None:
-        """Show a picture above its caption."""
         item = self.item(at)
         if item is not None:
             pixmap = QPixmap.fromImage(image)

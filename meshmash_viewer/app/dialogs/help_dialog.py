@@ -33,7 +33,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMainWindow,
     QMessageBox,
-    QScrollArea,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QTextBrowser,
@@ -52,7 +51,7 @@ from meshmash_viewer.app.actions import (
     native_text,
 )
 from meshmash_viewer.app.controls import icons
-from meshmash_viewer.app.controls.field_events import scroll_area
+from meshmash_viewer.app.controls.field_events import bring_into_view
 from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.io.atomic import page_file
 from meshmash_viewer.model.notices import versions
@@ -140,7 +139,6 @@ class _Wrapped(QStyledItemDelegate):
     def sizeHint(
         self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
     ) -> QSize:
-        """Size of the wrapped text."""
         hint, view = super().sizeHint(option, index), self.parent()
         assert isinstance(view, QTreeWidget)
         metrics, text = view.fontMetrics(), str(index.data() or "")
@@ -453,9 +451,7 @@ def _go_to(control: QWidget, dock: QDockWidget) -> None:
 
 
 def _give_focus(control: QWidget) -> None:
-    area = scroll_area(control)
-    if isinstance(area, QScrollArea):
-        area.ensureWidgetVisible(control)
+    bring_into_view(control)
     control.setFocus(Qt.FocusReason.ShortcutFocusReason)
     if isinstance(control, QLineEdit):
         control.selectAll()

@@ -178,7 +178,6 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self._suggest_length()
 
     def _suggest_length(self) -> None:
-        """Suggest a frame rate and a length for the chosen motion."""
         rate, seconds = TURN_RATE, TURN_SECONDS
         spectrum = self._document.spectrum
         if not self.turns and spectrum:
@@ -190,7 +189,6 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self._refresh()
 
     def _refresh(self) -> None:
-        """Show the length of the movie, or why it is not possible."""
         self._size_text = ""
         self._draft_painter.stop()
         for widget in (self.range_label, self.range):

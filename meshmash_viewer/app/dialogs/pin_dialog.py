@@ -167,7 +167,6 @@ class PinExportDialog(SaveDialog):
         self._refresh_remark()
 
     def job(self) -> PinExportJob:
-        """The chosen export."""
         return PinExportJob(
             self._mesh,
             self._spectrum.operator or self._document.solve.operator,

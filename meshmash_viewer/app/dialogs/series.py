@@ -112,7 +112,6 @@ class SeriesPainter(QObject):
             time.sleep(0.002)
 
     def _work(self, run: Run) -> None:
-        """Draw one series, in the thread."""
         live = LiveFeatures()
         fault: Exception | None = None
         try:
@@ -187,7 +186,6 @@ class ColumnRange(QWidget):
 
     @property
     def columns(self) -> range:
-        """The chosen columns."""
         first, last = sorted((self.first_spin.value(), self.last_spin.value()))
         return range(first, last + 1, self.step_spin.value())
 
@@ -274,7 +272,6 @@ class SeriesDialog(QDialog):
         *,
         transparent: bool = False,
     ) -> None:
-        """Draw the pictures into a file, with the progress shown."""
         self.progress_bar.setRange(0, len(shots))
         self.progress_bar.setValue(0)
         self.remark_label.clear()

@@ -239,7 +239,6 @@ class ColorSection(QWidget):
         return self._document.display.family.signed
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         display, signed = self._document.display, self._is_signed()
         names = DIVERGING if signed else SEQUENTIAL
         chosen = display.diverging_colormap if signed else display.sequential_colormap
@@ -315,7 +314,6 @@ class FamilyList(QListWidget):
         self._draw()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Qt's: the columns share the width."""
         super().resizeEvent(event)
         # a pixel less: Qt wraps a line that fills the width to the last
         cell = QSize((self.viewport().width() - 1) // _COLUMNS, _LINE)
@@ -360,7 +358,6 @@ class FieldPanel(QWidget):
         self.colors.keep_room(self.height() >= _ROOMY)
 
     def set_field(self, field: Field | None, limits: Limits | None) -> None:
-        """Show the limits of the displayed field, and its description."""
         self._shown = field, limits
         later(self._tell)
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
-from PySide6.QtWidgets import QLabel, QLayout, QPushButton, QScrollArea, QWidget
+from PySide6.QtWidgets import QLabel, QLayout, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.field_events import scroll_area
+from meshmash_viewer.app.controls.field_events import bring_into_view
 from meshmash_viewer.app.controls.make import column, grid, note, row, show_note
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.fault_places import FaultPlaces, fault_places, repair_effect
@@ -139,7 +139,6 @@ class HealthTable(QWidget):
         self.refresh()
 
     def _name(self, each: _Row) -> QPushButton:
-        """The name of a row, by which its faults are marked."""
         return make.button(
             each.text,
             f"{self._prefix}show_{each.attribute}",
@@ -150,7 +149,6 @@ class HealthTable(QWidget):
         )
 
     def _controls(self, each: _Row) -> tuple[QLabel, QPushButton | None]:
-        """The number of a row, and the button that repairs it."""
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         name = f"{self._prefix}health_{each.attribute}"
         count = make.label(name, f"{each.text}{self._whose}", "–", alignment=right)
@@ -171,7 +169,6 @@ class HealthTable(QWidget):
         return count, button
 
     def _build_steps(self) -> QWidget:
-        """What is below the table while a row is chosen."""
         prefix = self._prefix
         self._previous, self._next = (
             make.button(
@@ -255,9 +252,7 @@ class HealthTable(QWidget):
         self._refresh_buttons()
 
     def _bring_into_view(self) -> None:
-        area = scroll_area(self)
-        if isinstance(area, QScrollArea):
-            area.ensureWidgetVisible(self._steps, 0, theme.GAP)
+        bring_into_view(self._steps)
 
     def _step(self, steps: int) -> None:
         """Look at the next place or the previous one, round and round."""
@@ -287,7 +282,6 @@ class HealthTable(QWidget):
     # -- the counts ---------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Show the counts of the open mesh."""
         ready, colors = self._document.ready, theme.palette()
         for each, mark, _, count, _ in self._rows:
             if ready is None:

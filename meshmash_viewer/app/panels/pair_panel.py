@@ -262,7 +262,6 @@ class PairPanel(QWidget):
         self.refresh()
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         pair = self._pair
         self.open_button.setEnabled(self._document.ready is not None)
         self.close_button.setEnabled(pair is not None)
@@ -317,7 +316,6 @@ class PairPanel(QWidget):
         self._name_curves()
 
     def _show_remarks(self) -> None:
-        """Show what affects the comparison, with what helps."""
         pair, first = self._pair, self._document.ready
         second = None if pair is None else pair.second.ready
         remarks, counts = list[str](), (1, 1)
@@ -351,7 +349,6 @@ class PairPanel(QWidget):
         return "" if self._pair.comparison is not None else "The meshes are being compared …"
 
     def _matches_of(self, pair: Pair) -> list[str]:
-        """The matches of the pin that was set last."""
         pin = pair.first.pins.placed[-1]
         found = pair.best_matches(pin.vertex)
         mesh = pair.second.mesh
@@ -381,7 +378,6 @@ class PairPanel(QWidget):
         self._name_curves()
 
     def _numbers(self) -> list[Series]:
-        """The eigenvalues of both meshes, at an area of 1."""
         names = (each.name or "mesh" for each in self._meshes)
         drawn = (curve.getData() for curve in self._curves)
         colors = theme.palette().series

@@ -167,13 +167,11 @@ class _Rows(QAbstractTableModel):
         self.field: Field | None = None
 
     def refresh(self) -> None:
-        """Show the pins of the document."""
         self.beginResetModel()
         self.pins = tuple(sorted(self._document.pins.placed, key=lambda pin: pin.number))
         self.endResetModel()
 
     def set_field(self, field: Field | None) -> None:
-        """Show the values of another field."""
         self.field = field
         if self.pins:
             self.dataChanged.emit(self.index(0, _VALUE), self.index(len(self.pins) - 1, _VALUE))
@@ -288,11 +286,9 @@ class PinTable(QTableView):
         return self._vertex_of(rows[0]) if rows else -1
 
     def set_field(self, field: Field | None) -> None:
-        """Show the values of a field."""
         self._rows.set_field(field)
 
     def edit_name(self, vertex: int) -> None:
-        """Begin to edit the name of the pin of a vertex."""
         row = next((row for row, pin in enumerate(self._rows.pins) if pin.vertex == vertex), -1)
         if row >= 0:
             self.setCurrentIndex(self._rows.index(row, NAME))

@@ -145,7 +145,6 @@ class ProfilePanel(PlotPanel):
             self._refresh()
 
     def _select(self, x: float, _y: float) -> None:
-        """Display the field at a position of the plot."""
         spectrum = self._document.spectrum
         if spectrum is not None and self._profile is not None:
             self._document.display.show(self._family.at_place(spectrum, x))
@@ -158,7 +157,6 @@ class ProfilePanel(PlotPanel):
         self._paged = False
 
     def _hover(self, x: float, y: float) -> None:
-        """Point at the pin whose curve is nearest."""
         nearest, least = -1, _NEAR
         wide, tall = self.plot.plotItem.vb.viewPixelSize()
         for pin, (curve, _) in self._curves.items():
@@ -200,7 +198,6 @@ class ProfilePanel(PlotPanel):
                 self._dress_curve(pin)
 
     def _numbers(self) -> list[Series]:
-        """The values of each pin at the exported columns, in the order of the pins."""
         found, (log_bottom, log_left, _) = list[Series](), self._family.logarithmic
         for pin in self._document.pins.placed:
             values, profile = self._values.get(pin.vertex), self._profile
@@ -217,7 +214,6 @@ class ProfilePanel(PlotPanel):
 
     @property
     def _family(self) -> Family:
-        """The family whose profiles are shown."""
         return self._document.display.fields[self._shown]
 
     def _refresh(self) -> None:

@@ -132,17 +132,14 @@ class ShapePanel(QWidget):
     # -- from the model ---------------------------------------------------------------------
 
     def set_field(self, field: Field | None) -> None:
-        """Set the field of the vibration."""
         self._field = field
         later(self.refresh)
 
     def show_shape(self, drawn: DrawnShape) -> None:
-        """Show the distance and wavelength of the displayed shape."""
         self._drawn = drawn
         later(self.refresh)
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         display, spectrum = self._document.display, self._document.spectrum
         shape, known = display.shape, 0 if spectrum is None else len(spectrum)
         usable = known >= FEWEST_PAIRS

@@ -60,7 +60,6 @@ class SpectrumPanel(PlotPanel):
 
     @property
     def view(self) -> EigenvalueView | ResponseView:
-        """What is drawn now."""
         return self._views[self._shown]
 
     # -- from the person --------------------------------------------------------------------

@@ -10,7 +10,6 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QButtonGroup,
     QRadioButton,
-    QScrollArea,
     QSizePolicy,
     QStackedLayout,
     QWidget,
@@ -18,7 +17,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.field_events import scroll_area
+from meshmash_viewer.app.controls.field_events import bring_into_view
 from meshmash_viewer.app.controls.make import grid, reserved_note
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later
@@ -141,7 +140,6 @@ class TargetBox(QWidget):
         self.refresh()
 
     def refresh(self) -> None:
-        """Show the document's target, and its translations where there is a mesh."""
         target, ready = self._document.solve.target, self._document.solved
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
@@ -200,11 +198,9 @@ class TargetBox(QWidget):
 
     @property
     def _most(self) -> int:
-        """Number of eigenpairs that there are."""
         return _MOST if self._document.ready is None else max(self._document.solve.n_vertices, 1)
 
     def _fault(self, kind: str, number: float) -> str:
-        """Return why this mesh cannot have the typed value."""
         most, (low, high) = self._most, self._fields[kind].bounds
         if kind != "count":
             unit = power_unit(self._document.unit, _WAYS[kind].power)
@@ -225,11 +221,7 @@ class TargetBox(QWidget):
             later(self._bring_into_view)
 
     def _bring_into_view(self) -> None:
-        area = scroll_area(self)
-        if isinstance(area, QScrollArea):
-            if (layout := self.window().layout()) is not None:
-                layout.activate()
-            area.ensureWidgetVisible(self.fault, 0, theme.GAP)
+        bring_into_view(self.fault)
 
     def _keep(self) -> None:
         self._kept = self._document.solve.target

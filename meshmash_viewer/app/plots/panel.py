@@ -111,7 +111,6 @@ class PlotPanel(QWidget):
         self.setLayout(column(self.head, self._stack, spacing=half, margins=margins))
 
     def _show_plot(self, there: bool) -> None:
-        """Show the plot, or what to do to have one."""
         self.plot.paint_later()
         self._stack.setCurrentIndex(0 if there else 1)
         self.head.show_controls(there)
@@ -156,12 +155,10 @@ class PlotSaver(QObject):
         menu.popup(place)
 
     def copy(self) -> None:
-        """Copy the plot to the clipboard."""
         QGuiApplication.clipboard().setImage(self._pixels())
         self._document.notices.say("Plot copied.")
 
     def ask(self) -> None:
-        """Ask for format and file, and save the plot."""
         document, name = self._document, self._plot.objectName().removesuffix("_plot")
         folder = folder_of(document.path)
         mesh = document.mesh.name if document.mesh is not None else ""
@@ -263,7 +260,6 @@ class PlotSaver(QObject):
     def _draw(
         self, painter: QPainter, rows: Sequence[Sequence[Series]], line: float, head: int
     ) -> None:
-        """Draw the legend, and the plot below its `head`."""
         plot, exporter = self._plot, Exporter(self._plot.plotItem)
         painter.setFont(plot.font())
         for at, names in enumerate(rows):

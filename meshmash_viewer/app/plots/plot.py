@@ -179,7 +179,6 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         return [minus(text) for text in texts]
 
     def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
-        """Spacings of ticks, the largest first, each with an offset."""
         spacing: list[tuple[float, float]] = super().tickSpacing(low, high, size)
         if not self.whole:
             return spacing
@@ -231,7 +230,6 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             event.ignore()
 
     def paint_later(self) -> None:
-        """Paint in a later iteration of the event loop, since a new layout takes some time."""
         self.setUpdatesEnabled(False)
         later(self._paint)
 
@@ -239,14 +237,12 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.setUpdatesEnabled(True)
 
     def set_labels(self, bottom: str, left: str) -> None:
-        """Set the labels of both axes."""
         if self._labels != {"left": left, "bottom": bottom}:
             self._labels = {"left": left, "bottom": bottom}
             self._dress_axes()
 
     @property
     def labels(self) -> tuple[str, str]:
-        """Labels of both axes, bottom and left."""
         return self._labels["bottom"], self._labels["left"]
 
     def set_log(self, bottom: bool, left: bool) -> None:
@@ -291,7 +287,6 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.plotItem.layout.setContentsMargins(1.0, above, 1.0, 1.0)
 
     def show_all(self) -> None:
-        """Show everything that is drawn."""
         self.plotItem.vb.enableAutoRange()
         if self._heights is not None:
             self.plotItem.vb.setYRange(*self._heights, padding=0.0)

@@ -74,11 +74,9 @@ class EigenvalueView:
         self.marker.setHoverPen(solid(colors.marker, 3.0))
 
     def labels(self) -> tuple[str, str]:
-        """Labels of the axes, with units."""
         return "Index", named_quantity("λ", self._document.unit, -2)
 
     def legend(self) -> str:
-        """Legend as rich text."""
         colors, spectrum = theme.palette(), self._document.spectrum
         preview = spectrum is not None and spectrum.preview
         what = "approximate eigenvalue" if preview else "eigenvalue"
@@ -123,7 +121,6 @@ class EigenvalueView:
         self.refresh_current()
 
     def refresh_current(self) -> None:
-        """Move the marker to the displayed eigenfunction."""
         spectrum = self._document.spectrum
         if spectrum is None or not len(spectrum):
             return
@@ -136,7 +133,6 @@ class EigenvalueView:
             self.marker.setValue(index)
 
     def numbers(self) -> list[Series]:
-        """The eigenvalues, and Weyl's law, where they are drawn."""
         spectrum, colors = self._document.spectrum, theme.palette()
         along, law = self.weyl.getData()
         if spectrum is None or along is None:
@@ -149,7 +145,6 @@ class EigenvalueView:
         ]
 
     def select(self, x: float, _y: float) -> None:
-        """Display the eigenfunction at a position of the plot."""
         display = self._document.display
         display.show(replace(display[Eigenfunctions], index=self.index_at(x)))
 
@@ -246,18 +241,15 @@ class ResponseView:
         self.handle.setHoverPen(solid(colors.marker, 3.5))
 
     def labels(self) -> tuple[str, str]:
-        """Labels of the axes, with units."""
         return named_quantity("λ", self._document.unit, -2), self.family.response_label
 
     def legend(self) -> str:
-        """Legend as rich text."""
         colors = theme.palette()
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
         return f"{mark} {self._response_text}&nbsp;&nbsp; {ticks}"
 
     def numbers(self) -> list[Series]:
-        """The response of the filter of the field, and of others of the feature."""
         spectrum, family = self._document.scaled_spectrum, self.family
         response = None if spectrum is None else family.response(spectrum, self._along(spectrum))
         if response is None:
@@ -308,7 +300,6 @@ class ResponseView:
         self.refresh_current()
 
     def refresh_current(self) -> None:
-        """Draw the responses for the current parameters."""
         spectrum = self._document.scaled_spectrum
         if spectrum is None:
             return
@@ -357,7 +348,6 @@ class ResponseView:
     # -- from the mouse ---------------------------------------------------------------------
 
     def select(self, x: float, _y: float) -> None:
-        """Choose the filter at a position of the plot."""
         spectrum, family = self._document.scaled_spectrum, self.family
         if spectrum is None:
             return

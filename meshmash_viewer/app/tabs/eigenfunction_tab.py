@@ -66,7 +66,6 @@ class EigenfunctionTab(FamilyTab):
         )
 
     def _build_rotation(self) -> None:
-        """Make the controls that rotate the function within its multiplet."""
         self.towards_combo = make.combo(
             "rotation_combo", "Eigenfunction towards which this one is rotated", self._rotate
         )

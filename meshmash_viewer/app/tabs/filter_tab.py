@@ -98,7 +98,6 @@ class FilterTab(FamilyTab):
             self._set_formula(text)
 
     def _check(self, text: str) -> None:
-        """Say what is wrong as one types, and underline the character."""
         self._say(self._complaint(text))
         _underline(self.edit, self._position)
 

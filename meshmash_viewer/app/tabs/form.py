@@ -109,7 +109,6 @@ class FamilyTab(QWidget):
             self.refresh()
 
     def refresh(self) -> None:
-        """Show what the document says."""
         raise NotImplementedError
 
     def show_field(self, field: Field | None) -> None:
@@ -166,14 +165,12 @@ class FamilyTab(QWidget):
         return self.times
 
     def _make_index_row(self, name: str, accessible: str, *more: Part) -> QHBoxLayout:
-        """The index as a number, and the button that plays."""
         self.spin = make.spin(f"{name}_spin", accessible, self._choose)
         return row(
             self.spin, PlayButton(self._document, f"{name}_play_button"), None, *more, spacing=6
         )
 
     def _make_count_row(self, text: str, tip: str) -> QHBoxLayout:
-        """The number of columns of the exported feature."""
         counted = self.family.counted
         kind = self.family.declared()[counted].kind
         assert isinstance(kind, Whole)

@@ -120,7 +120,6 @@ class FilterParameters(QWidget):
         self.setLayout(column(*self.rows))
 
     def refresh(self) -> None:
-        """Show what the model holds."""
         chosen, spectrum = self._document.display[Filters], self._document.scaled_spectrum
         unit, powers = self._document.unit, chosen.formula.powers
         for each in self.rows[len(powers) :]:
@@ -180,7 +179,6 @@ class ParameterRow(QWidget):
     def show_parameter(
         self, name: str, value: float, span: tuple[float, float], power: int, unit: str
     ) -> None:
-        """Show a parameter that is a power of length."""
         self._name = name
         self.label.setText(name)
         for control in (self.slider, self.field):
