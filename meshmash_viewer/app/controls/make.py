@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QDoubleSpinBox,
+    QFormLayout,
     QFrame,
     QGridLayout,
     QHBoxLayout,
@@ -76,6 +77,35 @@ def grid(
             elif part is not None:
                 box.addWidget(part, at, place, 1, span)
     return box
+
+
+def form(
+    *rows: tuple[str, QWidget | QLayout],
+    spacing: tuple[int, int] = (theme.MARGIN, theme.GAP),
+    role: str = "",
+) -> QFormLayout:
+    """Put parts under each other, each after its label, which has a role."""
+    box = QFormLayout()
+    box.setContentsMargins(0, 0, 0, 0)
+    box.setHorizontalSpacing(spacing[0])
+    box.setVerticalSpacing(spacing[1])
+    box.setLabelAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+    box.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+    for text, part in rows:
+        name = theme.with_role(QLabel(text), role)
+        if isinstance(part, QLayout):
+            box.addRow(name, part)
+        else:
+            name.setBuddy(part)
+            box.addRow(name, part)
+    return box
+
+
+def holder(layout: QLayout) -> QWidget:
+    """A widget with a layout, whose parts come and go together."""
+    made = QWidget()
+    made.setLayout(layout)
+    return made
 
 
 def _filled(box: Box, parts: tuple[Part, ...], spacing: int, margins: Margins) -> Box:

@@ -17,8 +17,8 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.make import column, grid, reserved_note, row, show_quietly
-from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog
+from meshmash_viewer.app.controls.make import column, holder, reserved_note, row, show_quietly
+from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog, suggested_path
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS, FEATURES
@@ -100,7 +100,7 @@ class ExportDialog(SaveDialog):
         self._shown = named.get(shown.name, shown) if shown is not None else None
         self._possible = True
         self._missing = ""
-        suggested = folder / f"{self._mesh.name or 'mesh'}_hks.npz"
+        suggested = suggested_path(document, "hks.npz", folder)
         file_row = FileRow(suggested, FORMATS[0].pattern, FORMATS[0].ending)
         super().__init__("export", "Export", file_row, parent, ("Export", "export_button"))
         labels = {
@@ -141,42 +141,22 @@ class ExportDialog(SaveDialog):
             "export_whole_check",
             "Write results at all vertices of the mesh file",
         )
-        repaired = QWidget()
-        repaired.setLayout(column(self.repairs_label, self.whole_check, spacing=4))
-        columns = QWidget()
-        columns.setLayout(row(self.count_spin, (self.maps_check,), spacing=12))
+        repaired = holder(column(self.repairs_label, self.whole_check, spacing=4))
+        self._columns_row = holder(row(self.count_spin, (self.maps_check,), spacing=12))
         self._build_table()
         self.contents_label = self._label("export_contents_label", "What the file will contain", 3)
         self.columns_label = self._label("export_columns_label", "Columns", 2)
-        rows = {
-            "What": self.kind_combo,
-            "Made from": self.pairs_spin,
-            "After repairs": repaired,
-            "Columns": columns,
-            "Format": self.table,
-            "Contains": self.contents_label,
-            "Named": self.columns_label,
-            "File": self.file_row,
-        }
-        top = Qt.AlignmentFlag.AlignTop
-        names = {text: make.muted(text, alignment=top) for text in rows}
-        for name in names.values():
-            name.setContentsMargins(0, 4, 0, 0)
-        self._count_row = names["Columns"], columns
-        self._pairs_row = names["Made from"], self.pairs_spin
-        for widget in (names["After repairs"], repaired):
-            widget.setVisible(bool(document.repairs))
         self._arrange(
-            grid(
-                *zip(names.values(), rows.values(), strict=True),
-                (None, self.remark_label),
-                spacing=(16, 10),
-            ),
-            make.line(),
-            spacing=14,
+            ("What", self.kind_combo),
+            ("Made from", self.pairs_spin),
+            ("After repairs", repaired),
+            ("Columns", self._columns_row),
+            ("Format", self.table),
+            ("Contains", self.contents_label),
+            ("Named", self.columns_label),
+            width=700,
         )
-        self.setMinimumWidth(700)
-
+        self._form.setRowVisible(repaired, bool(document.repairs))
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
         self.pairs_spin.valueChanged.connect(self._refresh)
         self.count_spin.valueChanged.connect(self._refresh)
@@ -304,10 +284,9 @@ class ExportDialog(SaveDialog):
         self.maps_check.setVisible(bool(others))
         # what one looks at comes alone, unless there is nothing else
         self.maps_check.setChecked(bool(others) and (chosen is not None or self._shown is None))
-        for widget in self._count_row:
-            widget.setVisible(bool(counted_by) or (features and bool(others)))
-        for widget in self._pairs_row:
-            widget.setVisible(chosen is not None and chosen.of_pairs)
+        has_columns = bool(counted_by) or (features and bool(others))
+        self._form.setRowVisible(self._columns_row, has_columns)
+        self._form.setRowVisible(self.pairs_spin, chosen is not None and chosen.of_pairs)
         if counted_by:
             show_quietly(self.count_spin, getattr(chosen, counted_by))
         flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
@@ -414,7 +393,7 @@ class PiecesDialog(SaveDialog):
                 continue  # needs the spectrum of the whole mesh
             self._families[name] = found
         patterns = " ".join(f"*{ending}" for ending in WRITERS)
-        path = folder / f"{mesh.name or 'mesh'}_pieces.npz"
+        path = suggested_path(document, "pieces.npz", folder)
         row = FileRow(path, f"Tables ({patterns})", ".npz")
         accept = "Compute", "pieces_compute_button"
         super().__init__("features", "Compute in pieces", row, parent, accept)
@@ -434,13 +413,11 @@ class PiecesDialog(SaveDialog):
             keyboardTracking=True,
         )
         self.size_label = make.label("pieces_size_label", wordWrap=True, role="muted")
-        self._arrange_rows(
+        self._arrange(
             ("Feature", self.family_combo), ("Pieces", self.count_spin), ("", self.size_label)
         )
-        self.setMinimumWidth(560)
         self.count_spin.valueChanged.connect(self._show_size)
         self._show_size()
-        self._refresh_remark()
 
     def _as_shown(self, name: str) -> Family:
         """The parameters of a family, with the position that is shown for the known pairs."""

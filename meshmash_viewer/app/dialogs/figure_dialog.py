@@ -83,11 +83,9 @@ class SheetDialog(FormatDialog):
         self.background_combo.setCurrentIndex(self.background_combo.findData(before.background))
         self._build(before)
         self._show_width()
-        self._refresh_remark()
 
     def _build(self, _before: FigureOptions) -> None:
-        self._arrange_rows(*self._size_rows())
-        self.setMinimumWidth(520)
+        self._arrange(*self._size_rows())
 
     def _size_rows(self) -> tuple[tuple[str, QLayout], ...]:
         return (
@@ -190,7 +188,7 @@ class FigureDialog(SheetDialog):
         self.size_label = make.label("figure_size_label", role="muted")
         self.size_label.setAlignment(Qt.AlignmentFlag.AlignHCenter)
         title, bar, scale, axes, pins = self.checks.values()
-        self._arrange_rows(
+        self._arrange(
             *self._size_rows(),
             ("Text", row((self.font_spin,))),
             ("Show", grid((title, bar), (scale, axes), (pins, None))),

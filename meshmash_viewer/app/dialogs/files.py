@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QMimeDatabase, Qt, Signal
@@ -13,7 +13,6 @@ from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFileDialog,
-    QLabel,
     QLayout,
     QLineEdit,
     QPushButton,
@@ -22,7 +21,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.field_events import FieldWheel
-from meshmash_viewer.app.controls.make import Part, column, grid, reserved_note, row
+from meshmash_viewer.app.controls.make import Part, column, form, reserved_note, row
 from meshmash_viewer.app.controls.number_field import typed_fields
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import folder_of
@@ -36,7 +35,7 @@ from meshmash_viewer.model.notices import failure_of
 class SaveDialog(QDialog):
     """Asks for a file among other things; it stays open while the file cannot be written.
 
-    Subclasses lay out their widgets by `_arrange` or `_arrange_rows`. `kind` is what is written, as
+    Subclasses lay out their widgets by `_arrange`. `kind` is what is written, as
     in `check_output`, and the prefix of the names of the widgets; `accept` is text and name of the
     button that writes.
     """
@@ -63,29 +62,34 @@ class SaveDialog(QDialog):
     def path(self) -> Path:
         return self.file_row.path
 
-    def _arrange_rows(
-        self, *rows: tuple[str, QWidget | QLayout], left: QLayout | None = None
+    def _arrange(
+        self,
+        *rows: tuple[str, QWidget | QLayout],
+        below: Sequence[QWidget] = (),
+        left: QLayout | None = None,
+        width: int = 560,
     ) -> None:
-        """Lay out labelled rows, the last of them file and remark, next to something else."""
-        file = ("File", self.file_row), ("", self.remark_label)
-        parts = ((QLabel(text) if text else None, part) for text, part in (*rows, *file))
-        form = grid(*parts, spacing=(theme.MARGIN, theme.GAP))
-        if left is None:
-            self._arrange(form)
-        else:
-            self._arrange((row((left,), column(form, None), spacing=20),))
+        """Lay out labelled rows, the file, and the buttons, next to something else.
 
-    def _arrange(self, *parts: Part, spacing: int = theme.MARGIN) -> None:
+        Between file and buttons is the remark, or what is `below`, with the remark.
+        """
+        about = (("", each) for each in below or (self.remark_label,))
+        self._form = form(*rows, ("File", self.file_row), *about)
+        parts: Part = self._form
+        if left is not None:
+            parts = (row((left,), column(self._form, None), spacing=20),)
         self.accept_button.setDefault(True)
         self.accept_button.pressed.connect(self._note_refusal)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
         buttons.addButton(self.accept_button, QDialogButtonBox.ButtonRole.AcceptRole)
         buttons.accepted.connect(self._accept)
         buttons.rejected.connect(self.reject)
-        self.setLayout(column(*parts, buttons, spacing=spacing, margins=(20, 16, 20, 16)))
+        self.setLayout(column(parts, buttons, spacing=theme.MARGIN, margins=(20, 16, 20, 16)))
+        self.setMinimumWidth(width)
         self.file_row.changed.connect(self._refresh_remark)
         theme.pad_fields(self)
         FieldWheel(self).watch(self)
+        self._refresh_remark()
 
     def say_refusal(self, sentence: str) -> None:
         """Show why a field refuses what was typed; see `number_field.show_refusal`."""
@@ -150,9 +154,7 @@ class FormatDialog(SaveDialog):
 
     def lay_out(self) -> None:
         """Lay out the format and the file alone, for a dialog without other choices."""
-        self._arrange_rows(("Format", self.format_combo))
-        self.setMinimumWidth(520)
-        self._refresh_remark()
+        self._arrange(("Format", self.format_combo))
 
     @property
     def ending(self) -> str:
@@ -196,15 +198,16 @@ def ask_to_save(
     parent: QWidget, document: Document, what: str, name: str, kind: str, endings: Iterable[str]
 ) -> Path | None:
     """Ask for a file next to the open mesh, named after it; None if the dialog is cancelled."""
-    folder = folder_of(document.path)
-    mesh = document.mesh.name if document.mesh is not None else ""
-    path, _ = QFileDialog.getSaveFileName(
-        parent,
-        f"Export {what}",
-        str(folder / f"{mesh or 'mesh'}_{name}"),
-        f"{kind} ({' '.join(f'*{ending}' for ending in endings)})",
-    )
+    pattern = f"{kind} ({' '.join(f'*{ending}' for ending in endings)})"
+    suggested = str(suggested_path(document, name))
+    path, _ = QFileDialog.getSaveFileName(parent, f"Export {what}", suggested, pattern)
     return Path(path) if path else None
+
+
+def suggested_path(document: Document, name: str, folder: Path | None = None) -> Path:
+    """Return a file that is named after the open mesh, next to it if no folder is given."""
+    mesh = document.mesh.name if document.mesh is not None else ""
+    return (folder or folder_of(document.path)) / f"{mesh or 'mesh'}_{name}"
 
 
 class FileRow(QWidget):

@@ -10,9 +10,8 @@ from pathlib import Path
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QLabel, QWidget
 
-from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.make import grid, row, show_quietly
+from meshmash_viewer.app.controls.make import row, show_quietly
 from meshmash_viewer.app.controls.number_field import DecimalField, WholeField
 from meshmash_viewer.app.dialogs.files import FormatDialog
 from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog
@@ -69,7 +68,6 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.motion_combo = make.combo("movie_motion_combo", "What moves")
         self.motion_combo.addItem("", _SWEEP)
         self.motion_combo.addItem("Once around the mesh", _TURN)
-        self.range_label = QLabel("Columns")
         self.width_spin = self._pixels("movie_width_spin", "Width", 1280)
         self.height_spin = self._pixels("movie_height_spin", "Height", 720)
         self.rate_spin = DecimalField(
@@ -86,20 +84,13 @@ class MovieDialog(SeriesDialog, FormatDialog):
             self.seconds_spin, self.format_combo, self.file_row,
         )  # fmt: skip
         self._arrange(
-            grid(
-                (QLabel("Motion"), self.motion_combo),
-                (self.range_label, self.range),
-                (QLabel("Size"), row(self.width_spin, QLabel("×"), self.height_spin, None)),
-                (QLabel("Speed"), row(self.rate_spin, QLabel("for"), self.seconds_spin, None)),
-                (QLabel("Format"), self.format_combo),
-                (QLabel("File"), self.file_row),
-                (None, self.length_label),
-                (None, self.remark_label),
-                (None, self.progress_bar),
-                spacing=(theme.MARGIN, theme.GAP),
-            )
+            ("Motion", self.motion_combo),
+            ("Columns", self.range),
+            ("Size", row(self.width_spin, QLabel("×"), self.height_spin, None)),
+            ("Speed", row(self.rate_spin, QLabel("for"), self.seconds_spin, None)),
+            ("Format", self.format_combo),
+            below=(self.length_label, self.remark_label, self.progress_bar),
         )
-        self.setMinimumWidth(520)
         self.motion_combo.currentIndexChanged.connect(self._suggest_length)
         self.range.changed.connect(self._suggest_length)
         for spin in (self.width_spin, self.height_spin, self.rate_spin, self.seconds_spin):
@@ -191,7 +182,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     def _refresh(self) -> None:
         self._size_text = ""
         self._draft_painter.stop()
-        for widget in (self.range_label, self.range):
+        for widget in (self._form.labelForField(self.range), self.range):
             widget.setEnabled(not self.turns)
         self._delay.start()
         self._refresh_remark()

@@ -20,8 +20,8 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.make import column, reserved_note
-from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog
+from meshmash_viewer.app.controls.make import column, holder, reserved_note
+from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog, suggested_path
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import Family
@@ -137,7 +137,7 @@ class PinExportDialog(SaveDialog):
         assert mesh is not None and known is not None  # noqa: PT018  pins are on a mesh
         self._document, self._mesh, self._spectrum = document, mesh, known.exact
         self._part = document.part_mesh
-        path = folder / f"{mesh.name or 'mesh'}_pins.csv"
+        path = suggested_path(document, "pins.csv", folder)
         super().__init__("pins", "Export pins", FileRow(path, "Table (*.csv)", ".csv"), parent)
         maps = f", {counted(len(mesh.maps), 'own map')}" if mesh.maps else ""
         count = counted(len(document.pins.placed), "pin")
@@ -159,12 +159,9 @@ class PinExportDialog(SaveDialog):
             self._checks[check] = family, n_columns
             check.setChecked(n_columns > 0 and (between_pins or family.name == shown))
         parts = make.label("pins_rows_label", text=contents), *self._checks, self.contents_label
-        chosen = QWidget()
-        chosen.setLayout(column(*parts, spacing=6))
-        self._arrange_rows(("Columns", chosen))
-        self.setMinimumWidth(560)
+        chosen = holder(column(*parts, spacing=6))
+        self._arrange(("Columns", chosen))
         self._refresh_contents()
-        self._refresh_remark()
 
     def job(self) -> PinExportJob:
         return PinExportJob(

@@ -20,17 +20,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
-from meshmash_viewer.app.controls.make import (
-    Part,
-    column,
-    grid,
-    keep_room,
-    note,
-    reserved_note,
-    row,
-    show_note,
-    show_quietly,
-)
+from meshmash_viewer.app.controls.make import Part, column, form, row
 from meshmash_viewer.app.controls.number_field import DecimalField, NumberField
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.app.tabs import make_tab
@@ -134,14 +124,10 @@ class ColorSection(QWidget):
             tip="Automatic is logarithmic where values are positive and the surface spans more than"
             " two decades, from the 1st to the 99th percentile",
         )
-        rows = (
-            (make.muted("Map"), self.map_combo),
-            (make.muted("Limits"), self.policy_combo),
-            (make.muted("Scale"), self.scale_combo),
-        )
-        for label, combo in rows:
-            label.setBuddy(combo)
-        self.fault = reserved_note("limits_fault", 1)
+        combos = (
+            ("Map", self.map_combo), ("Limits", self.policy_combo), ("Scale", self.scale_combo)
+        )  # fmt: skip
+        self.fault = make.reserved_note("limits_fault", 1)
         tip = "Give a number to lock the limits"
         self.low = NumberField("limit_low_field", "Low limit", tip=tip)
         self.high = NumberField("limit_high_field", "High limit", tip=tip)
@@ -161,7 +147,7 @@ class ColorSection(QWidget):
         self.percentiles.setLayout(row(*both))
         parts: tuple[Part, ...] = (
             row(make.heading("Colour"), (self.fault,)),
-            grid(*rows),
+            form(*combos, spacing=(theme.GAP, theme.GAP // 2), role="muted"),
             row((self.low,), make.muted("to"), (self.high,), self.unit_label),
             self.percentiles,
         )
@@ -169,7 +155,7 @@ class ColorSection(QWidget):
 
     def keep_room(self, keep: bool) -> None:
         """Whether there is always room for all controls, so that nothing moves."""
-        keep_room(self.percentiles, keep)
+        make.keep_room(self.percentiles, keep)
 
     def _percent_spin(self, text: str, value: float) -> DecimalField:
         spin = DecimalField(decimals=1, minimum=0.0, maximum=100.0, suffix=" %", value=value)
@@ -258,8 +244,8 @@ class ColorSection(QWidget):
         self.percentiles.setVisible(isinstance(policy, PercentileLimits))
         limits = self._limits
         if isinstance(policy, PercentileLimits):
-            show_quietly(self.percent_low, policy.low)
-            show_quietly(self.percent_high, policy.high)
+            make.show_quietly(self.percent_low, policy.low)
+            make.show_quietly(self.percent_high, policy.high)
         elif isinstance(policy, LockedLimits) and not (limits and limits.logarithmic):
             limits = Limits(policy.low, policy.high)
         if self._labelled:  # labels have their own colours, and no limits
@@ -341,7 +327,7 @@ class FieldPanel(QWidget):
         for page in self._pages.values():
             self._stack.addWidget(make.scroll(page))
         self.list.currentRowChanged.connect(self._choose_kind)
-        self.hint = note("field_hint")
+        self.hint = make.note("field_hint")
         self.hint.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.GAP)
         self.colors = ColorSection(document)
         parts = (self.list, make.line(), (self._stack,), self.hint, make.line(), self.colors)
@@ -383,9 +369,9 @@ class FieldPanel(QWidget):
         for name, page in self._pages.items():
             page.setEnabled(usable or (known is not None and not display.fields[name].needs_pairs))
         shown = display.fields[display.kind]
+        text = "Press Compute: the first eigenfunctions come within seconds."
         if usable or (known is not None and not shown.needs_pairs):  # it has its own hint
-            show_note(self.hint, "")
+            text = ""
         elif self._document.mesh is None:
-            show_note(self.hint, "Open a mesh, and compute its eigenpairs to see fields on it.")
-        else:
-            show_note(self.hint, "Press Compute: the first eigenfunctions come within seconds.")
+            text = "Open a mesh, and compute its eigenpairs to see fields on it."
+        make.show_note(self.hint, text)

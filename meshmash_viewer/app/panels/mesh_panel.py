@@ -21,15 +21,7 @@ from meshmash_viewer.app.actions import native_keys
 from meshmash_viewer.app.arrangement import progress_text, show_progress
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.document_controls import UnitCombo, written_cost
-from meshmash_viewer.app.controls.make import (
-    Part,
-    column,
-    grid,
-    keep_room,
-    reserved_note,
-    row,
-    show_quietly,
-)
+from meshmash_viewer.app.controls.make import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
@@ -63,7 +55,7 @@ class MeshPanel(QWidget):
 
         self.target_box = TargetBox(document)
         self.health = HealthTable(document)
-        self.cost_label = reserved_note("cost_label", 2, "muted", "Estimated memory and time")
+        self.cost_label = make.reserved_note("cost_label", 2, "muted", "Estimated memory and time")
         self.undo_button = make.button(
             "Undo repair",
             "undo_repair_button",
@@ -71,10 +63,9 @@ class MeshPanel(QWidget):
             document.undo_repair,
             role="link",
         )
-        keep_room(self.undo_button)
+        make.keep_room(self.undo_button)
         margins = theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN
-        self._content = QWidget()
-        self._content.setLayout(
+        self._content = make.holder(
             column(
                 *self._build_facts(),
                 self._heading("Decomposition"),
@@ -250,7 +241,7 @@ class MeshPanel(QWidget):
 
     def _refresh_operator(self) -> None:
         operator = self._document.solve.operator
-        show_quietly(self.robust_check, operator.robust)
+        make.show_quietly(self.robust_check, operator.robust)
         self.mollify_spin.show_value(operator.mollify_factor)
         self.mollify_spin.setEnabled(operator.robust)
         self.mollify_label.setEnabled(operator.robust)
@@ -302,10 +293,10 @@ class MeshPanel(QWidget):
         buttons.setStretch(1, 1)
         self.progress_bar = QProgressBar(textVisible=False)
         theme.named(self.progress_bar, "progress_bar", "Progress")
-        keep_room(self.progress_bar)
+        make.keep_room(self.progress_bar)
         # one or the other, in room that is kept: the buttons above stay where they are
-        self.progress_label = reserved_note("progress_label", 4, "muted", "What is being done")
-        self.proof_label = reserved_note("proof_label", 4, "proof", "Proof of the eigenpairs")
+        self.progress_label = make.reserved_note("progress_label", 4, "muted", "What is being done")
+        self.proof_label = make.reserved_note("proof_label", 4, "proof", "Proof of the eigenpairs")
         self.proof_label.setToolTip(
             "Pairs computed, whether the count is certified complete, the worst residual "
             "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"

@@ -14,16 +14,7 @@ from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.document_controls import UnitCombo
-from meshmash_viewer.app.controls.make import (
-    PANEL,
-    Facts,
-    column,
-    keep_room,
-    note,
-    row,
-    show_note,
-    show_quietly,
-)
+from meshmash_viewer.app.controls.make import PANEL, column, row
 from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
@@ -86,8 +77,8 @@ class PairPanel(QWidget):
         self.close_button = make.button(
             "Close", "pair_close_button", "Close the second mesh", self.close_requested
         )
-        self.hint = note("pair_hint")
-        self.remark = note("pair_remark", role="warning")
+        self.hint = make.note("pair_hint")
+        self.remark = make.note("pair_remark", role="warning")
         self.largest_button = make.button(
             "Keep the largest component of each", "pair_keep_largest_button",
             "Keep the largest component of each mesh, and compare these", self._keep_largest,
@@ -96,14 +87,14 @@ class PairPanel(QWidget):
         self.unit_label = make.muted("Its unit")
         #: The unit of the second mesh, where there is one.
         self._unit = QVBoxLayout()
-        self.figures = Facts(_FIGURES)
+        self.figures = make.Facts(_FIGURES)
         for label in self.figures.findChildren(QLabel):
             label.setWordWrap(label.objectName() in _FIGURES)
         self.plot = Plot("pair_plot", "Spectra of both meshes, at an area of 1")
         self.plot.setFixedHeight(130)
         self.plot.set_labels("Index", "λ × area")
         self.plot.set_whole(True)
-        keep_room(self.plot)
+        make.keep_room(self.plot)
         self._curves = tuple(pg.PlotCurveItem() for _ in range(2))
         for curve in self._curves:
             self.plot.addItem(curve)
@@ -122,8 +113,8 @@ class PairPanel(QWidget):
         )  # fmt: skip
         #: The functional map, where vertices are matched by one.
         self.matrix = MatrixView("pair_matrix_plot")
-        self.matches = Facts(_MATCHES)
-        self.match_note = note("pair_match_note")
+        self.matches = make.Facts(_MATCHES)
+        self.match_note = make.note("pair_match_note")
         self.carry_check = make.check(
             "Colours of the first, by the match", "pair_carry_check",
             "Show the colours of the first mesh on the second, each vertex as its match",
@@ -159,7 +150,7 @@ class PairPanel(QWidget):
             "Undo the last repair of the second mesh",
             self._call(lambda pair, *_: pair.second.undo_repair()), role="link",
         )  # fmt: skip
-        keep_room(self.undo_button)
+        make.keep_room(self.undo_button)
         self.map_button = make.button(
             "Add map…", "second_map_button", "Add values per vertex of the second mesh from files",
             self.maps_requested, tip="Or drop the files on the second mesh",
@@ -175,8 +166,7 @@ class PairPanel(QWidget):
         self._second = QVBoxLayout()
         self.cameras = make.Segments("pair_link", "Cameras of both meshes", CAMERAS)
         self.cameras.chosen.connect(self._call(Pair.link_cameras))
-        self.content = QWidget()
-        self.content.setLayout(
+        self.content = make.holder(
             column(
                 self.figures,
                 self.legend,
@@ -198,8 +188,7 @@ class PairPanel(QWidget):
                 row(self.map_button, self.export_button, None),
             )
         )
-        whole = QWidget()
-        whole.setLayout(
+        whole = make.holder(
             column(
                 self.name_label,
                 row(self.open_button, self.close_button, None),
@@ -268,17 +257,17 @@ class PairPanel(QWidget):
         self.content.setVisible(pair is not None)
         other = None if pair is None else pair.second.mesh
         self.name_label.setText("Two meshes" if other is None else other.name or "Second mesh")
-        show_note(self.hint, self._hint())
+        make.show_note(self.hint, self._hint())
         self.unit_label.setVisible(pair is not None)
         self._show_remarks()
         if pair is None:
             return
         found = pair.comparison
         for name, check in self.links.items():
-            show_quietly(check, name in pair.links)
+            make.show_quietly(check, name in pair.links)
         self.cameras.show_key(pair.cameras)
-        show_quietly(self.carry_check, pair.carries)
-        show_quietly(self.refine_check, pair.refined)
+        make.show_quietly(self.carry_check, pair.carries)
+        make.show_quietly(self.refine_check, pair.refined)
         self.refine_check.setEnabled(found is None or not found.given)
         self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
         self.matrix.setVisible(found is not None and found.functional is not None)
@@ -306,7 +295,7 @@ class PairPanel(QWidget):
                 best, *others = self._matches_of(pair)
                 figures["pair_best_label"] = best
                 figures["pair_next_label"] = "\n".join(others)
-        show_note(self.match_note, self._match_text(pair))
+        make.show_note(self.match_note, self._match_text(pair))
         for name, text in figures.items():
             (self.figures if name in _FIGURES else self.matches).show_value(name, text)
         self.plot.setVisible(found is not None)
@@ -330,7 +319,7 @@ class PairPanel(QWidget):
                     " the whole, which alone makes eigenvalues and features differ; compute the"
                     " first on the whole, too, to compare shapes."
                 )
-        show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
+        make.show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
         self.largest_button.setVisible(counts[0] != counts[1])
         idle = pair is not None and pair.first.work.job is None and pair.second.work.job is None
         self.largest_button.setEnabled(idle)

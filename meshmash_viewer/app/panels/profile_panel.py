@@ -9,12 +9,11 @@ import numpy.typing as npt
 import pyqtgraph as pg
 from PySide6.QtCore import QPoint, Signal
 from PySide6.QtGui import QCloseEvent, QResizeEvent
-from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.make import row
+from meshmash_viewer.app.controls.make import holder, row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.pin_list import MOST_SHOWN, PinLegend, PinTable
 from meshmash_viewer.app.plots.panel import PlotPanel, PlotSaver
@@ -106,8 +105,7 @@ class ProfilePanel(PlotPanel):
         self.table_check = make.check(
             "Table", "pin_table_check", "Table of the pins", self._refresh, tip=tip
         )
-        shown = QWidget()
-        shown.setLayout(row((self.plot,), self.legend, spacing=0))
+        shown = holder(row((self.plot,), self.legend, spacing=0))
         self._arrange((self.view_choice, self.table_check), (self.missing_label,), shown)
         self._stack.addWidget(self.table)
         self._missing = pg.LinearRegionItem(movable=False)

@@ -11,15 +11,7 @@ from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.make import (
-    PANEL,
-    Facts,
-    column,
-    note,
-    row,
-    show_note,
-    show_quietly,
-)
+from meshmash_viewer.app.controls.make import PANEL, column, row
 from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow, later
@@ -70,7 +62,7 @@ class ShapePanel(QWidget):
         )
         self.morph.setRange(0, 100)
         self.morph_label = make.label("shape_morph_label", role="value")
-        self.facts = Facts(_FACTS)
+        self.facts = make.Facts(_FACTS)
         self.save_button = make.button(
             "Export shape…", "shape_save_button", "Save the shape as a mesh", self._save
         )
@@ -88,7 +80,7 @@ class ShapePanel(QWidget):
             lambda on: setattr(self._document.display, "vibrating", on),
             checkable=True,
         )
-        self.hint, self.swing_hint = note("shape_hint"), note("shape_vibrate_hint")
+        self.hint, self.swing_hint = make.note("shape_hint"), make.note("shape_vibrate_hint")
         for label in (self.morph_label, self.amplitude_label):
             label.setMinimumWidth(label.fontMetrics().horizontalAdvance("100 %") + 4)
         self.setLayout(
@@ -146,12 +138,12 @@ class ShapePanel(QWidget):
         shown = usable and shape.shown
         count = shape.within(known) if usable else FEWEST_PAIRS
         for number in (self.slider, self.spin):
-            show_quietly(number, count, most=max(known, FEWEST_PAIRS), least=FEWEST_PAIRS)
+            make.show_quietly(number, count, most=max(known, FEWEST_PAIRS), least=FEWEST_PAIRS)
         self.spin.setSuffix(f" of {known:,}" if usable else "")
-        show_quietly(self.check, shown)
-        show_quietly(self.morph, round(100 * shape.morph))
+        make.show_quietly(self.check, shown)
+        make.show_quietly(self.morph, round(100 * shape.morph))
         self.morph_label.setText(format_share(shape.morph))
-        show_quietly(self.amplitude, round(100 * shape.amplitude))
+        make.show_quietly(self.amplitude, round(100 * shape.amplitude))
         self.amplitude_label.setText(format_share(shape.amplitude))
         for control in (self.check, self.slider, self.spin, self.morph):
             control.setEnabled(usable)
@@ -167,17 +159,17 @@ class ShapePanel(QWidget):
             wave = format_wavelength(float(spectrum.eigenvalues[count - 1]), unit)
             values["shape_wave_label"] = wave
         self.facts.show_values(values)
-        show_note(self.hint, self._hint(usable, shown, count))
+        make.show_note(self.hint, self._hint(usable, shown, count))
         field = self._field
         swings = spectrum is not None and field is not None and field.signed
         self.amplitude.setEnabled(swings)
         self.swing_button.setEnabled(swings)
-        show_quietly(self.swing_button, display.vibrating)
+        make.show_quietly(self.swing_button, display.vibrating)
         self.swing_button.setText("Stop" if display.vibrating else "Vibrate")
         said = "Show an eigenfunction, or another field with a sign, to swing by it."
         if swings and field is not None:
             said = f"{field.title} along the normals"
-        show_note(self.swing_hint, said if spectrum is not None else "")
+        make.show_note(self.swing_hint, said if spectrum is not None else "")
 
     def _hint(self, usable: bool, shown: bool, count: int) -> str:
         ready, spectrum = self._document.ready, self._document.spectrum

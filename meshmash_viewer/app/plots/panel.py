@@ -30,11 +30,10 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, row
-from meshmash_viewer.app.dialogs.files import FormatDialog
+from meshmash_viewer.app.dialogs.files import FormatDialog, suggested_path
 from meshmash_viewer.app.plots.plot import Plot, Series, scaled_pens
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
-from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Severity
@@ -159,10 +158,8 @@ class PlotSaver(QObject):
         self._document.notices.say("Plot copied.")
 
     def ask(self) -> None:
-        document, name = self._document, self._plot.objectName().removesuffix("_plot")
-        folder = folder_of(document.path)
-        mesh = document.mesh.name if document.mesh is not None else ""
-        path = folder / f"{mesh or 'mesh'}_{name}"
+        name = self._plot.objectName().removesuffix("_plot")
+        path = suggested_path(self._document, name)
         dialog = FormatDialog("plot", "Save this plot", path, _FORMATS, self._plot.window())
         dialog.lay_out()
         dialog.accepted.connect(lambda: self._save(dialog.path))

@@ -21,16 +21,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.document_controls import ComputeButton
-from meshmash_viewer.app.controls.make import (
-    PANEL,
-    Facts,
-    Part,
-    column,
-    note,
-    row,
-    show_note,
-    show_quietly,
-)
+from meshmash_viewer.app.controls.make import PANEL, Part, column, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider, decade_marks
 from meshmash_viewer.app.listening import follow, listen
@@ -256,7 +247,7 @@ class ParameterRow(QWidget):
         elif isinstance(self.control, QComboBox):
             self.control.setCurrentIndex(self.control.findData(value))
         elif isinstance(self.control, QSpinBox | QCheckBox):
-            show_quietly(self.control, value)
+            make.show_quietly(self.control, value)
 
 
 class FamilyForm(FamilyTab):
@@ -265,8 +256,8 @@ class FamilyForm(FamilyTab):
     def _build(self) -> None:
         family, (one, many) = self.family, self.family.nouns
         self.labels = family.facts or {f"{family.name}_quantity_label": f"This {one.lower()}"}
-        self.facts = Facts(self.labels)
-        self.warning = note(f"{family.name}_missing_label", "warning")
+        self.facts = make.Facts(self.labels)
+        self.warning = make.note(f"{family.name}_missing_label", "warning")
         self.compute_button = ComputeButton(self._document, f"{family.name}_compute_button")
         counted = family.declared()[family.counted]
         (self.position,) = family.position
@@ -307,9 +298,9 @@ class FamilyForm(FamilyTab):
         slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
         declared = replace(self.family.declared()[self.position], text=one)
         self.number = ParameterRow(name, declared, partial(self._set_parameter, self.position))
-        fault = note(f"{name}_field_fault", "error")
+        fault = make.note(f"{name}_field_fault", "error")
         assert isinstance(self.number.control, NumberField)
-        self.number.control.refused.connect(lambda sentence: show_note(fault, sentence))
+        self.number.control.refused.connect(lambda sentence: make.show_note(fault, sentence))
         return slider, self.number, fault, row((self.facts,), play)
 
     def _set_parameter(self, name: str, value: Any) -> None:
@@ -330,12 +321,12 @@ class FamilyForm(FamilyTab):
                 reading = chosen.reading(spectrum, self._document.unit)
             except InputError as fault:
                 reading = replace(reading, warning=str(fault))
-        show_quietly(self.count_spin, count)
+        make.show_quietly(self.count_spin, count)
         for name, each in self.rows.items():
             each.show_value(getattr(chosen, name), self._document.unit)
         if self.stepped:
             for control in (self.slider, self.spin):
-                show_quietly(control, index, most=count - 1)
+                make.show_quietly(control, index, most=count - 1)
             self.spin.setSuffix(f" of {count - 1}")
             self.slider.set_marks(decade_marks(*reading.decades) if reading.decades else ())
         else:
@@ -344,7 +335,7 @@ class FamilyForm(FamilyTab):
             self._show_range()
         self.title.setText(reading.title)
         self.facts.show_values(dict(zip(self.labels, reading.facts, strict=False)))
-        show_note(self.warning, reading.warning)
+        make.show_note(self.warning, reading.warning)
         self.compute_button.show_target(reading.sufficient)
 
     def _show_number(

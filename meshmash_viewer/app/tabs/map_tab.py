@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from PySide6.QtCore import QPoint, QSignalBlocker, Qt
-from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QMenu, QWidget
+from PySide6.QtWidgets import QListWidget, QListWidgetItem, QMenu, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import Facts, column, note, row, show_note, show_quietly
-from meshmash_viewer.app.dialogs.files import ask_for_maps
+from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.app.tabs.parameters import FilterParameters
@@ -165,14 +163,9 @@ class MapTab(FamilyTab):
         if spectrum is None or found is None or mesh is None:
             return
         name = chosen.resolved(spectrum, {}).chosen
-        folder = folder_of(document.path)
-        path, _ = QFileDialog.getSaveFileName(
-            self,
-            "Save coefficients",
-            str(folder / f"{mesh.name or 'mesh'}_{name}_coefficients.csv"),
-            f"Tables ({' '.join(f'*{ending}' for ending in SPECTRUM_WRITERS)})",
-        )
-        if not path:
+        file = f"{name}_coefficients.csv"
+        path = ask_to_save(self, document, "coefficients", file, "Tables", SPECTRUM_WRITERS)
+        if path is None:
             return
         try:
             write_map_spectrum(path, found, mesh, name)
@@ -180,7 +173,7 @@ class MapTab(FamilyTab):
             document.notices.say(f"The coefficients were not saved: {fault}", Severity.ERROR)
         else:
             text = f"Coefficients of {name} on {counted(len(found), 'pair')} written to {path}."
-            say_saved(document, text, Path(path))
+            say_saved(document, text, path)
 
     def _keep(self) -> None:
         document, field = self._document, self._field
