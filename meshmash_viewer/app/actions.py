@@ -14,7 +14,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 
-from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.theme import Mode
 from meshmash_viewer.app.view.camera import view_label
 from meshmash_viewer.arrays import SMALL
@@ -65,7 +65,7 @@ class Command:
 
     `shortcuts` are portable, the first one is shown, and those of the operating system
     (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
-    `icons.PATHS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
+    `theme.ICONS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
     "small components", "second mesh", "selection", "hidden", "cut" or "part" (`Commands.there`),
     `does` the name and the argument of the method, if it is not the one of this `name`.
     """
@@ -325,7 +325,7 @@ class Actions:
     def refresh_icons(self) -> None:
         for each in COMMANDS:
             if each.icon:
-                self._actions[each.name].setIcon(icons.icon(each.icon))
+                self._actions[each.name].setIcon(theme.icon(each.icon))
 
     def fill_menus(self, window: QMainWindow) -> dict[str, QMenu]:
         """Fill the window's menu bar; returns the menus by name, submenus included."""

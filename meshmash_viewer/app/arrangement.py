@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
@@ -77,7 +77,7 @@ class Dock(QDockWidget):
             QApplication.sendEvent(window, event)
 
     def _refresh(self) -> None:
-        self._close.setIcon(QIcon(icons.pixmap("close", theme.palette().muted, 12)))
+        self._close.setIcon(QIcon(theme.pixmap("close", theme.palette().muted, 12)))
 
 
 class Arrangement:

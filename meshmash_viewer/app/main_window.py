@@ -34,7 +34,6 @@ from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement, HoverLabel, StatusProgress
 from meshmash_viewer.app.background import BackgroundIO, Tasks
 from meshmash_viewer.app.commands import Commands
-from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_events import FieldWheel, FocusKeys
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.opening import Opening
@@ -79,7 +78,7 @@ class MainWindow(ScriptedWindow):
         super().__init__()
         self.setObjectName("main_window")
         self.setWindowTitle("MeshMash Viewer")
-        self.setWindowIcon(icons.application_icon())
+        self.setWindowIcon(theme.application_icon())
         self.setAcceptDrops(True)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)
         self.document = document or Document()

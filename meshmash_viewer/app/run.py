@@ -25,7 +25,6 @@ from PySide6.QtGui import QFileOpenEvent, QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.screen import check_opengl, open_display
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.notices import Failure, Notice, failure_of, notice_of
@@ -79,7 +78,7 @@ def application() -> QApplication:
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
     made.setDesktopFileName("meshmash-viewer")
-    made.setWindowIcon(icons.application_icon())
+    made.setWindowIcon(theme.application_icon())
     if made.font().pointSizeF() < 9.0:
         font = QFont(made.font())
         font.setPointSizeF(9.0)

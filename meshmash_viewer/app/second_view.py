@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QToolButton, QWidget
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, LatestThread, Tasks
 from meshmash_viewer.app.controller import Controller
-from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.app.listening import follow, listen, stop_listening
 from meshmash_viewer.app.stage import HeadLabel, render_head
@@ -68,7 +67,7 @@ class SecondView(QWidget):
             QToolButton(), "second_close_button", "Close the second mesh",
             tip="Close the second mesh",
         )  # fmt: skip
-        close.setIcon(QIcon(icons.pixmap("close", theme.palette().muted, 12)))
+        close.setIcon(QIcon(theme.pixmap("close", theme.palette().muted, 12)))
         close.setIconSize(QSize(12, 12))
         close.clicked.connect(self.close_requested)
         self.setLayout(column(render_head(self.status_label, close), (self.scene,), spacing=0))

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, row
 from meshmash_viewer.app.controls.message_bar import MessageBar
 from meshmash_viewer.app.screen import has_opengl
@@ -195,7 +195,7 @@ class Welcome(QScrollArea):
         self.loading_label.setVisible(bool(text))
 
     def _refresh(self) -> None:
-        self._icon.setPixmap(icons.pixmap("mesh", theme.palette().accent, 44))
+        self._icon.setPixmap(theme.pixmap("mesh", theme.palette().accent, 44))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -169,7 +169,7 @@ class Family(Parameters):
     tip: ClassVar[str]
     #: Page of the documentation, in docs/algorithms; empty for none.
     page: ClassVar[str] = ""
-    #: Drawing like those of `meshmash_viewer.app.controls.icons`.
+    #: Drawing like those of `meshmash_viewer.app.theme.ICONS`.
     icon: ClassVar[str] = '<path d="M6 2v4M10 2v4M4 6h8v3a4 4 0 0 1-8 0zM8 13v3"/>'
     #: What a position is called: "Band", "Bands".
     nouns: ClassVar[tuple[str, str]] = ("Column", "Columns")

@@ -7,7 +7,7 @@ from PySide6.QtGui import QGuiApplication, QIcon
 from PySide6.QtWidgets import QBoxLayout, QFrame, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.model.notices import Notice, Severity
 
@@ -139,10 +139,10 @@ class MessageBar(QFrame):
     def _refresh(self) -> None:
         theme.restyle(self)
         colors = theme.palette()
-        self._dismiss.setIcon(QIcon(icons.pixmap("close", colors.text, 14)))
+        self._dismiss.setIcon(QIcon(theme.pixmap("close", colors.text, 14)))
         if self.notice is not None:
             severity = self.notice.severity.value
-            self._icon.setPixmap(icons.pixmap(severity, getattr(colors, severity), 18))
+            self._icon.setPixmap(theme.pixmap(severity, getattr(colors, severity), 18))
 
     def _copy_details(self) -> None:
         if self.notice is not None:

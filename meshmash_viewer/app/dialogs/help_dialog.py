@@ -50,7 +50,6 @@ from meshmash_viewer.app.actions import (
     native_keys,
     native_text,
 )
-from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_events import bring_into_view
 from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.io.atomic import page_file
@@ -154,7 +153,7 @@ class AboutDialog(QMessageBox):
         super().__init__(parent)
         self.setObjectName("about_dialog")
         self.setWindowTitle("About MeshMash Viewer")
-        self.setIconPixmap(icons.application_icon().pixmap(64, 64))
+        self.setIconPixmap(theme.application_icon().pixmap(64, 64))
         self.setText("<big><b>MeshMash Viewer</b></big>")
         self.setInformativeText("\n\n".join((_WHAT, _METHODS, versions())))
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)

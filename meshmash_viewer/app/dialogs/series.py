@@ -231,17 +231,10 @@ class SeriesDialog(QDialog):
         self._delay.timeout.connect(self._draw_draft)
         scene.frames.stand_in_made.connect(self._draw_draft)
 
-    def _draw_draft(self) -> None:
-        raise NotImplementedError
-
-    def _show_draft(self, at: int, made: object) -> None:
-        raise NotImplementedError
-
-    def _show_saving(self, saving: bool) -> None:
-        raise NotImplementedError
-
-    def _finish(self) -> None:
-        raise NotImplementedError
+    def _draw_draft(self) -> None: ...
+    def _show_draft(self, at: int, made: object) -> None: ...
+    def _show_saving(self, saving: bool) -> None: ...
+    def _finish(self) -> None: ...
 
     @property
     def _pixels_on_screen(self) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import Part, column, form, row
 from meshmash_viewer.app.controls.number_field import DecimalField, NumberField
 from meshmash_viewer.app.listening import follow, later, listen
@@ -309,7 +309,7 @@ class FamilyList(QListWidget):
 
     def _draw(self) -> None:
         for at, family in enumerate(FAMILIES.values()):
-            self.item(at).setIcon(icons.icon(family.icon))
+            self.item(at).setIcon(theme.icon(family.icon))
 
 
 class FieldPanel(QWidget):

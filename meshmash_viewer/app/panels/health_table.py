@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QLabel, QLayout, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import LatestThread
-from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.field_events import bring_into_view
 from meshmash_viewer.app.controls.make import column, grid, note, row, show_note
 from meshmash_viewer.app.listening import follow, later, listen
@@ -297,7 +297,7 @@ class HealthTable(QWidget):
                 )
             if each.fault:
                 name, color = ("warning", colors.warning) if number else ("good", colors.good)
-                mark.setPixmap(icons.pixmap(name, color, 14))
+                mark.setPixmap(theme.pixmap(name, color, 14))
         self._refresh_buttons()
 
     def _refresh_buttons(self) -> None:

@@ -16,7 +16,7 @@ from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.labels import Labels, LabelSizes
 from meshmash_viewer.units import counted, engineering, grouped, power_unit
@@ -90,7 +90,7 @@ class _Rows(QAbstractTableModel):
         if role == roles.DecorationRole and column in (SHOWN, LOCK):
             name, on = ("lock", label.locked) if column == LOCK else self._eye(index.row())
             colors = theme.palette()
-            picture = icons.pixmap(name, colors.text if on else colors.border_strong, 16)
+            picture = theme.pixmap(name, colors.text if on else colors.border_strong, 16)
             return make.untinted(picture)
         if role in (roles.ToolTipRole, roles.AccessibleTextRole):
             return self._description(label, index.row(), column)

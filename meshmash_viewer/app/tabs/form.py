@@ -43,7 +43,7 @@ class Player(QObject):
         super().__init__(parent)
         self._document = document
         self._timer = QTimer(self)
-        self._timer.timeout.connect(self._step)
+        self._timer.timeout.connect(partial(advance, document))
         events = document.display.events
         listen((events.playing, events.kind, document.spectrum_changed), self._refresh)
 
@@ -56,9 +56,6 @@ class Player(QObject):
             self._timer.stop()
             display.playing = False
 
-    def _step(self) -> None:
-        advance(self._document)
-
 
 class PlayButton(QPushButton):
     """Starts and stops playing."""
@@ -69,11 +66,8 @@ class PlayButton(QPushButton):
         theme.named(self, name, "Play: step by itself", tip=tip)
         self.setCheckable(True)
         self._document = document
-        self.toggled.connect(self._toggle)
+        self.toggled.connect(partial(setattr, document.display, "playing"))
         follow(document.display.events.playing, self._refresh)
-
-    def _toggle(self, on: bool) -> None:
-        self._document.display.playing = on
 
     def _refresh(self) -> None:
         playing = self._document.display.playing
@@ -99,8 +93,7 @@ class FamilyTab(QWidget):
         if self._document.display.kind == self.family.name:
             self.refresh()
 
-    def refresh(self) -> None:
-        raise NotImplementedError
+    def refresh(self) -> None: ...
 
     def show_field(self, field: Field | None) -> None:
         """Say what is known of the field on the render, of any family, or that there is none.
@@ -108,8 +101,7 @@ class FamilyTab(QWidget):
         Nothing of an earlier one may be held: it holds its mesh and eigenvectors.
         """
 
-    def _build(self) -> None:
-        raise NotImplementedError
+    def _build(self) -> None: ...
 
     def _fill(self, name: str, accessible: str, *parts: Part) -> None:
         """Lay the controls out, under a title of these names."""
