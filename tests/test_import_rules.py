@@ -54,6 +54,7 @@ KNOW_A_FAMILY = {
     "meshmash_viewer.app.tabs.map_tab": {"filter"},  # what a map is passed through
     "meshmash_viewer.app.tabs.parameters": {"filter"},  # whose parameters two tabs have
     "meshmash_viewer.app.tabs.pin_tabs": {"distance", "similarity"},  # which refer to a pin
+    "meshmash_viewer.app.tabs.spectral_tabs": {"eigenfunction", "filter"},  # which it is about
     "meshmash_viewer.app.tabs": {  # which have more controls than a form
         "eigenfunction",
         "filter",

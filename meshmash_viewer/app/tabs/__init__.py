@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from meshmash_viewer.app.tabs.eigenfunction_tab import EigenfunctionTab
-from meshmash_viewer.app.tabs.filter_tab import FilterTab
 from meshmash_viewer.app.tabs.form import FamilyForm, FamilyTab
 from meshmash_viewer.app.tabs.map_tab import MapTab
 from meshmash_viewer.app.tabs.pin_tabs import DistanceTab, SimilarityTab
+from meshmash_viewer.app.tabs.spectral_tabs import EigenfunctionTab, FilterTab
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
