@@ -21,6 +21,7 @@ import shapes
 from tiers import slow
 
 import meshmash_viewer as mv
+from meshmash_viewer.cli.cluster import connected
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.cli.parser import parsed_command
 from meshmash_viewer.io.write import write_mesh
@@ -172,6 +173,15 @@ def test_a_manifest_holds_the_rows_of_all_runs(capsys: pytest.CaptureFixture[str
     Path("out/manifest_features.parquet").write_text("none")
     assert main([*command, "-o", "out/"]) == 2
     assert "manifest_features.parquet is not a manifest" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_processes_of_this_machine_keep_freed_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MALLOC_TRIM_THRESHOLD_", raising=False)
+    names = ("MALLOC_TRIM_THRESHOLD_", "OMP_NUM_THREADS")
+    with connected("local:1") as client:
+        (found,) = client.run(lambda: [os.environ.get(name) for name in names]).values()
+    assert found == [None, "1"]
 
 
 @pytest.mark.slow
