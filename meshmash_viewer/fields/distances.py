@@ -125,6 +125,9 @@ class Distances(Family):
     def for_other_mesh(self, n_components: int) -> Self:
         return replace(self, vertex=None, time=None, vertices=())
 
+    def for_repair(self, n_components: int) -> Self:
+        return replace(self.for_other_mesh(n_components), time=self.time)
+
     def places(self, spectrum: Eigenpairs) -> FloatArray:
         """Return the vertices, by index, if there are several, else diffusion times."""
         if len(self.vertices) > 1:

@@ -279,6 +279,10 @@ class Family(Parameters):
         """Keep what applies to another mesh with some number of connected components."""
         return self
 
+    def for_repair(self, n_components: int) -> Self:
+        """Keep what applies to a part or a repair of the same mesh, in the same unit."""
+        return self.for_other_mesh(n_components)
+
     def for_other_unit(self) -> Self:
         """Keep what applies to a mesh in another unit: no lengths, times and eigenvalues."""
         default = type(self)()

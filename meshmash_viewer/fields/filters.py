@@ -183,6 +183,9 @@ class Filters(BankFamily):
         """Keep the formula only, since its parameters depend on the spectrum."""
         return replace(self, values=(), automatic=True, low=None, high=None)
 
+    def for_repair(self, n_components: int) -> Self:
+        return self
+
     def carried(self, to: Correspondence) -> Self:
         """Scale the parameters by their units, which follow from the formula."""
         powers = self.formula.powers

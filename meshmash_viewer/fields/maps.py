@@ -12,6 +12,7 @@ import numpy as np
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_responses import TailedResponse
 from meshmash_viewer.features.map_spectrum import (
     MapSpectrum,
     dominant_bands,
@@ -75,6 +76,8 @@ _FORMULAS = {
     "filter": "Σ h(λ) φ φᵀ M f",
     "band": "octave of λ with the largest |Σ φ φᵀ M f|",
 }
+#: Smallest share of what a filtered map lacks that is written.
+_SAID = 1e-3
 #: Views that depend on the number of pairs.
 SUMS = ("pairs", "residual")
 
@@ -239,7 +242,11 @@ class OwnMaps(Family):
             text = f"{word} {counted(self.pairs, 'pair')}"
             return text if known is None else f"{text}: {format_share(share)} of what varies"
         if self.filter is not None:
-            return f"through {self.filter.describe(spectrum, unit).quantity}"
+            text = f"through {self.filter.describe(spectrum, unit).quantity}"
+            share = self.missing(spectrum)[1]
+            if not share >= _SAID:
+                return text
+            return f"{text}: up to {format_share(share)} of what varies is missing"
         if self.view == "band":
             return f"in octaves of λ, {len(band_labels(spectrum.eigenvalues, unit))} of them"
         shown = self.vertex_map(spectrum)
@@ -334,6 +341,25 @@ class OwnMaps(Family):
             return None
         projected(spectrum)[shown] = spectrum, found[1]  # faster comparison next time
         return found[1]
+
+    def missing(self, spectrum: Eigenpairs) -> tuple[float, float]:
+        """Return bounds of what a filtered map f lacks beyond its K pairs.
+
+        Returns
+        -------
+        passed : float
+            The supremum of the filter |h| beyond the last eigenvalue.
+        share : float
+            Of what varies, squared: with f_K the sum over the pairs,
+            ``‖h(L) (f - f_K)‖ <= passed ‖f - f_K‖``. NaN before the map was shown once.
+        """
+        known = self.map_spectrum(spectrum)
+        if known is None or self.filter is None:
+            return math.nan, math.nan
+        one = replace(self.filter, count=1).bank(spectrum.eigenvalues).response
+        assert isinstance(one, TailedResponse)
+        passed = float(one.supremum(float(spectrum.eigenvalues[-1]))[0])
+        return passed, min(passed**2 * (1.0 - known.varying_share(len(known))), 1.0)
 
     def mean(self, spectrum: Eigenpairs) -> float:
         """Return the area-weighted mean of the map where it has values.

@@ -220,7 +220,7 @@ class Document(OpenMesh):
         self._preview = None
         components = (ready.part or ready).health.n_components
         families = self.display.fields.values()
-        self.display.put(*(each.for_other_mesh(components) for each in families))
+        self.display.put(*(each.for_repair(components) for each in families))
         if self.spectrum is not None and self.spectrum.complete:
             self._go_within(self.spectrum)
         self._emit_all()
@@ -403,7 +403,12 @@ class Document(OpenMesh):
             *(
                 (each if same_unit else each.for_other_unit()).for_other_mesh(n_components)
                 if before is None
-                else _repaired(each, n_components, partial(same_vertex, before, ready.mesh))
+                else _repaired(
+                    each,
+                    n_components,
+                    partial(same_vertex, before, ready.mesh),
+                    same_size=same_unit and before.voxel == ready.mesh.voxel,
+                )
                 for each in display.fields.values()
             )
         )
@@ -484,8 +489,11 @@ class Document(OpenMesh):
             self.display.show(replace(chosen, vertex=self.pins.placed[-1].vertex))
 
 
-def _repaired(family: Family, n_components: int, vertex: Callable[[int], int | None]) -> Family:
+def _repaired(
+    family: Family, n_components: int, vertex: Callable[[int], int | None], *, same_size: bool
+) -> Family:
     """Convert a family to the repaired mesh; `vertex` maps vertices, or returns None."""
     here = family.at_vertices(vertex)
     kept = {name: getattr(here, name) for name, each in here.declared().items() if each.vertex}
-    return replace(family.for_other_mesh(n_components), **kept)
+    made = family.for_repair if same_size else family.for_other_mesh
+    return replace(made(n_components), **kept)

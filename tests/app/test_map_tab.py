@@ -25,6 +25,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+from scipy.linalg import eigh
 from tiers import slow
 
 import meshmash_viewer as mv
@@ -39,7 +40,7 @@ from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import format_number, format_range
+from meshmash_viewer.units import format_number, format_quantity, format_range, format_share
 
 LEFT = Qt.MouseButton.LeftButton
 MESH = shapes.icosphere(3, radius=50.0)
@@ -462,6 +463,70 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
     np.testing.assert_array_equal(field.values, kept.values)
     assert window.controller.field.colors(document.display) == field.colors(document.display)
+
+
+def test_what_a_filter_misses_beyond_the_last_pair_is_bounded(window: MainWindow) -> None:
+    document, mesh = window.document, window.document.mesh
+    chosen, rough = document.display[Filters], np.cos(0.3 * mesh.vertices[:, 0])
+    document.maps.add(mesh, [mv.VertexMap("rough", rough, unit="mm")])
+    mesh = document.mesh
+    document.display.put(Filters("exp(-s*x)"))
+    QTest.mouseClick(part(window, QPushButton, "map_view_filter"), LEFT)
+    rest(window)
+    assert window.controller.field.title.startswith("rough")
+    note = part(window, QLabel, "map_filter_missing")
+    stiffness, lumped = mv.cotangent_laplacian(mesh, robust=True)
+    values, vectors = eigh(stiffness.toarray(), lumped.toarray())
+    mass, last = lumped.diagonal(), float(document.spectrum.eigenvalues[-1])
+    whole = vectors.T @ (mass * rough)
+    varies = float(np.square(whole[1:]).sum())
+    # the last pairs are a part of a multiplet, whose basis is arbitrary
+    phi, _ = library(window)
+    rest_of_map = rough - phi @ (phi.T @ (mass * rough))
+    left = float(mass @ np.square(rest_of_map))
+    for passed in (0.9, 0.5):
+        s = -np.log(passed) / last
+        document.display.change(Filters, values=(("s", s),))
+        rest(window)
+        filtered = vectors @ (np.exp(-s * values) * (vectors.T @ (mass * rest_of_map)))
+        missing, bound = float(mass @ np.square(filtered)), passed**2 * left
+        assert 0.0 < missing <= bound
+        share = f"{format_share(bound / varies)} of what varies is missing"
+        assert window.controller.field.quantity.endswith(f": up to {share}")
+        assert note.isVisible() == (bound / varies > 0.01)
+        if note.isVisible():
+            assert f"The filter is {passed} at the last of" in note.text()
+            size = format_quantity(np.sqrt(bound / mass.sum()), "mm", 1, 2)
+            assert note.text().endswith(f"at most {size}. Compute more pairs.")
+    assert bound / varies > 0.01, "the note was seen"
+    document.display.change(Filters, values=(("s", 50.0 / last),))
+    rest(window)
+    assert not note.isVisible()
+    assert "missing" not in window.controller.field.quantity
+    document.display.put(chosen)
+
+
+def test_a_gaussian_is_given_by_its_width(window: MainWindow) -> None:
+    document = window.document
+    chosen = document.display[Filters]
+    document.set_unit("mm")
+    document.display.put(Filters("exp(-s*x)"))
+    QTest.mouseClick(part(window, QPushButton, "map_view_filter"), LEFT)
+    rest(window)
+    field = part(window, NumberField, "map_filter_parameter_0_field")
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, "20 mm")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    s = document.display[Filters].value("s", document.spectrum)
+    # half of exp(-r²/4s) at half of the width
+    np.testing.assert_allclose(np.exp(-(10.0**2) / (4.0 * s)), 0.5, rtol=1e-12)
+    rest(window)
+    texts = [label.text() for label in field.parentWidget().findChildren(QLabel)]
+    assert "FWHM 20\N{NO-BREAK SPACE}mm" in texts
+    document.display.put(chosen)
+    document.history.undo()
+    assert document.unit == ""
 
 
 def test_a_kept_map_is_renamed_in_the_list(window: MainWindow) -> None:

@@ -21,7 +21,9 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.sessions import session_of
+from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.session import write_session
 from meshmash_viewer.laplacian import cotangent_laplacian
@@ -120,6 +122,21 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
 
 
 @pytest.mark.slow
+def test_typed_parameters_stay_for_a_part(solved: MainWindow, qtbot: QtBot) -> None:
+    document = solved.document
+    typed = Filters("exp(-s*x)").with_values(s=0.3), Distances(measure="diffusion", time=0.2)
+    document.display.put(*typed)
+    document.take_part(document.selection.mask, then_compute=True)
+    qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
+    wait_for_pairs(qtbot, solved)
+    assert document.display[Filters].value("s", document.spectrum) == 0.3
+    assert document.display[Distances].time == 0.2
+    document.take_part(None)
+    qtbot.waitUntil(lambda: document.part_mesh is None, timeout=PATIENCE)
+    assert document.display[Filters].value("s", document.spectrum) == 0.3
+    document.display.put(Filters(), Distances())
+
+
 def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     solved: MainWindow, qtbot: QtBot
 ) -> None:

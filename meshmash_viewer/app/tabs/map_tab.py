@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from PySide6.QtCore import QPoint, QSignalBlocker, Qt
 from PySide6.QtWidgets import QListWidget, QListWidgetItem, QMenu, QWidget
@@ -40,6 +42,8 @@ _FACTS = {
     "map_count_label": "Vertices",
 }
 _SHARES = {"map_residual_label": "Residual", "map_share_label": "Energy in them"}
+#: Share of what varies from which a filtered map is said to lack it.
+_FLAGGED = 0.01
 #: Lines of the list of maps that are in view, and of the labels.
 _LINES, _LABEL_LINES = 6, 8
 
@@ -91,6 +95,7 @@ class MapTab(FamilyTab):
             tip="Φ h(Λ) Φᵀ M f. A formula of one's own is written on the Filter tab",
         )
         self.filter_fault = note("map_filter_fault", "warning")
+        self.missing = note("map_filter_missing", "warning")
         self.parameters = FilterParameters(self._document, "map_")
         self.parameters.tried.connect(lambda said: show_note(self.filter_fault, said))
         self._filter = QWidget()
@@ -102,7 +107,9 @@ class MapTab(FamilyTab):
             tip="It joins the maps above: compare it with them, filter it again, export it",
         )
         self._field: Field | None = None
-        self._filter.setLayout(column(self.filter_combo, self.parameters, self.filter_fault))
+        self._filter.setLayout(
+            column(self.filter_combo, self.parameters, self.filter_fault, self.missing)
+        )
         heading = make.heading("On the eigenpairs")
         self._on_pairs.setLayout(
             column(heading, self.views, self._sum, self._filter, row(self.keep_button, None))
@@ -253,6 +260,7 @@ class MapTab(FamilyTab):
         self._sum.setVisible(resolved.view in ("map", *SUMS))
         self._filter.setVisible(resolved.view == "filter")
         self._refresh_filter()
+        show_note(self.missing, self._missing(spectrum))
         self.keep_button.setVisible(resolved.view != "map")
         self.keep_button.setEnabled(self._can_keep())
         self.spin.setSuffix(f" of {last:,} pairs")
@@ -269,6 +277,22 @@ class MapTab(FamilyTab):
         elif spectrum.preview:
             hint = "From approximate eigenpairs: the numbers change as the exact ones come."
         show_note(self.hint, hint)
+
+    def _missing(self, spectrum: Eigenpairs) -> str:
+        """Say what the filtered map lacks beyond the last pair, where that is over 1 %."""
+        shown = self._document.display[OwnMaps].resolved(spectrum, self._document.display.fields)
+        known = shown.map_spectrum(spectrum)
+        passed, share = shown.missing(spectrum)
+        if known is None or shown.shown is None or not share > _FLAGGED:
+            return ""
+        left = passed * math.sqrt(max(1.0 - known.share(len(known)), 0.0) * known.energy)
+        mean = left / math.sqrt(spectrum.vertex_areas.sum())
+        size = format_quantity(mean, shown.shown.unit, 1, 2)
+        return (
+            f"The filter is {format_number(passed, 2)} at the last of"
+            f" {counted(len(known), 'pair')}: up to {format_share(share)} of what varies is"
+            f" missing, in the root mean square at most {size}. Compute more pairs."
+        )
 
     def _refresh_filter(self) -> None:
         texts = self._formulas()

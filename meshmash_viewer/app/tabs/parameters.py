@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QWidget
 
@@ -12,11 +14,15 @@ from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.step_slider import LogSlider
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_NAMES
-from meshmash_viewer.fields.filters import Filters
+from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import format_wavelength, wavelength_eigenvalue
 from meshmash_viewer.units import format_quantity, power_unit
+
+#: Full width at half maximum of the smoothing exp(-s*λ), in units of √s, as on a plane.
+_WIDTH = math.sqrt(16.0 * math.log(2.0))
+_WIDTH_TIP = "Full width at half maximum of the smoothing, √(16 ln 2 · s); a length is taken as one"
 
 
 class RangeBox(QWidget):
@@ -134,6 +140,7 @@ class FilterParameters(QWidget):
                     span or chosen.span(name, spectrum),
                     power,
                     unit,
+                    gaussian=chosen.text == READY["Gaussian"],
                 )
 
     def _set_value(self, name: str, value: float) -> None:
@@ -177,8 +184,16 @@ class ParameterRow(QWidget):
         self.setLayout(column(above, self.slider, self.fault, spacing=2))
 
     def show_parameter(
-        self, name: str, value: float, span: tuple[float, float], power: int, unit: str
+        self,
+        name: str,
+        value: float,
+        span: tuple[float, float],
+        power: int,
+        unit: str,
+        *,
+        gaussian: bool = False,
     ) -> None:
+        """Show a parameter that is a power of length; of a Gaussian filter, its width."""
         self._name = name
         self.label.setText(name)
         for control in (self.slider, self.field):
@@ -189,10 +204,14 @@ class ParameterRow(QWidget):
         self.unit.setVisible(bool(written))
         self.field.show_value(value, written)
         meant, self.field.from_length = "", None
-        if power == -2:
+        if gaussian:
+            meant = f"FWHM {format_quantity(_WIDTH * value**0.5, unit)}"
+            self.field.from_length = unit, lambda width: (width / _WIDTH) ** 2
+        elif power == -2:
             meant = f"waves of {format_wavelength(value, unit)}"
             self.field.from_length = unit, wavelength_eigenvalue
         elif power in (2, 4, -1, -4):
             meant = f"length {format_quantity(value ** (1.0 / power), unit)}"
             self.field.from_length = unit, lambda length: length**power
         self.length.setText(meant)
+        self.length.setToolTip(_WIDTH_TIP if gaussian else "")
