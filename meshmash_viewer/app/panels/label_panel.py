@@ -232,12 +232,13 @@ class LabelPanel(QWidget):
         if not shown:
             return
         first, locked = shown[0], all(each.locked for each in shown)
+        row = self.table.labels.index(first)
         menu = theme.named(QMenu(self), "label_menu", "What can be done with these labels")
         for name, text, act, alone in (
             ("assign", "Give it the selection", lambda: labels.assign(first.key), True),
             ("select", "Select its vertices", lambda: labels.select(chosen), False),
             ("isolate", "Isolate", lambda: labels.isolate(chosen), False),
-            ("rename", "Rename", lambda: self.table.edit_name(first.key), True),
+            ("rename", "Rename", lambda: self.table.edit_name(row), True),
             ("recolor", "Colour…", lambda: self._ask_for_color(first.key), True),
             (
                 "lock",

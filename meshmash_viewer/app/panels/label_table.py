@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
-
-from PySide6.QtCore import (
-    QAbstractTableModel,
-    QEvent,
-    QModelIndex,
-    QPersistentModelIndex,
-    Qt,
-    Signal,
-)
-from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
+from PySide6.QtCore import QEvent, QModelIndex, Qt, Signal
+from PySide6.QtGui import QContextMenuEvent, QIcon, QKeyEvent, QResizeEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.table import Rows, Table
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.labels import Labels, LabelSizes
 from meshmash_viewer.units import counted, engineering, grouped, power_unit
 from meshmash_viewer.vertex_map import Label
 
-_Index: TypeAlias = QModelIndex | QPersistentModelIndex
 COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
 #: Widths of the columns; the names take the rest.
 _WIDTHS = {COLOR: 34, VERTICES: 64, AREA: 74, SHOWN: 23, LOCK: 23}
@@ -34,8 +25,10 @@ _LEAST, _MOST = 3, 9
 KEYS = 9
 
 
-class _Rows(QAbstractTableModel):
+class _Rows(Rows):
     """One row a label, in the order of the set."""
+
+    names = NAME
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -57,22 +50,17 @@ class _Rows(QAbstractTableModel):
             self.dataChanged.emit(self.index(0, VERTICES), last)
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, AREA, AREA)
 
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008  Qt's own default
+    @property
+    def n_rows(self) -> int:
         return len(self.labels)
 
-    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
-        return LOCK + 1
-
-    def headerData(
-        self, section: int, along: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
-    ) -> Any:
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return _alignment(section)
-        if along != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
-            return None
+    @property
+    def titles(self) -> tuple[str, ...]:
         unit = self._area_unit[1]
-        area = f"Area, {unit}" if unit else "Area"
-        return ("", "Label", "Vertices", area, "", "")[section]
+        return ("", "Label", "Vertices", f"Area, {unit}" if unit else "Area", "", "")
+
+    def is_number(self, column: int) -> bool:
+        return column in (VERTICES, AREA)
 
     @property
     def _area_unit(self) -> tuple[int, str]:
@@ -80,32 +68,22 @@ class _Rows(QAbstractTableModel):
         largest = 0.0 if self._sizes is None else float(self._sizes.areas.max())
         return engineering(largest, power_unit(self._document.unit, 2))
 
-    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        label, column = self.labels[index.row()], index.column()
-        roles = Qt.ItemDataRole
-        if role == roles.TextAlignmentRole:
-            return _alignment(column)
-        if role == roles.DecorationRole and column == COLOR:
+    def icon(self, row: int, column: int) -> QIcon | None:
+        label, colors = self.labels[row], theme.palette()
+        if column == COLOR:
             return make.dot(label.color)
-        if role == roles.DecorationRole and column in (SHOWN, LOCK):
-            name, on = ("lock", label.locked) if column == LOCK else self._eye(index.row())
-            colors = theme.palette()
-            picture = theme.pixmap(name, colors.text if on else colors.border_strong, 16)
-            return make.untinted(picture)
-        if role in (roles.ToolTipRole, roles.AccessibleTextRole):
-            return self._description(label, index.row(), column)
-        if role in (roles.DisplayRole, roles.EditRole):
-            return self._text(label, index.row(), column)
-        return None
+        if column not in (SHOWN, LOCK):
+            return None
+        eye = ("closed eye", False) if self.is_hidden(row) else ("eye", True)
+        name, on = ("lock", label.locked) if column == LOCK else eye
+        return make.untinted(theme.pixmap(name, colors.text if on else colors.border_strong, 16))
 
     def is_hidden(self, row: int) -> bool:
         """Whether all vertices of a label are hidden."""
         return self._sizes is not None and bool(self._sizes.hidden[row])
 
-    def _eye(self, row: int) -> tuple[str, bool]:
-        return ("closed eye", False) if self.is_hidden(row) else ("eye", True)
-
-    def _text(self, label: Label, row: int, column: int) -> str:
+    def text(self, row: int, column: int) -> str:
+        label = self.labels[row]
         if column == COLOR:
             return str(row + 1) if row < KEYS else ""
         if column == NAME:
@@ -117,7 +95,8 @@ class _Rows(QAbstractTableModel):
             return f"{counts[row]:,}"
         return grouped(areas[row] * 10.0 ** self._area_unit[0]) if counts[row] else "–"
 
-    def _description(self, label: Label, row: int, column: int) -> str:
+    def tip(self, row: int, column: int) -> str:
+        label = self.labels[row]
         if column == COLOR:
             key = f"; key {row + 1} gives it the selection" if row < KEYS else ""
             return f"Colour {label.color}: click to change it{key}"
@@ -126,24 +105,15 @@ class _Rows(QAbstractTableModel):
         if column == LOCK:
             text = "Locked: its vertices are given to no other label"
             return text if label.locked else "Not locked: click to keep its vertices"
-        text = self._text(label, row, column)
+        text = self.text(row, column)
         if column == NAME and self._sizes is not None:
             return f"{text}: {counted(int(self._sizes.counts[row]), 'vertex')}"
         return text
 
-    def setData(self, index: _Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
-        self._document.labels.rename(self.labels[index.row()].key, str(value))
-        return True
+    spoken = tip
 
-    def flags(self, index: _Index) -> Qt.ItemFlag:
-        flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
-        return flags | Qt.ItemFlag.ItemIsEditable if index.column() == NAME else flags
-
-
-def _alignment(column: int) -> Qt.AlignmentFlag:
-    right = column in (VERTICES, AREA)
-    side = Qt.AlignmentFlag.AlignRight if right else Qt.AlignmentFlag.AlignLeft
-    return side | Qt.AlignmentFlag.AlignVCenter
+    def rename(self, row: int, name: str) -> None:
+        self._document.labels.rename(self.labels[row].key, name)
 
 
 def given_to_label(event: QEvent, labels: Labels) -> bool:
@@ -160,7 +130,7 @@ def given_to_label(event: QEvent, labels: Labels) -> bool:
     return True
 
 
-class LabelTable(QTableView):
+class LabelTable(Table):
     """The labels of the current set; a double click or F2 edits a name."""
 
     #: Number of the label whose colour was clicked.
@@ -169,23 +139,18 @@ class LabelTable(QTableView):
     menu_requested = Signal(object)
 
     def __init__(self, document: Document) -> None:
-        super().__init__()
-        theme.named(self, "label_table", "Labels of the set", role="dense")
+        super().__init__("label_table", "Labels of the set", role="dense")
         self._document = document
         self._rows = _Rows(document)
+        #: Takes the number of vertices and the area of each label.
+        self.show_sizes = self._rows.show_sizes
         self._set_name = ""
         self.setModel(self._rows)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
         triggers = QAbstractItemView.EditTrigger
         self.setEditTriggers(triggers.EditKeyPressed | triggers.DoubleClicked)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setShowGrid(False)
-        self.setTabKeyNavigation(False)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(26)
         header = self.horizontalHeader()
-        header.setHighlightSections(False)
         header.setMinimumSectionSize(20)
         header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
         header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
@@ -225,10 +190,6 @@ class LabelTable(QTableView):
         row_height = self.verticalHeader().defaultSectionSize()
         self.setFixedHeight(self.horizontalHeader().sizeHint().height() + shown * row_height + 4)
 
-    def show_sizes(self, sizes: LabelSizes) -> None:
-        """Show the number of vertices and the area of each label."""
-        self._rows.show_sizes(sizes)
-
     @property
     def shown(self) -> tuple[str, tuple[Label, ...]]:
         """Name of the shown set, and its labels."""
@@ -238,13 +199,6 @@ class LabelTable(QTableView):
     def labels(self) -> tuple[Label, ...]:
         """The shown labels."""
         return self._rows.labels
-
-    def edit_name(self, key: int) -> None:
-        """Begin to edit the name of a label."""
-        row = next((row for row, each in enumerate(self.labels) if each.key == key), -1)
-        if row >= 0:
-            self.setCurrentIndex(self._rows.index(row, NAME))
-            self.edit(self._rows.index(row, NAME))
 
     def _act(self, index: QModelIndex) -> None:
         label = self.labels[index.row()]
@@ -264,11 +218,9 @@ class LabelTable(QTableView):
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Delete the chosen labels, edit the name in any column, and leave digits to the panel."""
+        """Delete the chosen labels, and leave digits to the panel."""
         if event.key() == Qt.Key.Key_Delete:
             self._document.labels.delete(self.chosen)
-        elif event.key() == Qt.Key.Key_F2 and self.chosen:
-            self.edit_name(self.chosen[0])
         elif event.text().isdigit():
             event.ignore()
         else:

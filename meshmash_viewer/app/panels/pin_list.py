@@ -3,33 +3,16 @@
 from __future__ import annotations
 
 import html
-from typing import Any, TypeAlias
 
-from PySide6.QtCore import (
-    QAbstractTableModel,
-    QEvent,
-    QModelIndex,
-    QObject,
-    QPersistentModelIndex,
-    QPoint,
-    Qt,
-    Signal,
-)
-from PySide6.QtGui import QContextMenuEvent
-from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QFrame,
-    QHeaderView,
-    QLabel,
-    QScrollArea,
-    QTableView,
-    QWidget,
-)
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
+from PySide6.QtGui import QContextMenuEvent, QIcon
+from PySide6.QtWidgets import QFrame, QHeaderView, QLabel, QScrollArea, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.app.controls.make import row as side_by_side
+from meshmash_viewer.app.controls.table import Index, Rows, Table
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -150,13 +133,13 @@ class PinLegend(QScrollArea):
         return row
 
 
-_Index: TypeAlias = QModelIndex | QPersistentModelIndex
 _NUMBER, NAME, _VERTEX, _VALUE, _PLACE = range(5)
 
 
-class _Rows(QAbstractTableModel):
+class _Rows(Rows):
     """One row a pin, in the order of their numbers."""
 
+    names = NAME
     #: Vertex of a pin, and the name that was typed.
     renamed = Signal(int, str)
 
@@ -177,39 +160,28 @@ class _Rows(QAbstractTableModel):
             self.dataChanged.emit(self.index(0, _VALUE), self.index(len(self.pins) - 1, _VALUE))
         self.headerDataChanged.emit(Qt.Orientation.Horizontal, _VALUE, _VALUE)
 
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008  Qt's own default
+    @property
+    def n_rows(self) -> int:
         return len(self.pins)
 
-    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
-        return _PLACE + 1
-
-    def headerData(
-        self, section: int, along: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
-    ) -> Any:
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return _alignment(section)
-        if along != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
-            return None
+    @property
+    def titles(self) -> tuple[str, ...]:
         of_value, of_place = self._unit, self._document.unit
         value = f"Value in {of_value}" if of_value else "Value"
-        place = f"x, y, z in {of_place}" if of_place else "x, y, z"
-        return ("Pin", "Name", "Index", value, place)[section]
+        return ("Pin", "Name", "Index", value, f"x, y, z in {of_place}" if of_place else "x, y, z")
+
+    def is_number(self, column: int) -> bool:
+        return column in (_VERTEX, _VALUE)
 
     @property
     def _unit(self) -> str:
         return "" if self.field is None else self.field.written_unit
 
-    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        pin, column = self.pins[index.row()], index.column()
-        if role == Qt.ItemDataRole.DecorationRole and column == _NUMBER:
-            return make.dot(pin.color)
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return _alignment(column)
-        if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
-            return self._text(pin, column)
-        return None
+    def icon(self, row: int, column: int) -> QIcon | None:
+        return make.dot(self.pins[row].color) if column == _NUMBER else None
 
-    def _text(self, pin: Pin, column: int) -> str:
+    def text(self, row: int, column: int) -> str:
+        pin = self.pins[row]
         mesh, field = self._document.mesh, self.field
         if column == _NUMBER:
             return str(pin.number)
@@ -225,23 +197,11 @@ class _Rows(QAbstractTableModel):
             return ""
         return field.value_text(pin.vertex).removesuffix(f"{NO_BREAK}{self._unit}")
 
-    def setData(self, index: _Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
-        self.renamed.emit(self.pins[index.row()].vertex, str(value))
-        return True
-
-    def flags(self, index: _Index) -> Qt.ItemFlag:
-        flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
-        return flags | Qt.ItemFlag.ItemIsEditable if index.column() == NAME else flags
+    def rename(self, row: int, name: str) -> None:
+        self.renamed.emit(self.pins[row].vertex, name)
 
 
-def _alignment(column: int) -> Qt.AlignmentFlag:
-    side = (
-        Qt.AlignmentFlag.AlignRight if column in (_VERTEX, _VALUE) else Qt.AlignmentFlag.AlignLeft
-    )
-    return side | Qt.AlignmentFlag.AlignVCenter
-
-
-class PinTable(QTableView):
+class PinTable(Table):
     """The pins of a document; F2 edits the name of the chosen one."""
 
     #: Vertex of the pin under the pointer, -1 for none.
@@ -254,20 +214,11 @@ class PinTable(QTableView):
     renamed = Signal(int, str)
 
     def __init__(self, document: Document) -> None:
-        super().__init__()
-        theme.named(self, "pin_table", "Table of the pins")
+        super().__init__("pin_table", "Table of the pins")
         self._rows = _Rows(document)
         self.setModel(self._rows)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self.setEditTriggers(QAbstractItemView.EditTrigger.EditKeyPressed)
-        self.setShowGrid(False)
-        self.setTabKeyNavigation(False)
         self.setMouseTracking(True)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(26)
         header = self.horizontalHeader()
-        header.setHighlightSections(False)
         header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         header.setStretchLastSection(True)
         for at, width in enumerate((48, 90, 72, 118)):
@@ -288,21 +239,9 @@ class PinTable(QTableView):
     def set_field(self, field: Field | None) -> None:
         self._rows.set_field(field)
 
-    def edit_name(self, vertex: int) -> None:
-        row = next((row for row, pin in enumerate(self._rows.pins) if pin.vertex == vertex), -1)
-        if row >= 0:
-            self.setCurrentIndex(self._rows.index(row, NAME))
-            self.edit(self._rows.index(row, NAME))
-
-    def leaveEvent(self, event: Any) -> None:
+    def leaveEvent(self, event: QEvent) -> None:
         super().leaveEvent(event)
         self.pointed.emit(-1)
-
-    def keyPressEvent(self, event: Any) -> None:
-        if event.key() == Qt.Key.Key_F2:
-            self.edit_name(self.chosen)
-        else:
-            super().keyPressEvent(event)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
         at = self.viewport().mapFromGlobal(event.globalPos())
@@ -315,5 +254,5 @@ class PinTable(QTableView):
             if pin.vertex == chosen:
                 self.selectRow(row)
 
-    def _vertex_of(self, index: _Index) -> int:
+    def _vertex_of(self, index: Index) -> int:
         return self._rows.pins[index.row()].vertex if index.isValid() else -1

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from PySide6.QtCore import (
-    QAbstractTableModel,
-    QModelIndex,
-    QPersistentModelIndex,
-    QSortFilterProxyModel,
-    Qt,
-    Signal,
-)
-from PySide6.QtWidgets import QAbstractItemView, QTableView
+from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt, Signal
+from PySide6.QtGui import QIcon
+from PySide6.QtWidgets import QAbstractItemView
 
-from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.table import Rows, Table
 from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.units import engineering, grouped
 from meshmash_viewer.vertex_map import Label
 
-_Index: TypeAlias = QModelIndex | QPersistentModelIndex
 #: Titles of columns of the library; the others have their own names. The first of the table is the
 #: label with the number of the part.
 _TITLES = {"neck_width": "Neck", "lambda2": "λ₂", "loops": "Loops"}
@@ -33,7 +26,7 @@ _MOST, _ROW, _LOOKED_AT = 7, 24, 100
 _NAME_WIDTH = 130
 
 
-class _Rows(QAbstractTableModel):
+class _Rows(Rows):
     """One row a region."""
 
     def __init__(self) -> None:
@@ -57,58 +50,51 @@ class _Rows(QAbstractTableModel):
         }
         self.endResetModel()
 
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008  Qt's own default
+    @property
+    def n_rows(self) -> int:
         return 0 if self.table is None else len(self.table)
 
-    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008
-        return 1 + len(self._columns)
+    @property
+    def titles(self) -> list[str]:
+        # "Mean" of "mean Mean curvature"
+        short = (
+            each if each.startswith("sum ") else each.partition(" ")[0] for each in self._columns
+        )
+        return ["Region", *map(self._title, short, self._columns)]
+
+    def _title(self, title: str, name: str) -> str:
+        unit, known = self._units[name][1], _TITLES.get(title) or title[:1].upper() + title[1:]
+        return f"{known}, {unit}" if unit else known
 
     def headerData(
         self, section: int, along: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
     ) -> Any:
-        if role == Qt.ItemDataRole.TextAlignmentRole:
-            return _alignment(section)
-        roles = Qt.ItemDataRole
-        if along != Qt.Orientation.Horizontal or role not in (roles.DisplayRole, roles.ToolTipRole):
-            return None
-        if section == 0:
-            return "Region"
-        name = self._columns[section - 1]
-        unit = self._units[name][1]
-        title = _TITLES.get(name) or name[:1].upper() + name[1:]
-        if role == roles.DisplayRole and not name.startswith("sum "):
-            # "Mean" of "mean Mean curvature"
-            title = title.partition(" ")[0]
-        return f"{title}, {unit}" if unit else title
+        if role == Qt.ItemDataRole.ToolTipRole and section:
+            return self._title(self._columns[section - 1], self._columns[section - 1])
+        return super().headerData(section, along, role)
 
-    def data(self, index: _Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        table, row, column = self.table, index.row(), index.column()
-        roles = Qt.ItemDataRole
-        if table is None or role not in (
-            roles.DisplayRole, roles.UserRole, roles.TextAlignmentRole, roles.DecorationRole,
-            roles.ToolTipRole,
-        ):  # fmt: skip
-            return None
-        if role == roles.ToolTipRole:
-            return self._name(row)
-        if role == roles.TextAlignmentRole:
-            return _alignment(column)
-        label = str(table["label"][row])
-        if role == roles.DecorationRole:
-            return make.dot(self._colors.get(label, "#808080")) if column == 0 else None
+    def is_number(self, column: int) -> bool:
+        return column > 0
+
+    def icon(self, row: int, column: int) -> QIcon | None:
+        color = self._colors.get(str(self.table["label"][row]), "#808080") if self.table else ""
+        return None if column else make.dot(color)
+
+    def text(self, row: int, column: int) -> str:
         if column == 0:
-            return row if role == roles.UserRole else self._name(row)
-        name = self._columns[column - 1]
-        value = float(table[name][row])
-        if role == roles.UserRole:
-            return value
+            return self.tip(row, column)
+        name, value = self._columns[column - 1], self.sort_key(row, column)
         if not np.isfinite(value):
             return "–"
         if name in ("vertices", "loops", "points"):
             return f"{value:,.0f}"
         return grouped(value * 10.0 ** self._units[name][0], 3)
 
-    def _name(self, row: int) -> str:
+    def sort_key(self, row: int, column: int) -> float:
+        assert self.table is not None
+        return float(self.table[self._columns[column - 1]][row]) if column else row
+
+    def tip(self, row: int, column: int) -> str:
         """Name of the label, with the number of the part where there are several."""
         assert self.table is not None
         label, part = str(self.table["label"][row]), int(self.table["part"][row])
@@ -121,12 +107,7 @@ def _largest(values: np.ndarray[Any, Any]) -> float:
     return float(np.abs(values, where=np.isfinite(values), out=np.zeros(len(values))).max())
 
 
-def _alignment(column: int) -> Qt.AlignmentFlag:
-    side = Qt.AlignmentFlag.AlignRight if column else Qt.AlignmentFlag.AlignLeft
-    return side | Qt.AlignmentFlag.AlignVCenter
-
-
-class RegionTable(QTableView):
+class RegionTable(Table):
     """The regions, sorted by a click on the title of a column."""
 
     #: Row of the region that was clicked, or clicked twice.
@@ -134,8 +115,7 @@ class RegionTable(QTableView):
     region_activated = Signal(int)
 
     def __init__(self) -> None:
-        super().__init__()
-        theme.named(self, "region_table", "Regions of the label set", role="dense")
+        super().__init__("region_table", "Regions of the label set", row_height=_ROW, role="dense")
         self._rows = _Rows()
         self._sorted = QSortFilterProxyModel(self)
         self._sorted.setSortRole(Qt.ItemDataRole.UserRole)
@@ -143,14 +123,7 @@ class RegionTable(QTableView):
         self.setModel(self._sorted)
         self.setSortingEnabled(True)
         self.sortByColumn(0, Qt.SortOrder.AscendingOrder)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.setShowGrid(False)
-        self.setTabKeyNavigation(False)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(_ROW)
-        self.horizontalHeader().setHighlightSections(False)
         self.horizontalHeader().setResizeContentsPrecision(_LOOKED_AT)
         self.clicked.connect(lambda index: self.region_clicked.emit(self._row_of(index)))
         self.doubleClicked.connect(lambda index: self.region_activated.emit(self._row_of(index)))
@@ -162,7 +135,7 @@ class RegionTable(QTableView):
         self._rows.show_regions(table, labels)
         self.resizeColumnsToContents()
         self.setColumnWidth(0, min(self.columnWidth(0), _NAME_WIDTH))
-        shown, header = min(self._rows.rowCount(), _MOST), self.horizontalHeader().sizeHint()
+        shown, header = min(self._rows.n_rows, _MOST), self.horizontalHeader().sizeHint()
         bar = self.horizontalScrollBar().sizeHint().height()
         self.setFixedHeight(header.height() + shown * _ROW + bar + 4)
 
