@@ -40,6 +40,8 @@ _ROUNDING = 1e-6
 _ENERGIES = 100
 #: Minimum number of nonzero eigenvalues for a comparison.
 _FEWEST = 3
+#: Name of the map of scores, which says nothing of another match.
+SCORE = "match score"
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +172,7 @@ class Comparison:
             values = known.values[at]
             values[missing] = known.no_label if known.labels else np.nan
             carried.append(VertexMap(known.name, values, known.labels, known.unit))
-        return (*carried, VertexMap("match score", matches.scores))
+        return (*carried, VertexMap(SCORE, matches.scores))
 
     def match_table(self, second_name: str, second: Mesh | None = None) -> Features:
         """Return match, score and mutuality of each vertex of the first, shape (n, 3).

@@ -20,6 +20,7 @@ from psygnal import Signal
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
+    SCORE,
     Comparison,
     Correspondence,
     check_comparable,
@@ -38,12 +39,14 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.history import Step
 from meshmash_viewer.model.limits import Limits
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.surface.rays import Plane
+from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 
 #: How the cameras are linked, with its label; "free" is the absence of the other two.
@@ -345,6 +348,38 @@ class Pair:
         other, found = self.second.mesh, self.comparison
         if other is not None and found is not None:
             self.second.maps.add(other, [field.carried(found.back.indices).as_map()])
+
+    def carry_maps(self, *, to_first: bool = False) -> None:
+        """Add maps of one mesh to the other under their names, with the score of each vertex.
+
+        It is one change, after which the other mesh shows the map that was chosen. Maps that were
+        carried before are replaced, and those of names that the other mesh has otherwise left out.
+        """
+        source, target = (self.second, self.first) if to_first else (self.first, self.second)
+        found, here, there = self.comparison, source.mesh, target.mesh
+        if found is None or here is None or there is None:
+            return
+        carried = {id(each) for each in self.carried}
+        before = [each.name for each in there.maps if id(each) in carried]
+        known = {SCORE, *(each.name for each in there.maps)} - {*before}
+        own = [each for each in here.maps if each.name not in known]
+        if not own:
+            name, other = here.name or "This mesh", there.name or "the other"
+            text = f"{name} has no map that {other} lacks: add one, or keep what is shown as a map."
+            self.first.notices.say(text, Severity.WARNING)
+            return
+        shown = source.display.family
+        chosen = [getattr(shown, attribute) for attribute in shown.own]
+        own.sort(key=lambda each: each.name in chosen)  # the last is shown
+        *maps, score = found.carried(own, back=not to_first)
+        if before:
+            target.maps.exchange("carried maps", before, [score, *maps])
+            target.notices.say(f"Replaced {counted(len(before), 'map')} by those of this match.")
+        else:
+            target.maps.add(there, [score, *maps])
+        assert target.mesh is not None
+        target.maps.show(target.mesh.maps[-1].name)
+        self.carried += target.mesh.maps[-len(maps) - 1 :]
 
     def with_shared_limits(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the second field scaled for comparison, and colour limits for both fields.

@@ -24,7 +24,6 @@ from meshmash_viewer.features.comparison import Comparison, FunctionMatches, com
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.mesh import Mesh, mask_text
-from meshmash_viewer.model.carrying import carry_maps
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
 from meshmash_viewer.units import format_number, format_share
@@ -132,7 +131,7 @@ class PairPanel(QWidget):
             make.button(
                 f"To {name}", f"carry_to_{name}_button",
                 f"Carry maps and labels to the {name} mesh, with the score of each vertex",
-                self._call(lambda pair, *_, name=name: carry_maps(pair, to_first=name == "first")),
+                self._call(lambda pair, *_, name=name: pair.carry_maps(to_first=name == "first")),
             )
             for name in ("second", "first")
         ]  # fmt: skip
