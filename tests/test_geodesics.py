@@ -8,7 +8,7 @@ import shapes
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.kernels import heights_of, in_picture
-from meshmash_viewer.surface.picks import (
+from meshmash_viewer.surface.masks import (
     Geodesics,
     Projection,
     lasso,

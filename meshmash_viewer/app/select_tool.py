@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
@@ -21,12 +21,13 @@ from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.selection import How, combined
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.surface.masks import Mask, filled
-from meshmash_viewer.surface.picks import (
+from meshmash_viewer.surface.masks import (
     Geodesics,
+    Mask,
     between,
     component,
     disc,
+    filled,
     lasso,
     prepared,
     same_label,
@@ -52,28 +53,28 @@ _ONLY_FIRST = (
     " the other."
 )
 
-#: Computes a mask in a thread.
-_Work: TypeAlias = Callable[[], Mask]
-
 
 @dataclass(frozen=True, eq=False)
-class _Live:
-    """A mask that follows a drag, and how it changes the selection before that."""
+class _Step:
+    """A mask that is computed in a thread, and how it changes the selection."""
 
-    work: _Work
-    before: Mask | None
+    work: Callable[[], Mask]
     how: How
     label: str
-    #: Whether the drag has ended.
-    last: bool
+    #: Said where the mask has no vertex; the selection stays then.
+    nothing: str = ""
+    #: Whether it follows a drag, of which the newest step counts.
+    live: bool = False
+    #: Of these, the selection before the drag, and whether that has ended.
+    before: Mask | None = None
+    last: bool = False
 
 
 class SelectTool(QObject):
     """Selects vertices of the first mesh in the mode of `SELECT_MODES` that is chosen.
 
     Shift adds to the selection, Alt takes away from it. What takes more than a few milliseconds is
-    computed in threads: single steps in their order (`_jobs`), and of the masks that follow a drag
-    the newest (`_live`).
+    computed in a thread, one step after another; of those that follow a drag, the newest.
     """
 
     #: Whether the tool is on, its mode, or what its controls show has changed.
@@ -102,12 +103,12 @@ class SelectTool(QObject):
         self._stroke: Mask | None = None
         self._front: Mask | None = None
         self._centre = -1
-        self._queue: deque[tuple[_Work, How, str, str]] = deque()
+        #: What is being computed, and what comes after that.
+        self._steps: deque[_Step] = deque()
         self._preparing: LatestThread[Mesh] = LatestThread(
             _prepared, self._take_prepared, parent=self
         )
-        self._jobs: LatestThread[_Work] = LatestThread(_call, self._take_job, parent=self)
-        self._live: LatestThread[_Live] = LatestThread(_call_live, self._take_live, parent=self)
+        self._thread: LatestThread[_Step] = LatestThread(_mask, self._take, parent=self)
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(document.selection.finish)
         canvas = scene.plotter
@@ -123,8 +124,8 @@ class SelectTool(QObject):
     def close(self) -> None:
         """Wait for the threads."""
         self._rest.stop()
-        for thread in (self._preparing, self._jobs, self._live):
-            thread.close()
+        self._preparing.close()
+        self._thread.close()
 
     @property
     def prepared(self) -> bool:
@@ -135,9 +136,7 @@ class SelectTool(QObject):
     @property
     def idle(self) -> bool:
         """Whether nothing is being computed."""
-        return not (
-            self._queue or self._preparing.working or self._jobs.working or self._live.working
-        )
+        return not (self._steps or self._preparing.working or self._thread.working)
 
     @property
     def field(self) -> Field | None:
@@ -197,7 +196,7 @@ class SelectTool(QObject):
             return
         joined = vertex if self.connected else None
         work = partial(between, self._document.mesh, field.values, *self.range, joined)
-        self._live.ask(_Live(work, None, "replace", "selection by value", last=False))
+        self._run(_Step(work, "replace", "selection by value", live=True))
         self._rest.start()
         self.changed.emit()
 
@@ -241,7 +240,7 @@ class SelectTool(QObject):
         """Select what the selection encloses."""
         mesh, mask = self._document.mesh, self._document.selection.mask
         if mesh is not None and mask is not None:
-            self._run(partial(filled, mesh, mask), "replace", "filling of holes")
+            self._run(_Step(partial(filled, mesh, mask), "replace", "filling of holes"))
 
     # -- strokes ------------------------------------------------------------------------------
 
@@ -328,7 +327,7 @@ class SelectTool(QObject):
         pixels = float(np.hypot(at.x() - start.x(), at.y() - start.y()))
         radius = pixels * self._scene.unit_per_pixel
         work = partial(disc, self._geodesics[1], mesh, self._centre, radius)
-        self._live.ask(_Live(work, self._before, self._how, "disc", last))
+        self._run(_Step(work, self._how, "disc", live=True, before=self._before, last=last))
 
     def _lasso(self, line: list[QPointF]) -> None:
         projection, mesh = self._scene.projection(), self._document.mesh
@@ -338,7 +337,8 @@ class SelectTool(QObject):
         away = self._scene.renderer.away()
         work = partial(lasso, mesh, projection, polygon, away, self.through)
         what = "vertex" if self.through else "visible vertex"
-        self._run(work, self._how, "lasso", f"There is no {what} in the lasso.")
+        nothing = f"There is no {what} in the lasso. The selection stays as it is."
+        self._run(_Step(work, self._how, "lasso", nothing))
 
     def _click(self, at: QPointF) -> None:
         """Select the component, or the connected part of a label, that was clicked."""
@@ -346,13 +346,14 @@ class SelectTool(QObject):
         if mesh is None or vertex < 0:
             return
         if self.mode == "component":
-            self._run(partial(component, mesh, vertex), self._how, "component")
+            self._run(_Step(partial(component, mesh, vertex), self._how, "component"))
             return
         field = self._controller.field
         if field is None or not field.labels:
             self._say("Show a map of labels first: the part of the clicked label is selected then.")
             return
-        self._run(partial(same_label, mesh, field.values, vertex), self._how, "part of a label")
+        work = partial(same_label, mesh, field.values, vertex)
+        self._run(_Step(work, self._how, "part of a label"))
 
     def _ready(self) -> bool:
         """Whether distances can be found; if not, say so."""
@@ -388,41 +389,40 @@ class SelectTool(QObject):
             self._document.notices.review()
             self.changed.emit()
 
-    def _run(self, work: _Work, how: How, label: str, nothing: str = "") -> None:
-        """Select what is computed in a thread; `nothing` is said where that is no vertex."""
-        self._queue.append((work, how, label, nothing))
-        if len(self._queue) == 1:
-            self._jobs.ask(work)
+    def _run(self, step: _Step) -> None:
+        """Compute a step in the thread, after those that are waiting."""
+        if len(self._steps) > 1 and step.live and self._steps[-1].live:
+            self._steps.pop()  # which is no longer the newest
+        self._steps.append(step)
+        if len(self._steps) == 1:
+            self._thread.ask(step)
 
-    def _take_job(self, work: _Work, mask: Mask | Exception) -> None:
-        if not self._queue or self._queue[0][0] is not work:
+    def _take(self, step: _Step, mask: Mask | Exception) -> None:
+        if not self._steps or self._steps[0] is not step:
             return  # of a mesh that is closed
-        _, how, label, nothing = self._queue.popleft()
-        if self._queue:
-            self._jobs.ask(self._queue[0][0])
+        self._steps.popleft()
+        if self._steps:
+            self._thread.ask(self._steps[0])
         if isinstance(mask, Exception):
             raise mask
-        if nothing and not mask.any():
-            self._say(f"{nothing} The selection stays as it is.")
+        selection = self._document.selection
+        if step.nothing and not mask.any():
+            self._say(step.nothing)
+        elif step.live:
+            selection.draw(combined(step.before, mask, step.how), step.label)
         else:
-            self._document.selection.take(mask, how, label)
-
-    def _take_live(self, request: _Live, mask: Mask | Exception) -> None:
-        if isinstance(mask, Exception):
-            raise mask
-        mesh, selection = self._document.mesh, self._document.selection
-        if mesh is not None and len(mask) == mesh.n_vertices:
-            selection.draw(combined(request.before, mask, request.how), request.label)
-        if request.last:
+            selection.take(mask, step.how, step.label)
+        if step.last:
             selection.finish()
 
     def _on_mesh_changed(self) -> None:
         """Begin with a brush of a size that suits the mesh."""
         mesh, known = self._document.mesh, self._geodesics
-        if mesh is None or (known is not None and self._document.is_shown(known[0])):
+        if mesh is not None and known is not None and self._document.is_shown(known[0]):
             return
-        self._queue.clear()
-        self._live.drop()
+        self._steps.clear()
+        if mesh is None:
+            return
         self._line, self._stroke, self._geodesics = [], None, None
         self.radius = _BRUSH * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         self._prepare()
@@ -436,9 +436,5 @@ def _prepared(mesh: Mesh, _cancel: CancelCallback) -> Geodesics:
     return prepared(mesh)
 
 
-def _call(work: _Work, _cancel: CancelCallback) -> Mask:
-    return work()
-
-
-def _call_live(request: _Live, _cancel: CancelCallback) -> Mask:
-    return request.work()
+def _mask(step: _Step, _cancel: CancelCallback) -> Mask:
+    return step.work()

@@ -1,17 +1,24 @@
-"""Masks of vertices on a surface: grown, shrunk, without holes."""
+"""Masks of vertices on a surface: a disc, a lasso, a component, a range; grown, shrunk, filled."""
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from dataclasses import dataclass
+from functools import cached_property
+from threading import Lock
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import IntArray
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
 
 #: Which vertices, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
+#: Side of the cells of the depth map, in pixels.
+_CELL = 3
+#: Largest slope of the surface against the screen for which depths are compared.
+_STEEPEST = 5.0
 
 
 def grown(mesh: Mesh, mask: Mask) -> Mask:
@@ -55,3 +62,169 @@ def filled(mesh: Mesh, mask: Mask) -> Mask:
     result = mask.copy()
     result[outside] = ~stays[part[outside]]
     return result
+
+
+class Geodesics:
+    """The faces around each vertex of a surface, along which distances are found.
+
+    Vertices have shape (n, 3), faces (m, 3). It takes 38 bytes a face.
+    """
+
+    def __init__(self, vertices: npt.NDArray[np.floating], faces: IntArray) -> None:
+        from scipy import sparse
+
+        self._vertices = np.ascontiguousarray(vertices, dtype=np.float32)
+        self._faces = np.ascontiguousarray(faces, dtype=np.int32)
+        m, n = len(faces), len(vertices)
+        corners = self._faces.ravel(), np.arange(0, 3 * m + 1, 3, dtype=np.int32)
+        by_vertex = sparse.csr_array((np.ones(3 * m, np.int8), *corners), shape=(m, n)).tocsc()
+        self._starts = by_vertex.indptr.astype(np.int32)
+        self._around = by_vertex.indices.astype(np.int32)
+        self._scratch = np.full(n, np.inf, dtype=np.float32), np.zeros(n, dtype=np.bool_)
+        self._lock = Lock()
+
+    def within(
+        self, sources: IntArray, radius: float, passable: Mask | None = None
+    ) -> tuple[IntArray, FloatArray]:
+        """Find the vertices within a distance of sources, and their distances, shape (k,) each.
+
+        A front crosses each face from two of its corners to the third, in a straight line from
+        where their distances place the source in its plane: exact on a plane without obtuse faces.
+        `passable`, shape (n,), says which vertices it may reach.
+        """
+        from meshmash_viewer.surface.kernels import spread
+
+        if passable is None:
+            passable = np.ones(len(self._vertices), dtype=np.bool_)
+        given = np.unique(sources).astype(np.int32)
+        surface = self._starts, self._around, self._faces, self._vertices
+        with self._lock:
+            vertices, distances = spread(*surface, given, radius, passable, *self._scratch)
+        return np.asarray(vertices, dtype=np.int64), np.asarray(distances, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Vertices with normals, shape (n, 3) each, and the camera that they are seen by."""
+
+    points: npt.NDArray[np.float32]
+    normals: npt.NDArray[np.float32]
+    #: Shape (3, 3): Unit vectors to the right, up and towards the eye, as rows.
+    axes: FloatArray
+    #: Shape (3,): The point in the middle of the picture.
+    focus: FloatArray
+    #: Length of a pixel.
+    pixel: float
+    #: The middle of the picture in pixels.
+    middle: tuple[float, float]
+
+    @cached_property
+    def seen(self) -> npt.NDArray[np.float32]:
+        """Vertices in pixels: to the right, up, and towards the eye, shape (n, 3)."""
+        scaled = (self.axes / self.pixel).astype(np.float32)
+        shift = np.array([*self.middle, 0.0]) - self.axes @ self.focus / self.pixel
+        seen = scaled @ self.points.T  # 25 times as fast as points @ scaled.T
+        return np.ascontiguousarray((seen + shift.astype(np.float32)[:, np.newaxis]).T)
+
+    @cached_property
+    def facing(self) -> npt.NDArray[np.float32]:
+        """Cosine between normal and line of sight, shape (n,)."""
+        return np.asarray(self.normals @ self.axes[2].astype(np.float32))
+
+
+def within_polygon(seen: npt.NDArray[np.floating], polygon: FloatArray) -> Mask:
+    """Find the points in a closed polygon, to a pixel, shape (n,).
+
+    `seen`, shape (n, 2) or (n, 3), and `polygon`, shape (k, 2), are in pixels.
+    """
+    from PIL import Image, ImageDraw
+
+    from meshmash_viewer.surface.kernels import in_picture
+
+    low = np.floor(polygon.min(axis=0))
+    width, height = (np.ceil(polygon.max(axis=0)) - low + 1.0).astype(int).tolist()
+    drawn = Image.new("1", (width, height))
+    if len(polygon) > 1:
+        ImageDraw.Draw(drawn).polygon([tuple(each) for each in (polygon - low).tolist()], fill=1)
+    return np.asarray(in_picture(seen, low, np.asarray(drawn)))
+
+
+def visible(
+    seen: npt.NDArray[np.float32], faces: IntArray, facing: npt.NDArray[np.floating], chosen: Mask
+) -> Mask:
+    """Find the chosen vertices that face the eye and that no face is before, shape (n,).
+
+    They are compared with a map of the largest heights in cells of three pixels, so that what is
+    only a few pixels before a steep vertex does not hide it. `seen` and `facing` are those of
+    `Projection`, `faces` those that are drawn.
+    """
+    from meshmash_viewer.surface.kernels import heights_of
+
+    result = chosen & (facing > 0.0)
+    at = np.flatnonzero(result)
+    if not len(at):
+        return result
+    low = seen[at, :2].min(axis=0) - _CELL
+    high = seen[at, :2].max(axis=0) + _CELL
+    columns, rows = (np.floor((high - low) / _CELL).astype(int) + 1).tolist()
+    heights = heights_of(seen, faces, low, float(_CELL), rows, columns)
+    slope = np.sqrt(np.maximum(1.0 - facing[at] ** 2, 0.0)) / np.maximum(facing[at], 1e-6)
+    room = _CELL * (0.5 + 1.5 * np.minimum(slope, _STEEPEST))
+    x, y = ((seen[at, :2] - low) / _CELL).astype(np.int64).T
+    result[at] = seen[at, 2] >= heights[y, x] - room
+    return result
+
+
+def prepared(mesh: Mesh) -> Geodesics:
+    """Make what strokes need, and compile or load the loops of brush and lasso."""
+    points = mesh.vertices - mesh.bounds.mean(axis=0)
+    made = Geodesics(points, mesh.faces)
+    made.within(mesh.faces[0, :1], 0.0)
+    _ = mesh.vertex_areas, mesh.component_labels
+    pixel = float(np.ptp(mesh.bounds, axis=0).max()) / 100.0 or 1.0
+    seen = points.astype(np.float32), mesh.vertex_normals.astype(np.float32)
+    projection = Projection(*seen, np.eye(3), np.zeros(3), pixel, (0.0, 0.0))
+    lasso(mesh, projection, 60.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), None, False)
+    return made
+
+
+def disc(geodesics: Geodesics, mesh: Mesh, centre: int, radius: float) -> Mask:
+    """Find the vertices within a geodesic distance of one."""
+    result = np.zeros(mesh.n_vertices, dtype=np.bool_)
+    result[geodesics.within(np.array([centre]), radius)[0]] = True
+    return result
+
+
+def lasso(
+    mesh: Mesh, projection: Projection, polygon: FloatArray, hidden: Mask | None, through: bool
+) -> Mask:
+    """Find the visible vertices in a polygon, in pixels; with `through` those behind, too.
+
+    `hidden` are left out, and cover nothing.
+    """
+    chosen = within_polygon(projection.seen, polygon) & mesh.referenced
+    faces = mesh.faces
+    if hidden is not None:
+        chosen &= ~hidden
+        faces = faces[~hidden[faces].any(axis=1)]
+        faces.flags.writeable = mesh.faces.flags.writeable  # as the loops were compiled for
+    return chosen if through else visible(projection.seen, faces, projection.facing, chosen)
+
+
+def component(mesh: Mesh, vertex: int) -> Mask:
+    """Find the connected component of a vertex."""
+    return np.asarray(mesh.component_labels == mesh.component_labels[vertex])
+
+
+def same_label(mesh: Mesh, values: npt.NDArray[Any], vertex: int) -> Mask:
+    """Find the connected part with the value of a vertex."""
+    part = parts(mesh, values == values[vertex])
+    return np.asarray(part == part[vertex])
+
+
+def between(
+    mesh: Mesh, values: npt.NDArray[Any], low: float, high: float, joined: int | None = None
+) -> Mask:
+    """Find the vertices with values in a range, or of these what is connected with one."""
+    inside = (values >= low) & (values <= high) & mesh.referenced
+    return inside if joined is None or not inside[joined] else same_label(mesh, inside, joined)

@@ -27,8 +27,7 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.surface.masks import Mask
-from meshmash_viewer.surface.picks import Projection
+from meshmash_viewer.surface.masks import Mask, Projection
 from meshmash_viewer.surface.rays import Plane, RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
