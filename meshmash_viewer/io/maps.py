@@ -25,6 +25,7 @@ from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.raw import LimitExceeded, RawMap, checked_maps, read_guarded
 from meshmash_viewer.io.read import READERS, Reader, check_file
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.structures import brain_side
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
 #: Readers of maps alone, by lower-case ending.
@@ -241,6 +242,10 @@ def maps_and_remarks(
     except PermissionError as fault:
         raise InputError(f"{path} may not be read by you; give yourself permission.") from fault
     said = () if len(raw.vertices) else raw.remarks
+    here, there = brain_side(mesh.structure, mesh.name), brain_side(raw.structure, path.name)
+    if {here, there} == {"left", "right"}:
+        stated = f"it states {raw.structure}" if raw.structure else "by its name"
+        said = (*said, f"is of the other hemisphere than {mesh.name}: {stated}")
     return found, tuple(f"{path} {remark}." for remark in (*said, *faults))
 
 

@@ -147,10 +147,12 @@ class RawMesh:
         return tuple(replace(each, unit=units.get(each.name, each.unit)) for each in self.maps)
 
 
-def maps_alone(maps: Iterable[RawMap], remarks: tuple[str, ...] = (), meta: str = "") -> RawMesh:
+def maps_alone(
+    maps: Iterable[RawMap], remarks: tuple[str, ...] = (), meta: str = "", structure: str = ""
+) -> RawMesh:
     """What a file holds that has no mesh."""
     no_vertices, no_faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    return RawMesh(no_vertices, no_faces, maps=tuple(maps), remarks=remarks, meta=meta)
+    return RawMesh(no_vertices, no_faces, None, tuple(maps), remarks, structure, meta)
 
 
 def read_raw(reader: Callable[[Path], RawMesh | MeshLike], path: Path) -> RawMesh:

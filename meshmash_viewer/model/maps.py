@@ -18,7 +18,6 @@ from meshmash_viewer.model.history import History
 from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import MapGrew, OpenMesh, Shown
 from meshmash_viewer.model.pins import distinct_name
-from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -95,9 +94,7 @@ class Maps:
             rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
             said = ", ".join(names[:_NAMED])
             text = f"Added {counted(len(names), 'map')}: {said}{rest}."
-            if other := _of_the_other_side(now, maps):
-                text += f" By its name {other} is of the other hemisphere than {now.name}."
-            self._notices.say(text, Severity.WARNING if other else Severity.INFORMATION)
+            self._notices.say(text)
         self._opened.spectrum_changed.emit()
 
     def change(self, label: str, changed: VertexMap) -> None:
@@ -259,12 +256,3 @@ def _with_more(mesh: Mesh, maps: Sequence[VertexMap], former: object) -> object:
         return former
     ready = replace(former.ready, mesh=former.ready.mesh.with_maps(*maps))
     return replace(former, ready=ready)
-
-
-def _of_the_other_side(mesh: Mesh, maps: Sequence[VertexMap]) -> str:
-    """Return the file of the first map that is of the other hemisphere by its name, or ""."""
-    side = brain_side(mesh.structure, mesh.name)
-    for name in (Path(each.path).name for each in maps if each.path):
-        if {side, brain_side("", name)} == {"left", "right"}:
-            return name
-    return ""

@@ -149,7 +149,7 @@ def test_two_meshes_are_compared_each_with_its_maps(
     drop(window, paths[3], share=0.2)
     qtbot.waitUntil(lambda: len(window.document.mesh.maps) == 2, timeout=PATIENCE)
     said = window.stage.message_bar.notice.text
-    assert said.endswith("rh.depth.npy is of the other hemisphere than lh.pial.")
+    assert said.endswith("rh.depth.npy is of the other hemisphere than lh.pial: by its name.")
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from nibabel.freesurfer import write_geometry
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
+from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import write_features, write_mesh
@@ -144,6 +146,29 @@ def test_gifti_features_have_their_intent_and_structure(ending: str, tmp_path: P
     np.testing.assert_array_equal([each.data for each in image.darrays], np.float32(VALUES.T))
     write_features(path, Features(VALUES, COLUMNS), replace(MESH, structure=""))
     assert "AnatomicalStructurePrimary" not in nibabel.load(path).meta  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("name", "structure", "said"),
+    [
+        ("thickness.shape.gii", "CortexRight", "it states CortexRight"),
+        ("rh.thickness.func.gii", "", "by its name"),
+        ("thickness.func.gii", "CortexLeft", ""),
+        ("thickness.func.gii", "", ""),
+    ],
+)
+def test_a_map_of_the_other_hemisphere_is_said_to_be(
+    name: str, structure: str, said: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    values = Features(VALUES[:, :1], COLUMNS[:1])
+    write_features(path, values, replace(MESH, structure=structure))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_maps(path, MESH)
+    texts = [str(each.message) for each in caught]
+    wanted = [f"{path} is of the other hemisphere than ball: {said}."] if said else []
+    assert texts == wanted
 
 
 def test_workbench_merges_what_is_of_one_structure(tmp_path: Path) -> None:

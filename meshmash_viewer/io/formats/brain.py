@@ -248,7 +248,8 @@ def _structure(described: Any) -> str:
 def gifti_maps(path: Path) -> RawMesh:
     """Read the arrays of a GIFTI file with one number a vertex, labels with their table."""
     image = _gifti(path)
-    return maps_alone(_gifti_maps(image, path.name), meta=_said(image))
+    found = _gifti_maps(image, path.name)
+    return maps_alone(found, meta=_said(image), structure=_structure(image))
 
 
 def _gifti(path: Path) -> Any:
