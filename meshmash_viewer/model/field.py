@@ -190,7 +190,7 @@ class Field:
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
         """Return the field on another mesh, with the values at `vertices`; NaN for -1."""
         values = np.where(vertices >= 0, self.values[vertices], np.float32(np.nan))
-        return replace(self, values=values)
+        return replace(self, values=values, _limits=dict(self._limits))
 
     def at_size(self, length: float, unit: str) -> Field:
         """Return the field as on this mesh shrunk by `length`, in the unit of the first mesh.

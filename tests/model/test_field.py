@@ -18,7 +18,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import Label, VertexMap
@@ -123,6 +123,12 @@ def test_limits_follow_the_policy_and_are_computed_once(document: Document) -> N
     assert field.limits(LockedLimits(1.0, 2.0)) == (1.0, 2.0)
     field.values[:] = 0.0
     assert field.limits(None) == (low, high)
+
+
+def test_limits_of_a_carried_field_stay_with_it(document: Document) -> None:
+    field = compute_field(request_of(document), LiveFeatures())
+    carried = field.carried(np.zeros(len(field.values), dtype=np.int64))
+    assert carried.limits(MinMaxLimits()) != field.limits(MinMaxLimits())
 
 
 def test_labels_have_the_colours_of_their_own(rectangle: Mesh) -> None:
