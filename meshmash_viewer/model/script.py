@@ -137,11 +137,16 @@ def _operator(document: Document) -> str:
 
 
 def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
-    """Solve the second mesh as far as the first, and match their vertices."""
-    first, mesh = request.spectrum, pair.first.mesh
-    assert mesh is not None
+    """Solve as many pairs of the second mesh as are compared, and match the vertices of both.
+
+    These may be more than reach the last eigenvalue of the first: all that were there already.
+    """
+    first, second = request.spectrum, pair.second.spectrum
+    assert second is not None
     family = MATCHED_IN[pair.matched_in]().resolved(first, pair.first.display.fields)
-    bank = family.carried(Correspondence(1.0 / mesh.area**0.5)).bank_script()
+    bank = family.carried(
+        Correspondence(1.0 / float(first.vertex_areas.sum()) ** 0.5)
+    ).bank_script()
     area = "decomposition.mass.sum()"
     landmarks = [list(each) for each in pair.landmarks]
     refined = f", refine=True, landmarks={landmarks}, meshes=(mesh, other)" if pair.refined else ""
@@ -149,8 +154,7 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
     return [
         *_reading(pair.second, "other"),
         f"other_laplacian, other_mass = mv.cotangent_laplacian(other, {_operator(pair.second)})",
-        f"top = decomposition.eigenvalues[-1] * {area} / other_mass.sum() * (1 + 1e-9)",
-        "other_decomposition = mv.solve(other_laplacian, other_mass, max_eigenvalue=top)",
+        f"other_decomposition = mv.solve(other_laplacian, other_mass, {len(second)})",
         f"bank = {bank}",
         "vertices = mv.corresponding_vertices(mesh, other)",
         "comparison = mv.compare_shapes("

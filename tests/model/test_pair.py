@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +36,7 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 from meshmash_viewer.model.notices import Notice
-from meshmash_viewer.model.open_mesh import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady, PartReady
 from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.script import reproduction_script
@@ -501,3 +503,35 @@ def test_the_first_click_of_two_on_the_second_is_taken_back(
     pair.first.pins.toggle(30)
     pair.revoke_pin_second()
     assert [pin.vertex for pin in pair.first.pins.placed] == [7, 50, 30], "only the last"
+
+
+@pytest.mark.parametrize("masked", [True, False], ids=["part", "whole"])
+@pytest.mark.parametrize("known", [COUNT + 5, 10], ids=["more", "fewer"])
+def test_a_script_solves_and_compares_the_pairs_that_were_compared(
+    masked: bool, known: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also with a first mesh on a mask, and a second with more pairs than reach as far."""
+    mesh = shapes.blob(3)
+    wide = Mesh(mesh.vertices * [1.0, 1.2, 1.5], mesh.faces)
+    first, second = opened(mesh), opened(wide)
+    if masked:
+        height = mesh.vertices[:, 2]
+        part = mesh.masked(height > np.quantile(height, 0.4))
+        first.accept_part(PartReady(MeshReady(part, mesh_health(part), part.vertex_normals), None))
+    second.solve.target = Target("count", known)
+    second.solve.compute()
+    pair = paired(first, second)
+    first.solve.target = Target("count", COUNT)
+    first.solve.compute()
+    wanted = pair.comparison
+    script = reproduction_script(first, pair)
+    filled = script.replace("mv.Mesh(vertices, faces, unit=...)", "meshes.pop(0)")
+    made: dict[str, Any] = {"meshes": [mesh, wide]}
+    monkeypatch.chdir(tmp_path)
+    exec(filled, made)
+    assert len(made["decomposition"].eigenvalues) == len(first.spectrum) == COUNT
+    assert len(made["other_decomposition"].eigenvalues) == len(second.spectrum)
+    found = made["comparison"]
+    assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
+    np.testing.assert_allclose(found.forth.scores, wanted.forth.scores, atol=1e-5)
+    np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
