@@ -91,6 +91,12 @@ class Labels:
         return sets.get(self._chosen, next(iter(sets.values()), None))
 
     @property
+    def current_is_displayed(self) -> bool:
+        """Whether the current set is the displayed map."""
+        known = self.current
+        return known is not None and self._maps.displayed == known.name
+
+    @property
     def predicted(self) -> VertexMap | None:
         """The set that was predicted from another one, see `Classes`; None without one."""
         return next(filter(self._is_predicted, reversed(self.sets)), None)
@@ -189,7 +195,7 @@ class Labels:
     def assign(self, key: int | None) -> None:
         """Give the selected vertices to a label, or with None take theirs away.
 
-        Those of locked labels keep them.
+        Those of locked labels keep them. A notice has their number if another field is displayed.
         """
         known, mask = self._set, self._selection.mask
         if mask is None:
@@ -203,14 +209,27 @@ class Labels:
         kept = changing & np.isin(known.values, locked)
         if not changing.any():
             return
+        said = list[str]()
         if n_kept := int(np.count_nonzero(kept)):
             them = "its" if n_kept == 1 else "their"
-            said = f"{counted(n_kept, 'vertex')} of locked labels kept {them} label"
-            self._notices.say(f"{said}: unlock it in the Labels panel to change that.")
+            said += [
+                f"{counted(n_kept, 'vertex')} of locked labels kept {them} label: unlock it in the"
+                " Labels panel to change that"
+            ]
         changing &= ~kept
         if changing.any():
             values = np.where(changing, to, known.values)
             self._change("labels" if key is not None else "removal from labels", None, values)
+            if not self.current_is_displayed:  # the render shows nothing of it
+                done = (
+                    "taken out of the labels"
+                    if key is None
+                    else f"given to {self._label(key).name}"
+                )
+                given = counted(int(np.count_nonzero(changing)), "vertex")
+                said += [f"{given} {done} of {known.name}"]
+        if said:
+            self._notices.say(f"{'; '.join(said)}.")
 
     def assign_nth(self, number: int) -> None:
         """Give the selected vertices to the label at a place of the list, from 1."""

@@ -138,6 +138,26 @@ def test_digits_are_of_labels_while_the_select_tool_is_on(labelled: MainWindow) 
     assert document.display.kind == "eigenfunction"
 
 
+def test_a_digit_says_what_it_gives_to_a_set_that_is_not_displayed(
+    labelled: MainWindow, qtbot: QtBot
+) -> None:
+    hint, other = part(labelled, "label_hint"), "The render shows another field than this set."
+    catch_up()
+    assert other not in hint.text()
+    labelled.add_map("thickness", MESH.vertices[:, 2])
+    rest(labelled, qtbot)
+    assert hint.text().endswith(other)
+    table(labelled).setFocus()
+    QTest.keyClick(table(labelled), Qt.Key.Key_2)
+    np.testing.assert_array_equal(values(labelled), np.where(UP, 2, 0))
+    said = labelled.stage.message_bar.notice
+    assert said.text == f"{UP.sum()} vertices given to label 2 of labels."
+    assert (said.severity, said.holds) == ("information", None)
+    labelled.document.labels.choose("labels")
+    rest(labelled, qtbot)
+    assert other not in hint.text()
+
+
 def test_sizes_follow_the_labels(labelled: MainWindow, qtbot: QtBot) -> None:
     document = labelled.document
     assert texts(labelled)[0][2] == f"{UP.sum():,}"

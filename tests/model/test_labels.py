@@ -98,6 +98,28 @@ def test_a_locked_label_keeps_its_vertices(two: Document) -> None:
     assert set(two.labels.current.values.tolist()) == {1}
 
 
+def test_what_is_given_to_a_set_that_is_not_displayed_is_said(two: Document) -> None:
+    texts = said(two)
+    two.selection.set(RIGHT)
+    two.labels.assign_nth(2)
+    assert texts == [], "the render shows it"
+    two.maps.add(MESH, [VertexMap("thickness", MESH.vertices[:, 2])])
+    texts.clear()
+    two.labels.assign_nth(1)
+    assert texts == [f"{RIGHT.sum()} vertices given to label 1 of labels."]
+    assert two.notices.last.holds is None, "it goes by itself"
+    two.labels.lock(2, True)
+    two.selection.set(np.ones(N, dtype=bool))
+    two.labels.assign(None)
+    assert texts[1:] == [f"{(RIGHT | UP).sum()} vertices taken out of the labels of labels."]
+    two.history.undo()
+    two.selection.set(np.arange(N) < 5)
+    two.display.kind = "eigenfunction"
+    two.labels.assign(2)
+    n_given = np.count_nonzero(two.labels.current.values[:5] == 2)
+    assert texts[-1] == f"{n_given} vertices given to label 2 of labels."
+
+
 ACTS: dict[str, Callable[[Document], None]] = {
     "new map": lambda document: document.labels.new_set(),
     "new label": lambda document: document.labels.new_label(),

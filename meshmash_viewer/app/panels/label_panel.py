@@ -63,6 +63,8 @@ class LabelPanel(QWidget):
             document.display.events.label_borders,
         )  # fmt: skip
         follow(changes, self.refresh)
+        events = document.display.events
+        follow((events.kind, events.fields), self._refresh_hint)
         self.refresh()
 
     def _build(self) -> None:
@@ -296,7 +298,7 @@ class LabelPanel(QWidget):
                 self._measured = (mesh, known, hidden)
                 self._thread.ask(self._measured)
         self._refresh_regions(known)
-        show_note(self.hint, self._hint())
+        self._refresh_hint()
         self._refresh_buttons()
 
     def set_field(self, field: Field | None) -> None:
@@ -316,6 +318,9 @@ class LabelPanel(QWidget):
         show_note(self.region_hint, text)
         theme.change_role(self.region_hint, "warning" if there else "muted")
 
+    def _refresh_hint(self) -> None:
+        show_note(self.hint, self._hint())
+
     def _hint(self) -> str:
         if self._document.mesh is None:
             return "Open a mesh to label its parts."
@@ -325,10 +330,14 @@ class LabelPanel(QWidget):
                 " key; or open a file with labels."
             )
         mask = self._document.selection.mask
-        if mask is None:
-            return "Select vertices, then press the key of a label."
-        # as long as the other one, so that nothing below moves
-        return f"{counted(int(np.count_nonzero(mask)), 'vertex')} selected: press a label's key."
+        # both as long as each other, so that nothing below moves
+        text = "Select vertices, then press the key of a label."
+        if mask is not None:
+            text = (
+                f"{counted(int(np.count_nonzero(mask)), 'vertex')} selected: press a label's key."
+            )
+        shown = self._document.labels.current_is_displayed
+        return text if shown else f"{text} The render shows another field than this set."
 
     def _refresh_buttons(self) -> None:
         n_chosen, selected = len(self.table.chosen), self._document.selection.mask is not None
