@@ -48,7 +48,8 @@ WORDS = {
     "rotate": "Turn", "pan": "Shift", "save image": "Save picture", "theme": "Dark",
     "screenshot": "Save picture", "video": "Save movie", "shortcuts": "Help", "load": "Open mesh",
     "hks": "heat kernel", "stop": "Cancel", "colour map": "Colour map",
-    "number of eig": "eigenpairs",
+    "number of eig": "eigenpairs", "smooth": "Own maps", "smoothing": "Filter",
+    "colour bar": "Limits", "threshold": "Limits", "montage": "Gallery",
 }  # fmt: skip
 
 

@@ -213,7 +213,9 @@ SYNONYMS = {
     "open_points": "synapses table csv parquet spines load",
     "export": "save write csv table features download",
     "save_picture": "image screenshot figure png pdf svg photo paper journal",
-    "gallery": "overview contact sheet thumbnails",
+    "gallery": "overview contact sheet thumbnails montage views",
+    "show_map": "smooth smoothing filtered thickness overlay residual",
+    "show_filter": "smooth smoothing gaussian low-pass high-pass band-pass",
     "save_movie": "video animation film gif mp4",
     "save_scene": "gltf html web blender",
     "copy_picture": "image clipboard screenshot",
@@ -434,7 +436,16 @@ def _settings(window: QMainWindow) -> Iterator[Entry]:
             if focusable and control.isVisibleTo(dock) and name not in seen:
                 seen.add(name)
                 key = f"{dock.objectName()}.{control.objectName()}"
-                yield Entry(key, name, place, "", place, partial(_go_to, control, dock))
+                words = f"{place} {_SETTING_WORDS.get(control.objectName(), '')}"
+                yield Entry(key, name, place, "", words, partial(_go_to, control, dock))
+
+
+#: Other words of controls, by their object names.
+_SETTING_WORDS = {
+    "colormap_combo": "colour color bar palette",
+    "limits_combo": "threshold range percentiles colour color bar minimum maximum",
+    "color_scale_combo": "logarithmic linear colour color bar",
+}
 
 
 def _bring_to_front(dock: QDockWidget) -> None:
