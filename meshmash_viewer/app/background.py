@@ -288,7 +288,7 @@ def saved_notice(
             text = f"This system has no program that shows folders: the folder is {folder}."
             document.notices.say(text, Severity.WARNING)
 
-    return Notice(text, severity, action=show_folder, button=SHOW_IN_FOLDER)
+    return Notice(text, severity, action=show_folder, button=SHOW_IN_FOLDER, brief=True)
 
 
 #: Jobs that wait for others, and for which others wait.

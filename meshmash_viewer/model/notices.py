@@ -39,6 +39,8 @@ class Notice:
     #: What a button of this text does.
     action: Callable[[], None] | None = None
     button: str = "Undo"
+    #: Whether it goes after some seconds in spite of its button.
+    brief: bool = False
     #: Returns whether its cause still exists; the notice is withdrawn once it does not. See
     #: `Notices.show` for the default.
     holds: Callable[[], bool] | None = None
@@ -58,10 +60,12 @@ class Notices:
     def show(self, notice: Notice) -> None:
         """Show a notice in the message bar, until its cause has gone.
 
-        Without `Notice.holds`, a warning, an error and what has a button stay until another mesh is
-        shown or another job is requested; other notices go after some seconds.
+        Without `Notice.holds`, a warning, an error and what has a button and is not `Notice.brief`
+        stay until another mesh is shown or another job is requested; other notices go after some
+        seconds.
         """
-        lasting = notice.severity is not Severity.INFORMATION or notice.action is not None
+        offers = notice.action is not None and not notice.brief
+        lasting = notice.severity is not Severity.INFORMATION or offers
         if notice.holds is None and lasting:
             turn = self._turn
             notice = replace(notice, holds=lambda: self._turn == turn)

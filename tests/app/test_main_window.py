@@ -508,6 +508,7 @@ def test_good_news_goes_and_what_can_be_undone_stays(
 ) -> None:
     bar = empty.stage.message_bar
     monkeypatch.setattr("meshmash_viewer.app.controls.message_bar._STAY", 50)
+    monkeypatch.setattr("meshmash_viewer.app.controls.message_bar._OFFER", 60)
     undone: list[bool] = []
     empty.document.notices.show(Notice("Unit changed.", action=lambda: undone.append(True)))
     QTest.qWait(300)
@@ -517,6 +518,11 @@ def test_good_news_goes_and_what_can_be_undone_stays(
     assert not bar.isVisible()
     empty.document.notices.show(Notice("Saved."))
     assert bar.isVisible()
+    qtbot.waitUntil(lambda: not bar.isVisible(), timeout=5000)
+    folder = Notice("Saved.", action=lambda: None, button="Show in folder", brief=True)
+    empty.document.notices.show(folder)
+    assert bar.isVisible()
+    assert bar.findChild(QAbstractButton, "message_action").isVisible()
     qtbot.waitUntil(lambda: not bar.isVisible(), timeout=5000)
 
 

@@ -11,8 +11,9 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.model.notices import Notice, Severity
 
-#: How long a notice without a cause that can go (`Notice.holds`) stays, in milliseconds.
-_STAY = 7000
+#: How long a notice without a cause that can go (`Notice.holds`) stays, and one with a button, in
+#: milliseconds.
+_STAY, _OFFER = 7_000, 20_000
 _WIDEST = 620
 _NARROWEST = 360
 #: With fewer pixels than this it rather covers the colour bar.
@@ -83,7 +84,7 @@ class MessageBar(QFrame):
         self.raise_()
         self._timer.stop()
         if notice.holds is None:
-            self._timer.start(_STAY)
+            self._timer.start(_STAY if notice.action is None else _OFFER)
 
     def dismiss(self) -> None:
         self._timer.stop()
