@@ -17,6 +17,9 @@ from meshmash_viewer.units import counted
 
 #: Most labels of a map, as the colour table of the surface has that many entries.
 MOST_LABELS = 512
+#: Colours of labels that have none of their own.
+LABEL_COLORS = ("#4477aa", "#ccbb44", "#228833", "#ee6677", "#66ccee", "#aa3377", "#ee7733",
+                "#999933", "#88ccee", "#332288", "#ddcc77", "#117733")  # fmt: skip
 #: A colour of a label.
 COLOR = re.compile("#[0-9a-fA-F]{6}")
 #: Largest range of numbers of labels for which a table of all of them is made.
@@ -223,6 +226,15 @@ def unused_number(labels: Sequence[Label]) -> int:
     """Return the first of 0, -1 and so on that no label has."""
     keys = {label.key for label in labels}
     return next(number for number in count(0, -1) if number not in keys)
+
+
+def numbered_labels(numbers: npt.NDArray[Any]) -> tuple[Label, ...]:
+    """Return labels for the whole numbers of vertices, named after these; 0 is no label."""
+    used = [int(number) for number in np.unique(numbers) if number != 0]
+    n_colors = len(LABEL_COLORS)
+    return tuple(
+        Label(number, str(number), LABEL_COLORS[at % n_colors]) for at, number in enumerate(used)
+    )
 
 
 def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[Label, ...]:

@@ -224,8 +224,8 @@ class BackgroundIO(QObject):
         self._waiting += 1
         self._pool.start(task)
 
-    def read_maps(self, paths: tuple[Path, ...], shown: bool) -> None:
-        """Read maps for the open mesh; a file without maps gives a message."""
+    def read_maps(self, paths: tuple[Path, ...], shown: bool, labels: bool) -> None:
+        """Read maps for the open mesh, or label sets; a file without maps gives a message."""
         from meshmash_viewer.io.maps import maps_and_remarks
 
         document, mesh = self._document, self._document.mesh
@@ -245,7 +245,7 @@ class BackgroundIO(QObject):
             return maps
 
         def take(maps: list[VertexMap]) -> None:
-            document.maps.add(mesh, maps, shown=shown)
+            document.maps.add(mesh, maps, shown=shown, labels=labels)
             for failure in faults:
                 document.notices.show(notice_of(failure))
             if shown and remarks:

@@ -17,7 +17,7 @@ from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback,
 from meshmash_viewer.surface.curvature import neck_widths
 from meshmash_viewer.surface.edges import connected, edges_of, side_codes
 from meshmash_viewer.units import counted, format_quantity, power_unit
-from meshmash_viewer.vertex_map import Label, VertexMap
+from meshmash_viewer.vertex_map import VertexMap, numbered_labels
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -264,11 +264,10 @@ def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
             f"{name!r} has values that are no whole numbers, so they are no labels: give those, or"
             " round them."
         )
-    used = [int(number) for number in np.unique(numbers) if number != 0]
-    if not used:
+    labels = numbered_labels(numbers)
+    if not labels:
         raise InputError(f"{name!r} has no vertex with a label: each number is 0.")
-    names = tuple(Label(number, str(number), "#808080") for number in used)
-    return VertexMap(name, numbers, names)
+    return VertexMap(name, numbers, labels)
 
 
 def _rows(mesh: Mesh, known: VertexMap, whole: bool) -> tuple[IntArray, IntArray]:

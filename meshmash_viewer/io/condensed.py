@@ -29,7 +29,7 @@ from meshmash_viewer.features.domains import (
 )
 from meshmash_viewer.io.atomic import writing_errors, written_together
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
+from meshmash_viewer.vertex_map import LABEL_COLORS, MOST_LABELS, Label, VertexMap
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -40,9 +40,6 @@ HEADER, NODES_HEADER, EDGES_HEADER = "header.txt", "nodes_header.txt", "edges_he
 _ENDS = EDGE_COLUMNS[:2]
 #: Map of the domain of each vertex, which becomes a label set.
 DOMAINS = "domains"
-#: Colours of domains, of which neighbours have different ones.
-_COLORS = ("#4477aa", "#ccbb44", "#228833", "#ee6677", "#66ccee", "#aa3377", "#ee7733", "#999933",
-           "#88ccee", "#332288", "#ddcc77", "#117733")  # fmt: skip
 #: Array of a map of objects to vertices.
 ID_MAP = "id_to_mesh_map"
 
@@ -240,7 +237,7 @@ def labelled_domains(
 
     def label_set(name: str, one: str, first: int, keys: IntArray, groups: list[int]) -> VertexMap:
         labels = (
-            Label(at + 1, f"{one} {at + first}", _COLORS[group % len(_COLORS)])
+            Label(at + 1, f"{one} {at + first}", LABEL_COLORS[group % len(LABEL_COLORS)])
             for at, group in enumerate(groups)
         )
         return VertexMap(name, keys, tuple(labels), path=given.path)

@@ -44,7 +44,7 @@ class RawMap:
     name: str
     #: Shape (n,).
     values: npt.NDArray[Any]
-    #: One without a name has that of the map.
+    #: One without a name has that of the map, and one of several its number.
     labels: tuple[Label, ...] = ()
     #: Shape (n,): The vertices of the mesh's file that the values are of; None for all of them.
     rows: IntArray | None = None
@@ -82,7 +82,7 @@ class RawMap:
         labels = tuple(
             replace(
                 label,
-                name=label.name or name,
+                name=label.name or (name if len(used) == 1 else str(label.key)),
                 color=label.color if COLOR.fullmatch(label.color) else _NO_COLOR,
             )
             for label in used

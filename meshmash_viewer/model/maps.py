@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from psygnal import Signal
 
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.io.session import KeptMaps
 from meshmash_viewer.mesh import Mesh
@@ -28,7 +30,7 @@ _NAMED = 4
 class Maps:
     """Adds maps to the open mesh and removes them; ``requested`` asks that files are read."""
 
-    requested = Signal(object, bool)
+    requested = Signal(object, bool, bool)
 
     def __init__(
         self, opened: OpenMesh, display: Display, history: History, notices: Notices
@@ -46,8 +48,11 @@ class Maps:
         self._mesh: Mesh | None = None
         self._kind = display.kind
 
-    def open(self, paths: Sequence[Path], *, shown: bool = True) -> None:
-        """Request that files with values per vertex are read, and the last map shown if `shown`."""
+    def open(self, paths: Sequence[Path], *, shown: bool = True, labels: bool = False) -> None:
+        """Request that files with values per vertex are read, and the last map shown if `shown`.
+
+        With `labels` they are label sets, see `add`.
+        """
         if self._opened.ready is None:
             names = " and ".join(path.name for path in paths[:2]) or "a map"
             text = f"There is no mesh to put {names} on: open the mesh first, then its maps."
@@ -56,7 +61,7 @@ class Maps:
             paths = tuple(path.absolute() for path in paths)
             if not shown:
                 self.pending = paths
-            self.requested.emit(paths, shown)
+            self.requested.emit(paths, shown, labels)
 
     def add(
         self,
@@ -64,11 +69,14 @@ class Maps:
         maps: Sequence[VertexMap],
         *,
         shown: bool = True,
+        labels: bool = False,
         colors: tuple[float, ...] = (),
     ) -> None:
         """Add maps that were made for a mesh, if that is still open, and show the last.
 
-        `colors` are its entry of `OwnMaps.colors`, of what it was kept from.
+        `colors` are its entry of `OwnMaps.colors`, of what it was kept from. With `labels` those of
+        whole numbers become label sets named after these, and the last set is shown; if there is
+        none, a notice says why.
 
         Without `shown` they were there the last time: adding them is no step to undo, and they stay
         when a step before is undone. Those that have been changed since are left out.
@@ -81,21 +89,34 @@ class Maps:
             maps = [each for each in maps if each.name not in self.edited]
         if not maps:
             return
+        given, faults = maps, list[str]()
+        if labels:
+            maps, faults = _as_labels(given)
         more = now.with_maps(*maps)
         if not shown:
             self._history.amend("mesh", partial(_with_more, mesh, maps))
             with self._history.paused():
                 self._take(more)
         else:
+            added = more.maps[len(now.maps) :]
+            # those that are sets now are kept, as their files have none
+            self.edited |= {
+                each.name for each, was in zip(added, given, strict=True) if each.path != was.path
+            }
             self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
             self._take(more)
-            self.show(more.maps[-1].name, colors)
-            names = [each.name for each in more.maps[len(now.maps) :]]
-            rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-            said = ", ".join(names[:_NAMED])
-            text = f"Added {counted(len(names), 'map')}: {said}{rest}."
-            self._notices.say(text)
+            sets = [each for each in added if each.labels]
+            self.show((sets if labels and sets else added)[-1].name, colors)
+            self._say_added(added, [] if sets else faults)
         self._opened.spectrum_changed.emit()
+
+    def _say_added(self, added: Sequence[VertexMap], faults: list[str]) -> None:
+        names = [each.name for each in added]
+        rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        text = f"Added {counted(len(names), 'map')}: {', '.join(names[:_NAMED])}{rest}."
+        if faults:
+            text += f" There is no label set in it: {faults[0]}"
+        self._notices.say(text, Severity.WARNING if faults else Severity.INFORMATION)
 
     def change(self, label: str, changed: VertexMap) -> None:
         """Replace the map of the same name as one change, whose label completes "Undo …"."""
@@ -248,6 +269,22 @@ class Maps:
     def _take(self, mesh: Mesh) -> None:
         assert self._opened.ready is not None
         self._opened.take(replace(self._opened.ready, mesh=mesh), self._opened.spectrum)
+
+
+def _as_labels(maps: Sequence[VertexMap]) -> tuple[list[VertexMap], list[str]]:
+    """Make sets of maps of whole numbers, which are from no file then; return why others are none.
+
+    These stay as they are.
+    """
+    result, faults = list[VertexMap](), list[str]()
+    for each in maps:
+        try:
+            found = label_map(each)
+        except InputError as fault:
+            found = each
+            faults.append(str(fault))
+        result.append(found)
+    return result, faults
 
 
 def _with_more(mesh: Mesh, maps: Sequence[VertexMap], former: object) -> object:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapes
 from closed_form import part
+from nibabel.gifti import GiftiDataArray, GiftiImage
 from PySide6.QtCore import QCoreApplication, QEvent, QPoint, Qt
 from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtTest import QTest
@@ -480,3 +481,91 @@ def test_a_set_is_saved_and_opened_again(
         np.testing.assert_array_equal(found.shown, np.where(UP, 0, 1))
     document.history.undo()
     assert len(document.labels.sets) == 1
+
+
+def open_labels(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *files: Path
+) -> str:
+    """Open files with the button of the panel; return what is said."""
+    chosen = [str(each) for each in files]
+    monkeypatch.setattr(QFileDialog, "getOpenFileNames", lambda *_, **__: (chosen, ""))
+    before = window.document.mesh.maps
+    press(window, "label_open_button")
+    qtbot.waitUntil(lambda: window.document.mesh.maps is not before, timeout=60_000)
+    qtbot.waitUntil(lambda: window.background_io.idle, timeout=60_000)
+    rest(window, qtbot)
+    return window.stage.message_bar.notice.text
+
+
+def write_numbers(path: Path, numbers: np.ndarray) -> Path:
+    if path.suffix == ".gii":
+        array = GiftiDataArray(numbers.astype(np.int32), intent="NIFTI_INTENT_LABEL")
+        path.write_bytes(GiftiImage(darrays=[array]).to_bytes())
+    elif path.suffix == ".csv":
+        path.write_text("\n".join(["parts", *map(str, numbers.tolist())]))
+    else:
+        np.save(path, numbers)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.label.gii", "a.csv", "a.npy"])
+def test_numbers_without_names_are_opened_as_a_label_set(
+    name: str, labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = labelled.document
+    wanted = np.where(UP, 2, 1)
+    file = write_numbers(tmp_path / name, wanted)
+    shown = "parts" if name == "a.csv" else name
+    said = open_labels(labelled, qtbot, monkeypatch, file)
+    assert said == f"Added 1 map: {shown}."
+    known = document.labels.current
+    assert (known.name, part(labelled, "label_set_combo").currentText()) == (shown, shown)
+    assert document.maps.displayed == shown
+    assert [row[1] for row in texts(labelled)] == ["1", "2"]
+    np.testing.assert_array_equal(known.values, wanted)
+    kept = known in document.maps.unsaved.maps
+    assert kept == (name != "a.label.gii"), "a session has the set, whose file has none"
+    document.history.undo()
+    assert [each.name for each in document.labels.sets] == ["labels"]
+    document.maps.open([file])
+    qtbot.waitUntil(lambda: len(document.mesh.maps) == 2, timeout=60_000)
+    assert bool(document.mesh.maps[1].labels) == (name == "a.label.gii")
+
+
+def test_the_set_opened_last_is_the_chosen_one(
+    labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = write_numbers(tmp_path / "a.label.gii", np.where(UP, 2, 1))
+    second = write_numbers(tmp_path / "b.npy", np.where(UP, 5, 0))
+    height = tmp_path / "height.npy"
+    np.save(height, MESH.vertices[:, 2])
+    open_labels(labelled, qtbot, monkeypatch, first, second, height)
+    document = labelled.document
+    assert [each.name for each in document.labels.sets] == ["labels", "a.label.gii", "b.npy"]
+    assert document.labels.current.name == document.maps.displayed == "b.npy"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "why"),
+    [
+        (MESH.vertices[:, 2], "has values that are no whole numbers"),
+        (np.arange(MESH.n_vertices), "641 labels, and 512 can be distinguished"),
+        (np.zeros(MESH.n_vertices), "has no vertex with a label"),
+    ],
+    ids=["shares", "many", "none"],
+)
+def test_what_is_no_label_set_is_opened_as_numbers_and_said(
+    numbers: np.ndarray,
+    why: str,
+    labelled: MainWindow,
+    qtbot: QtBot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file = write_numbers(tmp_path / "a.npy", numbers)
+    said = open_labels(labelled, qtbot, monkeypatch, file)
+    assert said.startswith("Added 1 map: a.npy. There is no label set in it: ")
+    assert why in said
+    assert labelled.stage.message_bar.notice.severity == "warning"
+    assert [each.name for each in labelled.document.labels.sets] == ["labels"]
+    assert labelled.document.maps.displayed == "a.npy"

@@ -105,6 +105,38 @@ def test_labels_in_use_are_known(name: str, kind: str, tmp_path: Path) -> None:
     assert [found.labels[place].key for place in shown] == values[known].tolist()
 
 
+@pytest.mark.parametrize("ending", ["label.gii", "surf.gii"])
+def test_a_label_array_without_a_table_has_its_numbers_as_names(
+    ending: str, tmp_path: Path
+) -> None:
+    path, numbers = tmp_path / f"lh.parts.{ending}", np.arange(N) % 3
+    array = ("NIFTI_INTENT_LABEL", numbers.astype(np.int32))
+    surface = [(POINTS, MESH.vertices.astype("f4")), (TRIANGLES, MESH.faces.astype("i4"))]
+    gifti(path, [*(surface if ending == "surf.gii" else ()), array], ())
+    (found,) = read_maps(path, MESH)
+    assert [(each.key, each.name) for each in found.labels] == [(1, "1"), (2, "2")]
+    assert len({each.color for each in found.labels}) == 2
+    np.testing.assert_array_equal(np.isfinite(found.shown), numbers > 0)
+    assert found.path == str(path)
+    numbers = np.arange(N) % (MOST_LABELS + 2)
+    gifti(path, [("NIFTI_INTENT_LABEL", numbers.astype(np.int32))], ())
+    (found,) = read_maps(path, MESH)
+    assert not found.labels, "more than can be distinguished are numbers"
+    np.testing.assert_array_equal(found.values, numbers)
+
+
+@pytest.mark.parametrize("kind", ["label.gii", "annot"])
+def test_labels_of_a_table_without_names_have_their_numbers(kind: str, tmp_path: Path) -> None:
+    path, labels = tmp_path / f"lh.parts.{kind}", (Label(3, "", "#112233"), Label(7, "", "#445566"))
+    numbers = np.where(np.arange(N) < 40, 3, 7)
+    if kind == "annot":
+        annotation(path, labels, numbers, numbered=True)
+    else:
+        gifti(path, [("NIFTI_INTENT_LABEL", numbers.astype(np.int32))], labels)
+    (found,) = read_maps(path, MESH)
+    assert [(each.key, each.name) for each in found.labels] == [(3, "3"), (7, "7")]
+
+
 def test_more_labels_in_use_than_colors_are_refused() -> None:
     values = np.arange(N) % (MOST_LABELS + 1)
     with pytest.raises(InputError, match=r"513 labels, and 512 can be distinguished"):

@@ -176,7 +176,8 @@ class LabelPanel(QWidget):
         self._document.labels.choose(self.combo.itemText(row))
 
     def _open(self) -> None:
-        self._document.maps.open(ask_for_maps(self, folder_of(self._document.path), "labels"))
+        paths = ask_for_maps(self, folder_of(self._document.path), "labels")
+        self._document.maps.open(paths, labels=True)
 
     def _save(self) -> None:
         known, mesh = self._document.labels.current, self._document.mesh

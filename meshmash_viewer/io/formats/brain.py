@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
-from meshmash_viewer.vertex_map import Label
+from meshmash_viewer.vertex_map import MOST_LABELS, Label, numbered_labels
 
 #: What most surfaces are called in a FreeSurfer subject's ``surf`` folder, after "lh" or "rh";
 #: the others are known by how they begin.
@@ -277,7 +278,7 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
     from nibabel.nifti1 import intent_codes
 
     table = tuple(
-        Label(int(each.key), str(each.label), _hexadecimal(each.rgba))
+        Label(int(each.key), str(getattr(each, "label", "")), _hexadecimal(each.rgba))
         for each in image.labeltable.labels
         if each.key != 0 or each.alpha != 0.0  # as Connectome Workbench has what has no label
     )
@@ -290,11 +291,19 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
         own_name = dict(array.meta or {}).get("Name") or (
             "" if alone else f"{name} {at}" if name else f"map {at}"
         )
-        labels = table if intent == "NIFTI_INTENT_LABEL" else ()
+        of_labels = intent == "NIFTI_INTENT_LABEL"
         own = "meshmash-viewer" in dict(image.meta or {})
         columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
         for column in columns:
+            labels = (table or _numbered(column)) if of_labels else ()
             yield RawMap(own_name, np.ascontiguousarray(column), labels, keep_unused=own)
+
+
+def _numbered(column: npt.NDArray[Any]) -> tuple[Label, ...]:
+    """Labels named after their numbers, for an array without a table; none if they are too many."""
+    whole = column.dtype.kind in "iu" or np.array_equal(column, np.rint(column))
+    labels = numbered_labels(column) if whole else ()
+    return labels if len(labels) <= MOST_LABELS else ()
 
 
 def _hexadecimal(rgba: Any) -> str:
