@@ -346,6 +346,10 @@ class Opening(QObject):
             view.pair.match = restoration.second.match
             path = Path(restoration.second.mesh_path)
             self._second_restoration = Restoration(view.document, path, restoration.second)
+            file, names = restoration.path, restoration.second.kept_maps
+            self._second_restoration.restored.connect(
+                lambda: self.last_session.restore_maps_of_second(file, names)
+            )
             self._second_restoration.begin()
         self._open_waiting()
 
@@ -354,12 +358,13 @@ class Opening(QObject):
 
         `InputError` is raised if a file cannot be written.
         """
-        session, kept = session_of(self._document, *self._look_of()), self._document.maps.unsaved
-        if kept.maps:
-            name = f"{path.name.removesuffix(SESSION_ENDING)}{KEPT_MAPS_ENDING}"
-            with writing_errors(path.with_name(name)):
-                write_kept_maps(path.with_name(name), kept)
-            session = replace(session, kept_maps=[name])
+        session = session_of(self._document, *self._look_of())
+        second = self.pair.second if session.second_path and self.pair is not None else None
+        session = replace(
+            session,
+            kept_maps=_write_maps(path, self._document),
+            second_kept_maps=_write_maps(path, second, ".second"),
+        )
         write_session(path, session)
 
     def save_session(self) -> None:
@@ -382,6 +387,16 @@ class Opening(QObject):
             self._document.notices.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
         say_saved(self._document, f"Session saved to {path}.", path)
+
+
+def _write_maps(session: Path, document: Document | None, of: str = "") -> list[str]:
+    """Write the maps of a document that are in no file next to a session; return the file names."""
+    if document is None or document.mesh is None or not document.maps.unsaved.maps:
+        return []
+    name = f"{session.name.removesuffix(SESSION_ENDING)}{of}{KEPT_MAPS_ENDING}"
+    with writing_errors(session.with_name(name)):
+        write_kept_maps(session.with_name(name), document.maps.unsaved)
+    return [name]
 
 
 def _divided(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:

@@ -40,6 +40,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     return Session(
         mesh_path=str(document.path or ""),
         maps=_map_files(document),
+        map_names=document.maps.names,
         unit=document.unit_text,
         repairs=list(document.repairs),
         source=ready.source,
@@ -61,6 +62,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
         second_maps=_map_files(second) if second is not None else [],
+        second_map_names=second.maps.names if second is not None else [],
         second_repairs=list(second.repairs) if second is not None else [],
         links=sorted(pair.links) if pair is not None else [],
         match=pair.match if pair is not None else {},
@@ -118,7 +120,9 @@ class Restoration:
                 ) from fault
         self._operator = OperatorOptions(**session.operator)
         self._target = Target(**session.target)
-        self._document, self._session, self._path = document, session, path
+        self._document, self._session = document, session
+        #: The file of the session.
+        self.path = path
         self._mesh_path = Path(session.mesh_path)
         self._before = document.ready
         self._started = False
@@ -172,13 +176,13 @@ class Restoration:
                 )
                 return
             self._warn(
-                f"{document.path} has changed since {self._path.name} was saved: "
+                f"{document.path} has changed since {self.path.name} was saved: "
                 "pins and field may not be where they were."
             )
         pins = self._pins()
         if len(pins) < len(session.pins):
             self._warn(
-                f"{self._path.name} has pins at vertices that {document.path} does not have: "
+                f"{self.path.name} has pins at vertices that {document.path} does not have: "
                 f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
             )
         document.pins.set("pins", pins)
@@ -186,7 +190,7 @@ class Restoration:
         document.hiding.put(self._mask(session.hidden, "hidden"))
         for place, index in display_from_json(document.display, self._display, self._place):
             self._warn(
-                f"{self._path.name} has display.{place} = {index}, which {document.path}"
+                f"{self.path.name} has display.{place} = {index}, which {document.path}"
                 " does not have: it is left out."
             )
         part = self._mask(session.part, "part")
@@ -194,6 +198,7 @@ class Restoration:
             document.take_part(part)
         document.classes.restore(self._classes)
         document.maps.open([Path(each) for each in session.maps], shown=False)
+        document.maps.sort(session.map_names)
         document.points.restore(session.points)
         self.done = True
         self.restored.emit()
@@ -217,7 +222,7 @@ class Restoration:
         try:
             in_file = unpacked_mask(text, mesh.n_file_vertices)
         except InputError as fault:
-            self._warn(f"{self._path.name} has as {entry} {fault}: it is left out.")
+            self._warn(f"{self.path.name} has as {entry} {fault}: it is left out.")
             return None
         return None if in_file is None else mask_of_file(mesh, in_file)
 
@@ -246,6 +251,8 @@ class Restoration:
             mesh_path=session.second_path,
             unit=session.second_unit,
             maps=session.second_maps,
+            map_names=session.second_map_names,
+            kept_maps=session.second_kept_maps,
             repairs=session.second_repairs,
             operator=session.operator,
             links=session.links,

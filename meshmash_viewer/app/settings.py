@@ -234,6 +234,12 @@ class LastSession(QObject):
         """Add the kept maps in files next to a session to the mesh, and return their number."""
         return self._restore_maps(self._document, self._kept, session, names)
 
+    def restore_maps_of_second(self, session: Path, names: Sequence[str]) -> int:
+        """As `restore_maps`, of the second mesh."""
+        if self._second is None:
+            return 0
+        return self._restore_maps(self._second, self._kept_of_second, session, names)
+
     # -- details ------------------------------------------------------------------------------
 
     def _change_mesh(self) -> None:

@@ -100,6 +100,7 @@ class _Target(Kind):
 
 
 _FILES = Listing(Text(), 1000, different=True)
+_NAMES = Listing(Text(), 10_000)
 _REPAIRS = Listing(Choice(REPAIRS), 100)
 _AXIS = Listing(Number(-1.001, 1.001), 3, 3)
 _CAMERA = Record(
@@ -141,6 +142,8 @@ class Session(Parameters):
     mesh_path: str = parameter("", Text())
     #: Files of added maps, in their order; relative as `mesh_path` is.
     maps: list[str] = parameter(list, _FILES)
+    #: Names of all maps of the mesh, in their order.
+    map_names: list[str] = parameter(list, _NAMES)
     #: Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that the
     #: format states.
     unit: str = parameter("", _Unit(100))
@@ -185,8 +188,10 @@ class Session(Parameters):
     #: File of the second mesh, relative as `mesh_path` is, and its unit as `unit` is; "" for none.
     second_path: str = parameter("", Text())
     second_unit: str = parameter("", _Unit(100))
-    #: As `maps` and `repairs`, of the second mesh.
+    #: As `maps`, `map_names`, `kept_maps` and `repairs`, of the second mesh.
     second_maps: list[str] = parameter(list, _FILES)
+    second_map_names: list[str] = parameter(list, _NAMES)
+    second_kept_maps: list[str] = parameter(list, Listing(Text(200), 1000))
     second_repairs: list[str] = parameter(list, _REPAIRS)
     #: The active links between both meshes.
     links: list[str] = parameter(list, Listing(Text(100), 100, different=True))

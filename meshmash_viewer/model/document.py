@@ -319,8 +319,7 @@ class Document(OpenMesh):
         else:
             self._undoing = None
             self._file_mesh = ready.before[0] if ready.before else None
-            self.maps.in_file = frozenset(each.name for each in ready.mesh.maps)
-            self.maps.edited, self.maps.pending = frozenset(), ()
+            self.maps.begin(ready.mesh)
             with self.history.paused():
                 self._show(ready, ready.known)
             before = enumerate(ready.before)

@@ -39,14 +39,58 @@ class Maps:
         self._history, self._notices = history, notices
         #: Names of the maps in the mesh file itself.
         self.in_file: frozenset[str] = frozenset()
-        #: Names of the maps of files that were changed here, which are kept as they are now.
+        #: Names of the maps of files that were changed here, or that have another name here than in
+        #: their file, which are kept as they are now.
         self.edited: frozenset[str] = frozenset()
         #: Files whose maps were there the last time, and are still being read.
         self.pending: tuple[Path, ...] = ()
+        #: Names of the maps that were kept, and of all that were there, the last time.
+        self._kept: frozenset[str] = frozenset()
+        self._names: tuple[str, ...] = ()
         #: The map that is being computed, for which mesh, and the family that was displayed before.
         self._growing: VertexMap | None = None
         self._mesh: Mesh | None = None
         self._kind = display.kind
+
+    def begin(self, mesh: Mesh) -> None:
+        """Forget what is known of the maps of another mesh; those of this one are in its file."""
+        self.in_file = frozenset(each.name for each in mesh.maps)
+        self.edited, self.pending, self._kept, self._names = frozenset(), (), frozenset(), ()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the maps in their order, with those that are still being read."""
+        mesh = self._opened.mesh
+        names = [] if mesh is None else [each.name for each in mesh.maps]
+        return list(dict.fromkeys([*self._names, *names])) if self.pending else names
+
+    def sort(self, names: Sequence[str]) -> None:
+        """Put the maps in the order of the last time, and those that are still read, too."""
+        self._names, mesh = tuple(names), self._opened.mesh
+        if mesh is not None and self._sorted(mesh) is not mesh:
+            with self._history.paused():
+                self._take(self._sorted(mesh))
+            self._opened.spectrum_changed.emit()
+
+    def _sorted(self, mesh: Mesh) -> Mesh:
+        places = {name: at for at, name in enumerate(self._names)}
+        maps = sorted(mesh.maps, key=lambda each: places.get(each.name, len(places)))
+        return mesh if maps == list(mesh.maps) else mesh.with_only_maps(*maps)
+
+    def _is_there(self, now: Mesh, read: VertexMap) -> bool:
+        """Whether a map that was there the last time, and is read again, is in the mesh already."""
+        if read.name in self.edited:
+            return True
+        if self._names and read.name in self._kept:
+            return True  # its name was taken: it was kept under another one, or removed
+        if read.name in self.in_file and any(_is_numbered(at, read.name) for at in self._kept):
+            return True
+        return any((each.name, each.path) == (read.name, read.path) for each in now.maps)
+
+    def _same(self, now: Mesh, read: VertexMap) -> str:
+        """Name of a kept map that equals one that is read, so that each start adds no copy."""
+        of = (each for each in now.maps if each.name in self._kept)
+        return next((each.name for each in of if read.path and _are_equal(each, read)), "")
 
     def open(self, paths: Sequence[Path], *, shown: bool = True, labels: bool = False) -> None:
         """Request that files with values per vertex are read, and the last map shown if `shown`.
@@ -86,23 +130,30 @@ class Maps:
             return
         if not shown:
             self.pending = ()
-            maps = [each for each in maps if each.name not in self.edited]
+            maps = [each for each in maps if not self._is_there(now, each)]
+        else:
+            same = [self._same(now, each) for each in maps]
+            maps = [each for each, name in zip(maps, same, strict=True) if not name]
+            if same and not maps:
+                self.show(same[-1], colors)
         if not maps:
             return
         given, faults = maps, list[str]()
         if labels:
             maps, faults = _as_labels(given)
         more = now.with_maps(*maps)
+        added = more.maps[len(now.maps) :]
+        # sets of files without any, and maps whose name was taken, are kept
+        self.edited |= {
+            each.name
+            for each, was in zip(added, given, strict=True)
+            if was.path and (each.name, each.path) != (was.name, was.path)
+        }
         if not shown:
             self._history.amend("mesh", partial(_with_more, mesh, maps))
             with self._history.paused():
-                self._take(more)
+                self._take(self._sorted(more))
         else:
-            added = more.maps[len(now.maps) :]
-            # those that are sets now are kept, as their files have none
-            self.edited |= {
-                each.name for each, was in zip(added, given, strict=True) if each.path != was.path
-            }
             self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
             self._take(more)
             sets = [each for each in added if each.labels]
@@ -191,13 +242,16 @@ class Maps:
         now = self._still(mesh)
         if now is not None:
             for each in maps:
+                if any(_are_equal(each, known, numbered=False) for known in now.maps):
+                    continue
                 if each.name in edited and each.name in self.in_file:
                     now = now.with_changed_map(each)
                 else:
                     now = now.with_maps(each)
             self.edited |= frozenset(edited)
+            self._kept |= {each.name for each in maps}
             with self._history.paused():
-                self._take(now)
+                self._take(self._sorted(now))
             self._opened.spectrum_changed.emit()
 
     def remove(self, name: str) -> None:
@@ -285,6 +339,19 @@ def _as_labels(maps: Sequence[VertexMap]) -> tuple[list[VertexMap], list[str]]:
             faults.append(str(fault))
         result.append(found)
     return result, faults
+
+
+def _is_numbered(name: str, taken: str) -> bool:
+    """Whether a name is one that was taken, with a number after it."""
+    return name.startswith(f"{taken} ") and name.removeprefix(taken).strip().isdigit()
+
+
+def _are_equal(one: VertexMap, read: VertexMap, *, numbered: bool = True) -> bool:
+    """Whether two maps are equal, but, if `numbered`, for a number after the name."""
+    named = one.name == read.name or (numbered and _is_numbered(one.name, read.name))
+    about = (one.unit, one.labels) == (read.unit, read.labels)
+    same = one.values.shape == read.values.shape
+    return named and about and same and np.array_equal(one.values, read.values, equal_nan=True)
 
 
 def _with_more(mesh: Mesh, maps: Sequence[VertexMap], former: object) -> object:

@@ -380,6 +380,63 @@ def test_label_sets_are_there_as_they_were_changed(
     assert sets(opened(open_window(), path, qtbot)) == made
 
 
+def test_maps_of_one_file_are_all_there_in_their_order(
+    open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
+) -> None:
+    """A label file opened again after a change, and a table whose names are taken."""
+    path, other = two_balls(folder / "balls.npz"), two_balls(folder / "other.npz", 2.0)
+    window = opened(open_window(), path, qtbot)
+    document, n = window.document, 204
+    names = "lh.halves.annot"
+    annotation, table = folder / names, folder / "values.csv"
+    halves, table_of_colors = np.arange(n) % 2, np.array([[9, 9, 9, 0], [200, 9, 9, 0]])
+    write_annot(annotation, halves, table_of_colors, ["low", "high"], fill_ctab=True)
+    table.write_text("\n".join(("radius,depth", *(f"{at},{2 * at}" for at in range(n)))))
+
+    def add(file: Path, count: int) -> None:
+        document.maps.open([file])
+        qtbot.waitUntil(lambda: len(document.mesh.maps) == count, timeout=PATIENCE)
+
+    document.maps.add(document.mesh, [VertexMap("radius", np.ones(n))])
+    add(annotation, 2)
+    document.labels.choose(names)
+    document.selection.set(np.arange(n) < 9)
+    document.labels.assign(1)
+    add(annotation, 3)
+    add(table, 5)
+    add(table, 7)
+
+    def maps(window: MainWindow) -> list[tuple[object, ...]]:
+        mesh = window.document.mesh
+        return [(each.name, each.labels, each.values.tolist()) for each in mesh.maps]
+
+    made = maps(window)
+    assert [name for name, *_ in made] == [
+        "radius", names, f"{names} 2", "radius 2", "depth", "radius 3", "depth 2"
+    ]  # fmt: skip
+    session = folder / "saved.meshmash.json"
+    window.opening.store_session(session)
+    opened(window, other, qtbot)
+    opened(window, path, qtbot)
+    qtbot.waitUntil(lambda: maps(window) == made, timeout=PATIENCE)
+    window.close()
+    for _ in range(2):
+        again = opened(open_window(), path, qtbot)
+        qtbot.waitUntil(lambda again=again: maps(again) == made, timeout=PATIENCE)
+        again.close()
+    by_hand = open_window()
+    by_hand.opening.restore_session(session)
+    by_hand.wait()
+    qtbot.waitUntil(lambda: maps(by_hand) == made, timeout=PATIENCE)
+    by_hand.close()
+    given = open_window()  # a file that is given at each start adds no copy of what was kept
+    given.opening.read(path, maps=[annotation])
+    given.wait()
+    qtbot.waitUntil(lambda: len(given.document.mesh.maps) >= 7, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: given.background_io.idle, timeout=PATIENCE)
+    assert maps(given) == made
+
+
 @pytest.mark.parametrize("by_hand", [slow(False), True])
 def test_classes_are_there_with_choices_scores_and_importance(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot, by_hand: bool

@@ -852,15 +852,21 @@ def test_a_session_and_a_script_have_both(
     opened.pair.link("position", False)
     opened.pair.refined = True
     opened.pair.carry(True)
+    made = mv.VertexMap("carried", np.arange(opened.document.mesh.n_vertices), unit="mm")
+    opened.document.maps.add(opened.document.mesh, [made])
+    rest(window)
     path = tmp_path / "both.meshmash.json"
     window.opening.store_session(path)
     window.opening.end_comparison()
+    window.opening.last_session.forget(folder / "other.npz")  # as on another computer
     window.opening.restore_session(path)
     wait_for(lambda: window.opening.second_view is not None)
     rest(window)
     again = window.opening.second_view
     assert again.document.path == folder / "other.npz"
     assert again.pair.links == {"camera", "kind", "colors"}
+    (kept,) = (each for each in again.document.mesh.maps if each.name.startswith("carried"))
+    assert (kept.name, kept.unit, kept.values.tolist()) == ("carried", "mm", made.values.tolist())
     assert again.pair.matched_in == name
     assert (again.pair.refined, again.pair.carries) == (True, True)
     assert again.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
