@@ -141,7 +141,7 @@ def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     solved: MainWindow, qtbot: QtBot
 ) -> None:
     document, scene = solved.document, solved.scene
-    solved.commands.reset_camera()
+    QTest.keyClick(solved, Qt.Key.Key_R)
     before = scene.camera()
     assert not scene.turned_by_hand
     click(solved, "compute_selection_button")
