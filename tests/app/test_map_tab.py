@@ -499,6 +499,13 @@ def test_what_a_filter_misses_beyond_the_last_pair_is_bounded(window: MainWindow
             size = format_quantity(np.sqrt(bound / mass.sum()), "mm", 1, 2)
             assert note.text().endswith(f"at most {size}. Compute more pairs.")
     assert bound / varies > 0.01, "the note was seen"
+    document.display.change(OwnMaps, chosen="Gaussian curvature")  # a map that is computed
+    document.display.change(Filters, values=(("s", 1e-6 / last),))
+    rest(window)
+    share = document.display[OwnMaps].resolved(document.spectrum, document.display.fields)
+    assert note.isVisible() == (share.missing(document.spectrum)[1] > 0.01)
+    assert note.isVisible()
+    document.display.change(OwnMaps, chosen="rough")
     document.display.change(Filters, values=(("s", 50.0 / last),))
     rest(window)
     assert not note.isVisible()

@@ -281,13 +281,13 @@ class MapTab(FamilyTab):
     def _missing(self, spectrum: Eigenpairs) -> str:
         """Say what the filtered map lacks beyond the last pair, where that is over 1 %."""
         shown = self._document.display[OwnMaps].resolved(spectrum, self._document.display.fields)
-        known = shown.map_spectrum(spectrum)
+        known, values = shown.map_spectrum(spectrum), shown.vertex_map(spectrum)
         passed, share = shown.missing(spectrum)
-        if known is None or shown.shown is None or not share > _FLAGGED:
+        if known is None or values is None or not share > _FLAGGED:
             return ""
         left = passed * math.sqrt(max(1.0 - known.share(len(known)), 0.0) * known.energy)
         mean = left / math.sqrt(spectrum.vertex_areas.sum())
-        size = format_quantity(mean, shown.shown.unit, 1, 2)
+        size = format_quantity(mean, values.unit, 1, 2)
         return (
             f"The filter is {format_number(passed, 2)} at the last of"
             f" {counted(len(known), 'pair')}: up to {format_share(share)} of what varies is"
