@@ -185,7 +185,7 @@ class Features:
     def with_maps(self, mesh: Mesh) -> Features:
         """Append the maps of `mesh` as columns, labels as numbers.
 
-        Units of maps and names of labels are in `meta`, under "maps".
+        `meta` has the units of the maps, and the names and colours of labels, under "maps".
         """
         if not mesh.maps:
             return self
@@ -193,7 +193,7 @@ class Features:
             each.name: {
                 "unit": each.unit,
                 "file": each.path,
-                "labels": {str(label.key): label.name for label in each.labels},
+                "labels": [[label.key, label.name, label.color] for label in each.labels],
             }
             for each in named_apart(mesh.maps, self.columns)
         }

@@ -226,7 +226,7 @@ def maps_and_remarks(
         raw = read_guarded(_reader(path), path)
         if not raw.maps:
             raise InputError("has nothing at its vertices but coordinates")
-        found, faults = _fitting(raw.maps_in_units, mesh, path)
+        found, faults = _fitting(raw.described_maps, mesh, path)
         if path.suffix.lower() == ".npz" and holds(path, "X", "labels"):
             found, said_of_domains = labelled_domains(found, mesh)
             faults = (*faults, *said_of_domains)

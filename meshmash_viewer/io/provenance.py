@@ -127,10 +127,28 @@ def second_file(path: Path) -> str:
 
 def stated_labels(meta: str) -> tuple[Label, ...]:
     """Return the labels in the JSON text of `provenance`, none if it states none."""
+    return _as_labels(_stated(meta, "labels"))
+
+
+def stated_map_labels(meta: str) -> dict[str, tuple[Label, ...]]:
+    """Return the labels of each map among the columns in the JSON text of `provenance`."""
     try:
-        stated = json.loads(meta)["labels"]
-        return tuple(Label(int(key), str(name), str(color)) for key, name, color in stated)
+        maps = json.loads(meta)["options"]["maps"]
+        return {name: _as_labels(about["labels"]) for name, about in maps.items()}
     except (ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def _as_labels(stated: Any) -> tuple[Label, ...]:
+    """Convert a list of number, name and colour of each label; return none if it is no such list.
+
+    Former versions wrote the names alone, by number.
+    """
+    if not isinstance(stated, list):
+        return ()
+    try:
+        return tuple(Label(int(key), str(name), str(color)) for key, name, color in stated)
+    except (ValueError, TypeError):
         return ()
 
 

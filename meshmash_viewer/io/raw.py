@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, MeshWarning, missing_module, not_installed, printable
-from meshmash_viewer.io.provenance import stated_units
+from meshmash_viewer.io.provenance import stated_map_labels, stated_units
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.plug_ins import PlugIn
 from meshmash_viewer.vertex_map import COLOR, Label, VertexMap, labels_in_use, unused_number
@@ -141,10 +141,26 @@ class RawMesh:
     meta: str = ""
 
     @property
-    def maps_in_units(self) -> tuple[RawMap, ...]:
-        """The maps, with the units that our own exports state."""
-        units = stated_units(self.meta)
-        return tuple(replace(each, unit=units.get(each.name, each.unit)) for each in self.maps)
+    def described_maps(self) -> tuple[RawMap, ...]:
+        """The maps, with the units and labels that our own exports state."""
+        units, labels = stated_units(self.meta), stated_map_labels(self.meta)
+        return tuple(
+            _labelled(replace(each, unit=units.get(each.name, each.unit)), labels.get(each.name))
+            for each in self.maps
+        )
+
+
+def _labelled(known: RawMap, labels: tuple[Label, ...] | None) -> RawMap:
+    """Return a map with labels, or as it is if its values are not the numbers of these.
+
+    NaN, which stands for vertices that a repair removed, becomes no label.
+    """
+    if not labels or known.labels or known.values.dtype.kind not in "fiu":
+        return known
+    values = np.nan_to_num(known.values, nan=unused_number(labels))
+    if not (labels_in_use(labels, values) and np.array_equal(values, np.rint(values))):
+        return known
+    return replace(known, values=values, labels=labels, keep_unused=True)
 
 
 def maps_alone(

@@ -165,7 +165,7 @@ def read_mesh(
                 raw = read_segment(link, progress, cancel)
             _check_content(raw)
             n = len(raw.vertices)
-            maps = [each for each in raw.maps_in_units if each.last >= 0 or len(each.values) == n]
+            maps = [each for each in raw.described_maps if each.last >= 0 or len(each.values) == n]
             known, _, unusable = checked_maps(maps, n)
             mesh = Mesh(
                 scaled_vertices(raw.vertices, voxel),

@@ -602,6 +602,7 @@ def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
     rest(window)
     (written,) = (m for m in mv.read_maps(tmp_path / "halves.csv", mesh) if m.name == "halves")
     np.testing.assert_array_equal(written.values, labels.values)
+    assert written.labels == parts
     window.stage.setFocus()
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert [each.name for each in opened.document.mesh.maps] == before

@@ -154,6 +154,7 @@ def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> N
         assert "5 columns" in written.description
         found = read_maps(path, sphere)
         assert len(found) == 5, ending
+        assert found[4].labels == labels, ending
         np.testing.assert_allclose(found[3].values, height, rtol=1e-6)
         np.testing.assert_array_equal(found[4].values, parts)
         if ending != ".npy":
@@ -161,7 +162,7 @@ def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> N
     with np.load(tmp_path / "out.npz") as content:
         about = json.loads(str(content["meta"]))["options"]["maps"]
     assert about["height"]["unit"] == "mm"
-    assert about["x"]["labels"] == {"2": "back", "7": "front"}
+    assert about["x"]["labels"] == [[2, "back", "#ff0000"], [7, "front", "#0000ff"]]
     content = exported(mesh, "hks", 9, listener, n_columns=3)
     assert content["features"].shape[1] == 3
 
