@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Eigenvalues below this share of the largest are zero within rounding.
 ZERO_SHARE = 1e-10
+#: Relative difference up to which an eigenvalue equals the end of a range.
+_ROUNDING = 1e-9
 
 
 def count_zeros(eigenvalues: FloatArray) -> int:
@@ -316,14 +318,17 @@ def _check_deviation(given: float, name: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SplineResponse:
-    """B-splines on ``[low, high]``, 0 outside."""
+    """B-splines on ``[low, high]``, 0 outside; `high` with rounding is inside."""
 
     bases: tuple[BSpline[Any], ...]
     low: float
     high: float
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        return np.stack([np.asarray(basis(eigenvalues)) for basis in self.bases])
+        # the last eigenvalue, converted or computed again, may exceed the end by rounding
+        at_end = np.isclose(eigenvalues, self.high, rtol=_ROUNDING, atol=0.0)
+        inside = np.where(at_end, self.high, eigenvalues)
+        return np.stack([np.asarray(basis(inside)) for basis in self.bases])
 
     def supremum(self, start: float) -> FloatArray:
         if start >= self.high:

@@ -196,7 +196,8 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
     Parameters
     ----------
     e_min, e_max : float
-        Range of eigenvalues, per squared unit; all bands are 0 outside of it.
+        Range of eigenvalues, per squared unit; all bands are 0 outside of it. Eigenvalues that
+        equal `e_max` up to rounding, 1e-9, are inside.
     n_components : int
         Number of bands.
 

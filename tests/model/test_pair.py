@@ -523,15 +523,17 @@ def test_a_script_solves_and_compares_the_pairs_that_were_compared(
     pair = paired(first, second)
     first.solve.target = Target("count", COUNT)
     first.solve.compute()
-    wanted = pair.comparison
-    script = reproduction_script(first, pair)
-    filled = script.replace("mv.Mesh(vertices, faces, unit=...)", "meshes.pop(0)")
-    made: dict[str, Any] = {"meshes": [mesh, wide]}
     monkeypatch.chdir(tmp_path)
-    exec(filled, made)
-    assert len(made["decomposition"].eigenvalues) == len(first.spectrum) == COUNT
-    assert len(made["other_decomposition"].eigenvalues) == len(second.spectrum)
-    found = made["comparison"]
-    assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
-    np.testing.assert_allclose(found.forth.scores, wanted.forth.scores, atol=1e-5)
-    np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
+    for feature in MATCHED_IN:
+        pair.matched_in = feature
+        wanted = pair.comparison
+        script = reproduction_script(first, pair)
+        filled = script.replace("mv.Mesh(vertices, faces, unit=...)", "meshes.pop(0)")
+        made: dict[str, Any] = {"meshes": [mesh, wide]}
+        exec(filled, made)
+        assert len(made["decomposition"].eigenvalues) == len(first.spectrum) == COUNT
+        assert len(made["other_decomposition"].eigenvalues) == len(second.spectrum)
+        found = made["comparison"]
+        assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
+        np.testing.assert_allclose(found.forth.scores, wanted.forth.scores, atol=1e-5)
+        np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
