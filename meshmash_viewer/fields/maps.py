@@ -250,14 +250,15 @@ class OwnMaps(Family):
                 share, word = 1.0 - share, "without"
             text = f"{word} {counted(self.pairs, 'pair')}"
             return text if known is None else f"{text}: {format_share(share)} of what varies"
+        pairs = counted(len(spectrum), "pair")
         if self.filter is not None:
-            text = f"through {self.filter.describe(spectrum, unit).quantity}"
+            text = f"with {pairs} through {self.filter.describe(spectrum, unit).quantity}"
             share = self.missing(spectrum)[1]
             if not share >= _SAID:
                 return text
             return f"{text}: up to {format_share(share)} of what varies is missing"
         if self.view == "band":
-            return f"in octaves of λ, {len(band_labels(spectrum.eigenvalues, unit))} of them"
+            return f"from {pairs}, in {len(band_labels(spectrum.eigenvalues, unit))} octaves of λ"
         shown = self.vertex_map(spectrum)
         if shown is None:
             return ""

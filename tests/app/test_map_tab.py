@@ -446,7 +446,8 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     assert part(window, QListWidget, "map_list").width() <= width, "a long name widens nothing"
     kept = document.mesh.maps[-1]
     assert names(window) == ["depth", kept.name, *CURVATURES]
-    assert kept.name.startswith("depth, filtered through x < c, c = ")
+    n_pairs = len(document.spectrum)
+    assert kept.name.startswith(f"depth, filtered with {n_pairs} pairs through x < c, c = ")
     assert window.controller.field.title == kept.name
     dialog = ExportDialog(document, tmp_path, window)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
