@@ -104,9 +104,15 @@ def checked_faces(given: Any, n_vertices: int) -> IntArray:
     if array.size == 0:
         raise InputError("The mesh has no faces: a surface is needed, not a cloud of points.")
     if array.ndim != 2 or array.shape[1] != 3:
+        counts_first = array.ndim == 2 and array.shape[1] == 4 and np.all(array[:, 0] == 3)
         raise InputError(
             f"Faces have shape {array.shape}: give three vertex indices for each triangle, "
-            "shape (m, 3); polygons have to be split into triangles first."
+            "shape (m, 3); "
+            + (
+                "the first column is a count of vertices, leave it out with faces[:, 1:]."
+                if counts_first
+                else "polygons have to be split into triangles first."
+            )
         )
     if array.dtype.kind not in "iuf":
         raise InputError(f"Faces are vertex indices, not of type {array.dtype}.")
@@ -116,9 +122,11 @@ def checked_faces(given: Any, n_vertices: int) -> IntArray:
             wrong |= array != np.floor(array)
     bad = np.flatnonzero(wrong.any(axis=1))
     if len(bad):
+        from_one = np.min(array) == 1 and np.max(array) == n_vertices
         raise InputError(
             f"Faces name vertices that do not exist (face {_offenders(bad)}, the first as "
             f"{array[bad[0]].tolist()}): indices run from 0 to {n_vertices - 1}."
+            + (" They seem to begin at 1: subtract 1." if from_one else "")
         )
     return np.array(array, dtype=np.int64, order="C")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import PurePath
@@ -24,6 +24,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import (
     LENGTH_UNITS,
+    MESH_UNITS,
     NO_VOXEL,
     Voxel,
     counted,
@@ -36,6 +37,16 @@ from meshmash_viewer.vertex_map import VertexMap, named_apart
 #: ``(vertices, faces)``, an object with these two attributes or with LaPy's ``v`` and ``t``, or a
 #: pyvista ``PolyData``.
 MeshLike: TypeAlias = Any
+
+#: Attributes that hold the vertices and the faces of the mesh types of other packages.
+_ATTRIBUTES = (("vertices", "faces"), ("vertices", "triangles"), ("v", "t"))
+#: How objects that are no surface are converted to one.
+_CONVERSIONS: tuple[tuple[Callable[[object], bool], str], ...] = (
+    (lambda given: isinstance(given, (str, PurePath)), "Read a file with read_mesh."),
+    (lambda given: hasattr(given, "extract_surface"), "Give mesh.extract_surface()."),
+    (lambda given: hasattr(given, "to_mesh"), "Give scene.to_mesh()."),
+    (lambda given: hasattr(given, "cells_dict"), 'Give mesh.points, mesh.cells_dict["triangle"].'),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +117,7 @@ class Mesh(Triangles):
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "voxel", tuple(float(size) for size in self.voxel))
-        _check_unit(self.unit)
+        object.__setattr__(self, "unit", _length_unit(self.unit))
         if not is_voxel(self.voxel):
             raise InputError(f"A voxel has three positive sizes, not {self.voxel!r}.")
         object.__setattr__(self, "maps", named_apart([self._fitted(each) for each in self.maps]))
@@ -142,8 +153,7 @@ class Mesh(Triangles):
 
     def in_unit(self, unit: str) -> Mesh:
         """The same numbers said to be in another unit; what was derived from them is kept."""
-        _check_unit(unit)
-        return self._with(unit=unit)
+        return self._with(unit=_length_unit(unit))
 
     def with_maps(self, *maps: VertexMap) -> Mesh:
         """The same mesh with more maps; one whose name is taken gets a number after it.
@@ -271,7 +281,8 @@ class Mesh(Triangles):
         if kept.dtype != np.bool_ or kept.shape != (self.n_vertices,):
             raise InputError(
                 f"A mask is {self.n_vertices:,} bools, one a vertex, not {kept.dtype} of shape"
-                f" {kept.shape}."
+                f" {kept.shape}: make one with a comparison such as labels == 2, or from indices"
+                " with np.isin(np.arange(n), indices)."
             )
         faces = self.faces[kept[self.faces].all(axis=1)]
         if not len(faces):
@@ -320,18 +331,18 @@ def as_mesh(mesh: MeshLike) -> Mesh:
     """Take a mesh in any of the accepted forms.
 
     These are a `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
-    `vertices` and `faces` such as a ``trimesh.Trimesh``, or `v` and `t` such as a LaPy
-    ``TriaMesh``, and a pyvista ``PolyData``, whose polygons are triangulated. `InputError` is
-    raised if it is none of these, or not a valid mesh (see `Mesh`).
+    `vertices` and `faces` such as a ``trimesh.Trimesh``, `vertices` and `triangles` such as an
+    Open3D ``TriangleMesh``, or `v` and `t` such as a LaPy ``TriaMesh``, and a pyvista ``PolyData``,
+    whose polygons are triangulated. `InputError` is raised if it is none of these, or not a valid
+    mesh (see `Mesh`).
     """
     if isinstance(mesh, Mesh):
         return mesh
     if hasattr(mesh, "GetPolys"):
         return Mesh(*polydata_triangles(mesh))
-    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-        return Mesh(mesh.vertices, mesh.faces)
-    if hasattr(mesh, "v") and hasattr(mesh, "t"):
-        return Mesh(mesh.v, mesh.t)
+    for vertices, faces in _ATTRIBUTES:
+        if hasattr(mesh, vertices) and hasattr(mesh, faces):
+            return Mesh(getattr(mesh, vertices), getattr(mesh, faces))
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         from scipy.sparse import issparse
 
@@ -343,7 +354,7 @@ def as_mesh(mesh: MeshLike) -> Mesh:
         return Mesh(mesh[0], mesh[1])
     kind = type(mesh).__name__
     given = f"a {kind} of {len(mesh)}" if isinstance(mesh, (tuple, list)) else f"of type {kind}"
-    hint = " Read a file with read_mesh." if isinstance(mesh, (str, PurePath)) else ""
+    hint = next((f" {text}" for is_kind, text in _CONVERSIONS if is_kind(mesh)), "")
     raise InputError(
         f"A mesh is a pair (vertices, faces) or an object with these two attributes, "
         f"not {given}.{hint}"
@@ -391,7 +402,10 @@ def mesh_to_poly(mesh: MeshLike) -> Any:
     return pyvista.PolyData(mesh.vertices.copy(), padded.ravel())
 
 
-def _check_unit(unit: str) -> None:
-    if unit not in LENGTH_UNITS:
+def _length_unit(name: str) -> str:
+    """Return the unit of `LENGTH_UNITS` with a name such as "um", or raise an `InputError`."""
+    factor, unit = MESH_UNITS.get(name, (0.0, ""))
+    if factor != 1.0:
         known = ", ".join(each or "none" for each in LENGTH_UNITS)
-        raise InputError(f"{unit!r} is not a unit a mesh can have: give one of {known}.")
+        raise InputError(f"{name!r} is not a unit a mesh can have: give one of {known}.")
+    return unit

@@ -23,9 +23,8 @@ from decimal import Decimal
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import (
-    LENGTH_UNITS,
+    MESH_UNITS,
     METRES,
-    NO_VOXEL,
     UNIT_FORMS,
     Voxel,
     is_voxel,
@@ -64,9 +63,7 @@ _UNIT = re.compile(
 )
 
 
-#: The micro sign is written; the Greek letter mu is read, too.
-_ALIASES = {**{unit: unit for unit in LENGTH_UNITS}, "none": "", "μm": "µm", "um": "µm"}
-_VOXEL = re.compile(r"(?P<sizes>(?:[0-9.,'_ x×]|(?<=[0-9])[eE][+-]?(?=[0-9]))*)(?P<unit>[a-zµ]*)")
+_VOXEL = re.compile(r"(?P<sizes>(?:[0-9.,'_ x×]|(?<=[0-9])[eE][+-]?(?=[0-9]))*)(?P<unit>[a-zµÅ]*)")
 
 
 @dataclass(frozen=True)
@@ -170,8 +167,8 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
 
     The size of a voxel is one number, or three along x, y and z with "×", "x" or "," between them.
     Returned are the factors that convert coordinates to the unit, `NO_VOXEL` without a voxel size,
-    and the unit, one of `LENGTH_UNITS`. `InputError` is raised if the text is not a unit, or the
-    size is ambiguous or not positive.
+    and the unit, one of `LENGTH_UNITS`; "cm" is a voxel of 10 mm. `InputError` is raised if the
+    text is not a unit, or the size is ambiguous or not positive.
 
     Examples
     --------
@@ -180,11 +177,11 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
     """
     match = _VOXEL.fullmatch(_plain(text))
     fault = InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.")
-    if match is None or match["unit"] not in _ALIASES:
+    if match is None or match["unit"] not in MESH_UNITS:
         raise fault
-    unit, sizes = _ALIASES[match["unit"]], match["sizes"].strip()
+    (factor, unit), sizes = MESH_UNITS[match["unit"]], match["sizes"].strip()
     if not sizes:
-        return NO_VOXEL, unit
+        return (factor, factor, factor), unit
     parts = re.split(r"\s*[x×]\s*|\s+,\s*|,\s+", sizes)
     if len(parts) == 1 and sizes.count(",") == 2:
         parts = sizes.split(",")
@@ -199,7 +196,7 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
         raise
     except InputError:
         raise fault from None
-    voxel = found * 3 if len(found) == 1 else found
+    voxel = tuple(factor * size for size in (found * 3 if len(found) == 1 else found))
     if not is_voxel(voxel) or not unit:
         raise fault
     return (voxel[0], voxel[1], voxel[2]), unit

@@ -35,6 +35,20 @@ METRES: dict[str, int] = {
 }
 METRES |= {f"{name}s": METRES[name] for name in METRES if name[-2:] in ("on", "er", "re", "om")}
 
+
+def _mesh_unit(power: int) -> tuple[float, str]:
+    """Return the factor to the next smaller of `LENGTH_UNITS`, and that unit."""
+    smaller = [unit for unit in LENGTH_UNITS[1:] if METRES[unit] <= power]
+    unit = smaller[-1] if smaller else "nm"
+    return 10.0 ** (power - METRES[unit]), unit
+
+
+#: For each unit of length that is read, the factor to one of `LENGTH_UNITS`, and that unit.
+MESH_UNITS: dict[str, tuple[float, str]] = {
+    **{name: _mesh_unit(power) for name, power in METRES.items()},
+    **dict.fromkeys(("", "none"), (1.0, "")),
+}
+
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FROM_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")

@@ -9,7 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import pyvista
 import shapes
+import trimesh
 
 from meshmash_viewer.decompose import decompose_mesh
 from meshmash_viewer.errors import InputError
@@ -105,6 +107,26 @@ def test_other_things_are_not_meshes(thing):
 def test_a_path_is_told_how_to_be_read(thing):
     with pytest.raises(InputError, match=r"Read a file with read_mesh\.$"):
         as_mesh(thing)
+
+
+@pytest.mark.parametrize(
+    ("given", "remedy"),
+    [
+        (pyvista.ImageData(dimensions=(2, 2, 2)), r"mesh\.extract_surface\(\)"),
+        (trimesh.Scene(trimesh.creation.box()), r"scene\.to_mesh\(\)"),
+        ((np.eye(3), [[1, 2, 3]]), "subtract 1"),
+        ((np.eye(3), [[3, 0, 1, 2]]), r"faces\[:, 1:\]"),
+    ],
+)
+def test_what_is_no_triangle_mesh_is_refused_with_its_conversion(given, remedy):
+    with pytest.raises(InputError, match=remedy):
+        as_mesh(given)
+
+
+def test_a_mesh_of_vertices_and_triangles_is_taken_with_a_unit_in_words():
+    open3d = SimpleNamespace(vertices=np.eye(3), triangles=[[0, 1, 2]])
+    assert as_mesh(open3d).n_faces == 1
+    assert Mesh(open3d.vertices, open3d.triangles, unit="micron").unit == "µm"
 
 
 def test_matrices_are_not_taken_for_a_mesh():
