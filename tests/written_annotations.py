@@ -1,9 +1,6 @@
-"""What annotations paint, noted instead of painted."""
+"""Texts, rectangles, polygons and strips of the annotations of a frame."""
 
 from __future__ import annotations
-
-from vtkmodules.vtkRenderingContext2D import vtkBrush, vtkPen
-from vtkmodules.vtkRenderingCore import vtkTextProperty
 
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 
@@ -16,20 +13,14 @@ class Written:
         self.rectangles: list[tuple[float, ...]] = []
         self.strips: list[tuple[float, ...]] = []
         self.polygons: list[list[float]] = []
-        pen, brush, look = vtkPen(), vtkBrush(), vtkTextProperty()
-        self.GetPen, self.GetBrush, self.GetTextProp = lambda: pen, lambda: brush, lambda: look
-        self.DrawEllipse = self.SetTransform = lambda *_: None
         drawing.prepare(*size, scale)
-        drawing.annotations.Paint(None, self)
-
-    def DrawString(self, x: float, y: float, text: str) -> None:
-        self.texts[text] = x, y
-
-    def DrawRect(self, *place: float) -> None:
-        self.rectangles.append(place)
-
-    def DrawPolygon(self, corners: list[float], _count: int) -> None:
-        self.polygons.append(corners)
-
-    def DrawImage(self, place, _image) -> None:
-        self.strips.append((place.GetX(), place.GetY(), place.GetWidth(), place.GetHeight()))
+        for line in drawing.annotations.texts:
+            self.texts[line.text] = line.x, line.y
+        for draw, arguments, *_ in drawing.annotations.shapes:
+            if draw == "DrawRect":
+                self.rectangles.append(arguments)
+            elif draw == "DrawPolygon":
+                self.polygons.append(arguments[0])
+            elif draw == "DrawImage":
+                x, y, image = arguments
+                self.strips.append((x, y, *image.GetDimensions()[:2]))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from functools import lru_cache, partial
+from itertools import zip_longest
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,10 +15,11 @@ import vtkmodules.vtkRenderingContextOpenGL2
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectf
+from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkCommonTransforms import vtkTransform2D
 from vtkmodules.vtkPythonContext2D import vtkPythonItem
 from vtkmodules.vtkRenderingContext2D import vtkContext2D, vtkContextActor, vtkPen
+from vtkmodules.vtkRenderingCore import vtkProp, vtkRenderer, vtkTextActor
 
 from meshmash_viewer.app.view.camera import Margins, View
 from meshmash_viewer.app.view.style import (
@@ -188,26 +190,79 @@ def title_size(caption: Caption, height: float = math.inf) -> tuple[int, int]:
     return wide + 3 * EDGE, 40 + (_FORMULA if tall else 0) + 2 * EDGE
 
 
-class Annotations:
-    """Paints what `show` was given last; VTK calls `Paint` in each frame."""
+class Text(NamedTuple):
+    """A line of text with its look; (x, y) is its anchor in pixels from the lower left."""
+
+    text: str
+    x: int
+    y: int
+    size: int
+    ink: str
+    bold: bool
+    #: Justification, `_LOW`, `_MIDDLE` or `_TOP` of each direction.
+    across: int
+    along: int
+    opacity: float
+    #: Colour and opacity of the background.
+    ground: tuple[float, ...]
+    plate: float
+
+
+class Shape(NamedTuple):
+    """A filled shape: name of a method of `vtkContext2D`, its arguments in pixels, and colour."""
+
+    draw: str
+    arguments: tuple[Any, ...]
+    color: str
+    opacity: float = 1.0
+
+
+class _Shapes:
+    """Shapes that VTK draws in each frame by `Paint`."""
 
     def __init__(self) -> None:
-        self._page = Page(LIGHT, 1, 1, 1.0)
-        self._view: View | None = None
-        self._caption: Caption | None = None
-        self._unit = ""
-        self._pins: Sequence[Pin] = ()
+        self.page = Page(LIGHT, 1, 1, 1.0)
+        self.shapes: Sequence[Shape] = ()
+
+    def Initialize(self, _item: vtkPythonItem) -> bool:
+        return True
+
+    def Paint(self, _item: vtkPythonItem, context: vtkContext2D) -> bool:
+        context.GetPen().SetLineType(vtkPen.NO_PEN)
+        # VTK stretches the range from 0.5 to the size minus 0.5 over the picture
+        pixels = vtkTransform2D()
+        pixels.Translate(0.5, 0.5)
+        pixels.Scale(1.0 - 1.0 / self.page.width, 1.0 - 1.0 / self.page.height)
+        context.SetTransform(pixels)
+        for draw, arguments, color, opacity in self.shapes:
+            context.GetBrush().SetColorF(*rgb(color), opacity)
+            getattr(context, draw)(*arguments)
+        return True
+
+
+class Annotations:
+    """Shapes and texts over a renderer, which change only by `show`.
+
+    Each line of text is an actor of its own, whose picture VTK keeps until the line changes.
+    """
+
+    def __init__(self, renderer: vtkRenderer) -> None:
+        self._renderer, self._shapes = renderer, _Shapes()
+        item, actor = vtkPythonItem(), vtkContextActor()
+        # not `self`: VTK cannot free a cycle through Python
+        item.SetPythonObject(self._shapes)
+        actor.GetScene().AddItem(item)
+        renderer.AddViewProp(actor)
+        #: The actors of all annotations.
+        self.props: list[vtkProp] = [actor]
+        self._lines: list[vtkTextActor] = []
+        self.texts: list[Text] = []
         #: Shares of the colour bar at which it has handles; None for none.
         self.bar_range: tuple[float, float] | None = None
-        self._legend: PointLegend | None = None
 
-    def new_actor(self) -> vtkContextActor:
-        """An actor that paints these annotations over a renderer."""
-        # not an attribute: VTK cannot free a cycle through Python
-        item, actor = vtkPythonItem(), vtkContextActor()
-        item.SetPythonObject(self)
-        actor.GetScene().AddItem(item)
-        return actor
+    @property
+    def shapes(self) -> Sequence[Shape]:
+        return self._shapes.shapes
 
     def show(
         self,
@@ -219,41 +274,46 @@ class Annotations:
         legend: PointLegend | None = None,
     ) -> None:
         """Set what the next frames have; without a view there are no annotations."""
-        self._page, self._view, self._caption = page, view, caption
-        self._unit, self._pins, self._legend = unit, pins, legend
+        layouts = []
+        if view is not None:
+            if caption is not None:
+                layouts.append(_caption_layout(page, caption, self.bar_range))
+            layouts.append(_view_layout(page, view, unit, tuple(pins), legend))
+        self._shapes.page = page
+        self._shapes.shapes = [shape for layout in layouts for shape in layout.shapes]
+        self._write([text for layout in layouts for text in layout.texts])
 
-    def Initialize(self, _item: vtkPythonItem) -> bool:
-        return True
+    def _write(self, texts: list[Text]) -> None:
+        """Give each text an actor; VTK rasterizes those that changed."""
+        for _ in texts[len(self._lines) :]:
+            self._lines.append(line := vtkTextActor())
+            self.props.append(line)
+            self._renderer.AddViewProp(line)
+        for line, text, before in zip_longest(self._lines, texts, self.texts):
+            if text == before:
+                continue
+            line.SetVisibility(text is not None)
+            if text is not None:
+                line.SetInput(text.text)
+                line.SetPosition(text.x, text.y)
+                look = line.GetTextProperty()
+                set_style(look, text.size, text.ink, text.bold)
+                look.SetOpacity(text.opacity)
+                look.SetJustification(text.across)
+                look.SetVerticalJustification(text.along)
+                look.SetBackgroundColor(*text.ground)
+                look.SetBackgroundOpacity(text.plate)
+        self.texts = texts
 
-    def Paint(self, _item: vtkPythonItem, context: vtkContext2D) -> bool:
-        if self._view is not None:
-            painter = _Painter(context, self._page)
-            if self._caption is not None:
-                painter.title(self._caption)
-                painter.color_bar(self._caption)
-                if self.bar_range is not None:
-                    painter.bar_range(self._caption, self.bar_range)
-            painter.scale_bar(self._view, self._unit)
-            painter.axes(self._view)
-            if self._legend is not None:
-                painter.legend(self._legend)
-            for pin in self._pins:
-                painter.pin(pin, self._view)
-        return True
 
+class _Layout:
+    """Places annotations; positions and sizes are in points, from the lower left."""
 
-class _Painter:
-    """Paints annotations; positions and sizes are in points, from the lower left."""
-
-    def __init__(self, context: vtkContext2D, page: Page) -> None:
-        self._context, self._page, self._theme = context, page, page.theme
+    def __init__(self, page: Page) -> None:
+        self._page, self._theme = page, page.theme
         self._width, self._height = page.width / page.scale, page.height / page.scale
-        context.GetPen().SetLineType(vtkPen.NO_PEN)
-        # VTK stretches the range from 0.5 to the size minus 0.5 over the picture
-        pixels = vtkTransform2D()
-        pixels.Translate(0.5, 0.5)
-        pixels.Scale(1.0 - 1.0 / page.width, 1.0 - 1.0 / page.height)
-        context.SetTransform(pixels)
+        self.shapes: list[Shape] = []
+        self.texts: list[Text] = []
 
     def title(self, caption: Caption) -> None:
         """Paint title, formula and quantity at the upper left; not all in a low picture."""
@@ -276,7 +336,9 @@ class _Painter:
             return
         left, below, tall = place
         next_to, theme = left + BAR + _GAP, self._theme
-        self._strip(caption.table, left, below, tall)
+        x, y, *size = self._pixels(left, below, BAR, tall)
+        image = _bar_image(caption.colormap, *size)
+        self.shapes.append(Shape("DrawImage", (x, y, image), "#ffffff"))
         count = min(max(int(tall / 34), 2), _MAX_LABELS)
         named = partial(
             bar_labels, caption.low, caption.high, caption.unit, caption.logarithmic,
@@ -293,12 +355,10 @@ class _Painter:
         # arrows say that there are values beyond the limits, in the colours of these
         for end, side, up, tip in ((0, 0, below + 1, -9), (-1, 1, below + tall - 1, 9)):
             if caption.beyond[side]:
-                self._brush("#" + bytes(caption.table[end, :3]).hex())
-                corners = left, up, left + BAR, up, left + BAR / 2, up + tip
-                self._context.DrawPolygon([self._page.scale * each for each in corners], 3)
+                color = "#" + bytes(caption.table[end, :3]).hex()
+                self._polygon(color, left, up, left + BAR, up, left + BAR / 2, up + tip)
         if caption.missing:
-            grey = np.rint([[*(255.0 * np.array(rgb(NAN_COLOR))), 255.0]]).astype(np.uint8)
-            self._strip(grey, left, below - 24, 10)
+            self._rectangle(NAN_COLOR, left, below - 24, BAR, 10)
             up = below - 19
             self._text("no value", _LABEL, theme.faint_ink, next_to, up, along=_MIDDLE, edge=_PAD)
 
@@ -316,8 +376,7 @@ class _Painter:
             up = below + tall * share
             self._rectangle(self._theme.ink, left - 3.0, up - 1.0, BAR + 5.0, 2.0)
             corners = left - 2.0, up, left - 12.0, up, left - 12.0, up + 9.0 * side
-            self._brush(self._theme.ink)
-            self._context.DrawPolygon([self._page.scale * each for each in corners], 3)
+            self._polygon(self._theme.ink, *corners)
 
     def scale_bar(self, view: View, unit: str) -> None:
         """Paint a round length at the lower right."""
@@ -413,29 +472,25 @@ class _Painter:
             text = fitted(text, free, lambda part: text_size(part, size, bold)[0])
         if not text:
             return
-        look = self._context.GetTextProp()
-        set_style(look, size, ink, bold)
-        look.SetOpacity(opacity)
-        look.SetJustification(across)
-        look.SetVerticalJustification(along)
         # in invisible steps: VTK opens the font again for each colour beyond 30
-        look.SetBackgroundColor(*self._theme.ground(round(8.0 * (y - 6.0) / self._height) / 8.0))
-        look.SetBackgroundOpacity(0.6 if plated and self._page.plates else 0.0)
-        left, up = self._pixels(x, y)
-        self._context.DrawString(left, up, text)
-
-    def _brush(self, color: str, opacity: float = 1.0) -> None:
-        self._context.GetBrush().SetColorF(*rgb(color), opacity)
+        ground = self._theme.ground(round(8.0 * (y - 6.0) / self._height) / 8.0)
+        plate = 0.6 if plated and self._page.plates else 0.0
+        look = size, ink, bold, across, along, opacity, ground, plate
+        self.texts.append(Text(text, *self._pixels(x, y), *look))
 
     def _rectangle(
         self, color: str, x: float, y: float, wide: float, tall: float, opacity: float = 1.0
     ) -> None:
-        self._brush(color, opacity)
-        self._context.DrawRect(*self._pixels(x, y, wide, tall))
+        place = self._pixels(x, y, wide, tall)
+        self.shapes.append(Shape("DrawRect", tuple(place), color, opacity))
 
     def _disc(self, color: str, x: float, y: float, radius: float, opacity: float = 1.0) -> None:
-        self._brush(color, opacity)
-        self._context.DrawEllipse(*(self._page.scale * each for each in (x, y, radius, radius)))
+        place = tuple(self._page.scale * each for each in (x, y, radius, radius))
+        self.shapes.append(Shape("DrawEllipse", place, color, opacity))
+
+    def _polygon(self, color: str, *corners: float) -> None:
+        pixels = [self._page.scale * each for each in corners]
+        self.shapes.append(Shape("DrawPolygon", (pixels, len(corners) // 2), color))
 
     def _arrow(self, color: str, x: float, y: float, along: float, up: float) -> None:
         """Paint a shaft and a head from a position; towards the eye, the head is a disc."""
@@ -444,20 +499,50 @@ class _Painter:
         share = min(length / _AXIS, 1.0)
         start = np.array([x, y])
         neck, tip = start + (length - 7.0 * share) * forward, start + length * forward
-        self._brush(color)
         for corners in (
             (start - 1.2 * left, start + 1.2 * left, neck + 1.2 * left, neck - 1.2 * left),
             (neck - 3.2 * left, neck + 3.2 * left, tip),
         ):
-            flat = (self._page.scale * np.array(corners)).ravel().tolist()
-            self._context.DrawPolygon(flat, len(corners))
+            self._polygon(color, *np.ravel(corners).tolist())
         if share < 0.5:
             self._disc(color, neck[0], neck[1], 3.2)
 
-    def _strip(self, colors: npt.NDArray[np.uint8], x: float, y: float, tall: float) -> None:
-        """Paint a vertical strip of colours, from the lowest to the highest."""
-        image = vtkImageData()
-        image.SetDimensions(1, len(colors), 1)
-        image.GetPointData().SetScalars(numpy_to_vtk(colors, deep=True))
-        self._brush("#ffffff")
-        self._context.DrawImage(vtkRectf(*self._pixels(x, y, BAR, tall)), image)
+
+@lru_cache(maxsize=8)
+def _bar_image(colormap: ColorMap, width: int, height: int) -> vtkImageData:
+    """Image of a colour bar in pixels; VTK uploads it again only if it is another object."""
+    colors = color_table(colormap)[np.arange(height) * 256 // height]
+    image = vtkImageData()
+    image.SetDimensions(width, height, 1)
+    image.GetPointData().SetScalars(numpy_to_vtk(np.repeat(colors, width, axis=0), deep=True))
+    return image
+
+
+@lru_cache(maxsize=4)
+def _caption_layout(
+    page: Page,
+    caption: Caption,
+    bar_range: tuple[float, float] | None,
+) -> _Layout:
+    """Lay out what depends on the field."""
+    layout = _Layout(page)
+    layout.title(caption)
+    layout.color_bar(caption)
+    if bar_range is not None:
+        layout.bar_range(caption, bar_range)
+    return layout
+
+
+@lru_cache(maxsize=4)
+def _view_layout(
+    page: Page, view: View, unit: str, pins: tuple[Pin, ...], legend: PointLegend | None
+) -> _Layout:
+    """Lay out what depends on the camera and the mesh."""
+    layout = _Layout(page)
+    layout.scale_bar(view, unit)
+    layout.axes(view)
+    if legend is not None:
+        layout.legend(legend)
+    for pin in pins:
+        layout.pin(pin, view)
+    return layout

@@ -57,9 +57,7 @@ class MeshRenderer:
             light.SetIntensity(intensity)
             self.renderer.AddLight(light)
         self.renderer.GetActiveCamera().ParallelProjectionOn()
-        self.annotations = Annotations()
-        self._annotated = self.annotations.new_actor()
-        self.renderer.AddViewProp(self._annotated)
+        self.annotations = Annotations(self.renderer)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
@@ -438,7 +436,7 @@ class MeshRenderer:
 
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that scripts have added."""
-        ours = {id(self._annotated), id(self.handle)}
+        ours = {id(prop) for prop in (*self.annotations.props, self.handle)}
         ours |= {id(surface.actor) for surface in self._surfaces}
         ours |= {id(overlay.actor) for overlay in self.overlays.values()}
         props = self.renderer.GetViewProps()
