@@ -1,4 +1,4 @@
-"""Annotations of the render: title, colour bar, scale bar, axes and pins, painted over the mesh."""
+"""Annotations of the render: title, colour bar, scale bar, axes, legend and pins."""
 
 from __future__ import annotations
 
@@ -39,33 +39,33 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.units import round_length
 
-# All sizes are in points. VTK converts those of fonts to pixels by the resolution of its window,
-# `_Painter` converts the others.
+# All sizes are in points. VTK converts font sizes to pixels by the resolution of its window,
+# `_Layout` converts the other sizes.
 #: Distance of text from the edge of the picture.
 EDGE = 16
-#: Width of the colour bar with its labels, its distance from the right edge, its own width, the
-#: gap to its labels, and their smallest distance from the edge.
+#: Width of the colour bar with its labels, distance of the bar from the right edge, width of the
+#: bar, gap between bar and labels, and smallest distance of labels from the edge.
 BAR_SPACE, _BAR_EDGE, BAR, _GAP, _PAD = 108, 88, 14, 6, 4
 _MAX_LABELS = 7
-#: Distance of the labels at the ends of the colour bar from the next ones.
+#: Smallest distance between the label at an end of the colour bar and the next label.
 _APART = 17
-#: Number of characters of a label that there is room for.
+#: Largest number of characters of a label next to the colour bar.
 _LONGEST = 9
 #: Font sizes of title, quantity, scale bar and labels.
 TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
-#: Height of the line of the formula, and of the lowest picture that has it.
+#: Height of the line of the formula, and smallest height of a picture with a formula.
 _FORMULA, _FORMULA_FROM = 18, 360
 #: Distance of the origin of the axes from the corner, and length of an axis.
 _ORIGIN, _AXIS = 46, 26
-#: Colours of the x, y and z axis, which differ in brightness too.
+#: Colours of the x, y and z axis; they differ in brightness, for readers who see no colours.
 AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 #: Rim of a pin, and background of its number.
 _DARK = "#14181d"
-#: Width in points at which the name of a pin is truncated.
+#: Largest width of the name of a pin and of a row of the legend; longer texts are truncated.
 _LONGEST_LABEL = 160.0
-#: Height of the lowest row of a legend of points, and of each.
+#: Distance of the legend from the lower edge of the picture, and height of a row.
 _LEGEND, _ROW = 104.0, 17.0
-#: Justification of text in VTK: its left or lower edge, its middle, or its upper edge.
+#: Justification of text in VTK: the anchor is its left or lower edge, its middle, its upper edge.
 _LOW, _MIDDLE, _TOP = 0, 1, 2
 
 
@@ -85,11 +85,11 @@ class Caption:
     missing: bool = False
     #: Whether colours follow the logarithm of the values.
     logarithmic: bool = False
-    #: Whether there are values below the lower limit, and above the upper one.
+    #: Whether there are values below the lower limit, and above the upper limit.
     beyond: tuple[bool, bool] = (False, False)
-    #: What the values are, as a short formula.
+    #: Short formula of the values.
     formula: str = ""
-    #: Spacing of lines; 0 for zero lines alone, None for no lines.
+    #: Distance between the values of level lines; 0 for zero lines alone, None for no lines.
     lines: float | None = None
 
     @property
@@ -99,7 +99,7 @@ class Caption:
 
 
 def caption_of(field: Field, limits: Limits, colormap: ColorMap, *, lined: bool) -> Caption:
-    """The caption of a field, with lines or without."""
+    """Return the caption of a field; `lined` adds level lines."""
     return Caption(
         field.title,
         field.description(lined),
@@ -116,53 +116,57 @@ def caption_of(field: Field, limits: Limits, colormap: ColorMap, *, lined: bool)
 
 @dataclass(frozen=True)
 class PointLegend:
-    """Colours "#rrggbb" of points with what they mean, from above; shades if `graded`."""
+    """Legend of the colours of points."""
 
     title: str
+    #: Colour "#rrggbb" and text of each row, from above.
     rows: tuple[tuple[str, str], ...]
+    #: Whether the colours are shades of a scale, drawn without gaps.
     graded: bool = False
 
 
 @dataclass(frozen=True)
 class Pin:
-    """A marked vertex, its position in mesh coordinates, colour, label, whether it is hidden."""
+    """A marked vertex."""
 
     vertex: int
+    #: In mesh coordinates.
     position: tuple[float, float, float]
     color: str
     label: str
+    #: Whether the mesh hides the vertex.
     hidden: bool
 
 
 @dataclass(frozen=True)
 class Page:
-    """Size of the picture in pixels, pixels per point (`scale`), and colours of annotations.
-
-    With `plates`, text has a translucent background, which is visible in front of the mesh.
-    """
+    """Size of a picture, and the look of its annotations."""
 
     theme: RenderTheme
+    #: In pixels.
     width: int
     height: int
+    #: Pixels per point.
     scale: float
+    #: Whether text has a translucent background.
     plates: bool = True
 
 
 def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
-    """Margins that annotations take of a picture, for fitting the mesh between them."""
+    """Return the margins, in pixels, in which annotations are drawn; the mesh is fitted inside."""
     if width < 260 * scale or height < 200 * scale:
         return Margins(*(8.0 * scale,) * 4)
     return Margins(
         left=28 * scale,
         right=(BAR_SPACE if captioned else 28) * scale,
-        # includes the number of a pin below the title
+        # a pin at the top of the mesh has its number above it, below the title
         top=(76 + (_FORMULA if height > _FORMULA_FROM * scale else 0) if captioned else 28) * scale,
         bottom=58 * scale,
     )
 
 
 class BarPlace(NamedTuple):
-    """Left and lower end of the colour bar, and its height, in points from the lower left."""
+    """Left edge, lower end and height of the colour bar, in points from the lower left."""
 
     left: float
     below: float
@@ -170,7 +174,7 @@ class BarPlace(NamedTuple):
 
 
 def bar_place(caption: Caption, page: Page) -> BarPlace | None:
-    """Return where the colour bar is; None in a small picture, and of the colours of labels."""
+    """Return the place of the colour bar; None in a small picture, and for colours of labels."""
     width, height = page.width / page.scale, page.height / page.scale
     tall = min(300.0, 0.5 * height, height - 150.0)
     if tall < 70.0 or width < 220.0 or not isinstance(caption.colormap, str):
@@ -179,7 +183,10 @@ def bar_place(caption: Caption, page: Page) -> BarPlace | None:
 
 
 def title_size(caption: Caption, height: float = math.inf) -> tuple[int, int]:
-    """Width and height in points of title, formula and quantity, in a picture of this height."""
+    """Return width and height, in points, of title, formula and quantity.
+
+    `height` is that of the picture.
+    """
     lines = (
         (caption.title, TITLE, True),
         (caption.quantity, QUANTITY, False),
@@ -191,7 +198,7 @@ def title_size(caption: Caption, height: float = math.inf) -> tuple[int, int]:
 
 
 class Text(NamedTuple):
-    """A line of text with its look; (x, y) is its anchor in pixels from the lower left."""
+    """A line of text; (x, y) is its anchor in pixels from the lower left."""
 
     text: str
     x: int
@@ -199,7 +206,7 @@ class Text(NamedTuple):
     size: int
     ink: str
     bold: bool
-    #: Justification, `_LOW`, `_MIDDLE` or `_TOP` of each direction.
+    #: Horizontal and vertical justification: `_LOW`, `_MIDDLE` or `_TOP`.
     across: int
     along: int
     opacity: float
@@ -209,8 +216,9 @@ class Text(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A filled shape: name of a method of `vtkContext2D`, its arguments in pixels, and colour."""
+    """A filled shape."""
 
+    #: Name of a method of `vtkContext2D`, and its arguments in pixels.
     draw: str
     arguments: tuple[Any, ...]
     color: str
@@ -241,9 +249,9 @@ class _Shapes:
 
 
 class Annotations:
-    """Shapes and texts over a renderer, which change only by `show`.
+    """Shapes and texts drawn over a renderer; `show` sets them.
 
-    Each line of text is an actor of its own, whose picture VTK keeps until the line changes.
+    Each line of text is an actor: VTK rasterizes its text only after a change.
     """
 
     def __init__(self, renderer: vtkRenderer) -> None:
@@ -253,15 +261,17 @@ class Annotations:
         item.SetPythonObject(self._shapes)
         actor.GetScene().AddItem(item)
         renderer.AddViewProp(actor)
-        #: The actors of all annotations.
+        #: All actors of the annotations.
         self.props: list[vtkProp] = [actor]
         self._lines: list[vtkTextActor] = []
+        #: The displayed texts.
         self.texts: list[Text] = []
-        #: Shares of the colour bar at which it has handles; None for none.
+        #: Positions of the handles at the colour bar, from 0 to 1; None for no handles.
         self.bar_range: tuple[float, float] | None = None
 
     @property
     def shapes(self) -> Sequence[Shape]:
+        """The displayed shapes."""
         return self._shapes.shapes
 
     def show(
@@ -273,7 +283,7 @@ class Annotations:
         pins: Sequence[Pin],
         legend: PointLegend | None = None,
     ) -> None:
-        """Set what the next frames have; without a view there are no annotations."""
+        """Set the contents of the next frames; without a view they have no annotations."""
         layouts = []
         if view is not None:
             if caption is not None:
@@ -284,7 +294,7 @@ class Annotations:
         self._write([text for layout in layouts for text in layout.texts])
 
     def _write(self, texts: list[Text]) -> None:
-        """Give each text an actor; VTK rasterizes those that changed."""
+        """Update the text actors whose text or look has changed; hide those that are left."""
         for _ in texts[len(self._lines) :]:
             self._lines.append(line := vtkTextActor())
             self.props.append(line)
@@ -307,7 +317,7 @@ class Annotations:
 
 
 class _Layout:
-    """Places annotations; positions and sizes are in points, from the lower left."""
+    """Converts annotations to shapes and texts; arguments are in points from the lower left."""
 
     def __init__(self, page: Page) -> None:
         self._page, self._theme = page, page.theme
@@ -316,7 +326,7 @@ class _Layout:
         self.texts: list[Text] = []
 
     def title(self, caption: Caption) -> None:
-        """Paint title, formula and quantity at the upper left; not all in a low picture."""
+        """Add title, formula and quantity at the upper left; a low picture lacks some of them."""
         top, theme = self._height - EDGE, self._theme
         self._text(caption.title, TITLE, theme.ink, EDGE, top, along=_TOP, bold=True)
         top -= 24
@@ -327,9 +337,9 @@ class _Layout:
             self._text(caption.quantity, QUANTITY, theme.faint_ink, EDGE, top, along=_TOP)
 
     def color_bar(self, caption: Caption) -> None:
-        """Paint the colour bar at the right, below the title, which may be as wide as the picture.
+        """Add the colour bar at the right.
 
-        The colours of labels have none: their names are in the panel.
+        It begins below the title, which may be as wide as the picture.
         """
         place = bar_place(caption, self._page)
         if place is None:
@@ -352,7 +362,7 @@ class _Layout:
         for share, label in labels:
             up = below + tall * share
             self._text(label, _LABEL, theme.ink, next_to, up, along=_MIDDLE, edge=_PAD)
-        # arrows say that there are values beyond the limits, in the colours of these
+        # triangles at the ends mean that there are values beyond the limits
         for end, side, up, tip in ((0, 0, below + 1, -9), (-1, 1, below + tall - 1, 9)):
             if caption.beyond[side]:
                 color = "#" + bytes(caption.table[end, :3]).hex()
@@ -363,7 +373,7 @@ class _Layout:
             self._text("no value", _LABEL, theme.faint_ink, next_to, up, along=_MIDDLE, edge=_PAD)
 
     def bar_range(self, caption: Caption, ends: tuple[float, float]) -> None:
-        """Paint handles at two shares of the colour bar, and cover what is not between them."""
+        """Add handles at two positions, 0 to 1, of the colour bar; fade the bar outside them."""
         place = bar_place(caption, self._page)
         if place is None:
             return
@@ -379,7 +389,7 @@ class _Layout:
             self._polygon(self._theme.ink, *corners)
 
     def scale_bar(self, view: View, unit: str) -> None:
-        """Paint a round length at the lower right."""
+        """Add a bar of a round length at the lower right."""
         if self._width < 220 or self._height < 120:
             return
         point = view.length_per_pixel(self._page.width, self._page.height) * self._page.scale
@@ -393,19 +403,19 @@ class _Layout:
         self._text(text, _SCALE, self._theme.ink, x, up - 13, _MIDDLE, _TOP)
 
     def axes(self, view: View) -> None:
-        """Paint arrows along the axes of the mesh at the lower left, the nearest on top."""
+        """Add arrows along the axes of the mesh at the lower left, the nearest on top."""
         if self._height < 160:
             return
         for axis in np.argsort(view.axes[2]):
             x, y = view.axes[:2, axis]
             self._arrow(AXIS_COLORS[axis], _ORIGIN, _ORIGIN, _AXIS * x, _AXIS * y)
-            if np.hypot(x, y) > 0.25:  # otherwise the label would cover the others
+            if np.hypot(x, y) > 0.25:  # seen from its end, its label would cover the others
                 x, y = _ORIGIN + 1.3 * _AXIS * x, _ORIGIN + 1.3 * _AXIS * y
                 ink = self._theme.ink
                 self._text("xyz"[axis], _LABEL, ink, x, y, _MIDDLE, _MIDDLE, plated=False)
 
     def legend(self, legend: PointLegend) -> None:
-        """Paint what the colours of points mean, at the left above the axes."""
+        """Add the legend of points at the left above the axes."""
         rows = legend.rows
         if self._height < _LEGEND + _ROW * (len(rows) + 6):  # with the title of the field
             return
@@ -422,7 +432,7 @@ class _Layout:
             self._text(text, _LABEL, self._theme.ink, EDGE + 19.0, up, along=_MIDDLE)
 
     def pin(self, pin: Pin, view: View) -> None:
-        """Paint discs with a number or a name, fainter for a pin behind the mesh."""
+        """Add a disc with a number or a name, fainter if the mesh hides the pin."""
         size = self._page.width, self._page.height
         x, y = view.to_pixels(np.array(pin.position), *size)[0, :2] / self._page.scale
         discs = [(7.5, _DARK, 0.5), (6.6, self._theme.halo, 1.0), (4.9, pin.color, 1.0)]
@@ -466,17 +476,19 @@ class _Layout:
         opacity: float = 1.0,
         edge: float = EDGE,
     ) -> None:
-        """Write a line, truncated at `edge` from the right edge if it begins at x."""
+        """Add a line of text; left-justified text is truncated at `edge` from the right edge."""
         if across == _LOW:
             free = self._width - x - edge
             text = fitted(text, free, lambda part: text_size(part, size, bold)[0])
         if not text:
             return
-        # in invisible steps: VTK opens the font again for each colour beyond 30
+        # few different backgrounds: VTK opens the font again for each look beyond 30
         ground = self._theme.ground(round(8.0 * (y - 6.0) / self._height) / 8.0)
         plate = 0.6 if plated and self._page.plates else 0.0
-        look = size, ink, bold, across, along, opacity, ground, plate
-        self.texts.append(Text(text, *self._pixels(x, y), *look))
+        left, up = self._pixels(x, y)
+        self.texts.append(
+            Text(text, left, up, size, ink, bold, across, along, opacity, ground, plate)
+        )
 
     def _rectangle(
         self, color: str, x: float, y: float, wide: float, tall: float, opacity: float = 1.0
@@ -493,7 +505,7 @@ class _Layout:
         self.shapes.append(Shape("DrawPolygon", (pixels, len(corners) // 2), color))
 
     def _arrow(self, color: str, x: float, y: float, along: float, up: float) -> None:
-        """Paint a shaft and a head from a position; towards the eye, the head is a disc."""
+        """Add an arrow that begins at (x, y); an arrow along the line of sight ends in a disc."""
         length = max(float(np.hypot(along, up)), 1e-9)
         forward, left = np.array([along, up]) / length, np.array([-up, along]) / length
         share = min(length / _AXIS, 1.0)
@@ -510,7 +522,10 @@ class _Layout:
 
 @lru_cache(maxsize=8)
 def _bar_image(colormap: ColorMap, width: int, height: int) -> vtkImageData:
-    """Image of a colour bar in pixels; VTK uploads it again only if it is another object."""
+    """Return the image of a colour bar; width and height are in pixels.
+
+    The same object for the same arguments: VTK then need not upload it again.
+    """
     colors = color_table(colormap)[np.arange(height) * 256 // height]
     image = vtkImageData()
     image.SetDimensions(width, height, 1)
@@ -519,12 +534,8 @@ def _bar_image(colormap: ColorMap, width: int, height: int) -> vtkImageData:
 
 
 @lru_cache(maxsize=4)
-def _caption_layout(
-    page: Page,
-    caption: Caption,
-    bar_range: tuple[float, float] | None,
-) -> _Layout:
-    """Lay out what depends on the field."""
+def _caption_layout(page: Page, caption: Caption, bar_range: tuple[float, float] | None) -> _Layout:
+    """Return the annotations that depend on the field."""
     layout = _Layout(page)
     layout.title(caption)
     layout.color_bar(caption)
@@ -537,7 +548,7 @@ def _caption_layout(
 def _view_layout(
     page: Page, view: View, unit: str, pins: tuple[Pin, ...], legend: PointLegend | None
 ) -> _Layout:
-    """Lay out what depends on the camera and the mesh."""
+    """Return the annotations that depend on the camera and the mesh."""
     layout = _Layout(page)
     layout.scale_bar(view, unit)
     layout.axes(view)
