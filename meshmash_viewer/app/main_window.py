@@ -330,6 +330,7 @@ class MainWindow(ScriptedWindow):
     def _on_pair_changed(self, pair: Pair | None) -> None:
         close_menus()
         self.pair_panel.set_pair(pair)
+        self._field_wheel.watch(self.pair_panel)
         if self.pair_panel.health is not None and self.opening.second_view is not None:
             self.pair_panel.health.scene = self.opening.second_view.scene
         self.commands.refresh()

@@ -727,7 +727,10 @@ def test_the_unit_of_the_second_is_given_where_it_is_said_that_it_has_none(
     window.document.set_unit("nm")
     catch_up()
     assert "in nm and no unit" in text(window, "pair_remark")
-    edit = part(window, QComboBox, "second_unit_combo").lineEdit()
+    combo = part(window, QComboBox, "second_unit_combo")
+    turn_wheel(combo, 1)
+    assert combo.currentText() == "none", "without the focus, the wheel scrolls the panel"
+    edit = combo.lineEdit()
     edit.setFocus()
     edit.selectAll()
     QTest.keyClicks(edit, "frog")
