@@ -102,6 +102,16 @@ def test_tab_comes_to_every_control_and_shows_where_it_is(qtbot: QtBot, window: 
             assert changed > 40 * window.devicePixelRatio(), stop.objectName()
 
 
+def test_a_letter_after_an_arrow_in_a_list_is_a_command(qtbot: QtBot, window: MainWindow) -> None:
+    combo = window.findChild(QComboBox, "limits_combo")
+    combo.setFocus()
+    QTest.keyClick(combo, Qt.Key.Key_Down)
+    with qtbot.waitSignal(window.actions_["view_lateral"].triggered):
+        QTest.keyClick(combo, Qt.Key.Key_X)
+    QTest.keyClicks(combo, "lx")
+    assert combo.currentText() == "Locked", "letters after a letter search the list"
+
+
 def tab_through(window: MainWindow) -> list[QWidget]:
     """What Tab comes to, which is all that there is, in the order in which one reads."""
     stops = by_tab(window)

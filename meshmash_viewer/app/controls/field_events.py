@@ -1,4 +1,4 @@
-"""Wheel and keys over fields: which a field takes, and which are left to panel and commands."""
+"""Event filters that divide wheel and keys between fields, scrolling panels and commands."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
 
 
 class FocusKeys(QObject):
-    """Keeps Space from being a command while a button or a list has the focus, and so on.
+    """An event filter of the widget with the focus, for keys that are also shortcuts of commands.
 
-    The other way round, a field in which nothing is typed leaves Undo and Redo to the commands:
-    Qt's fields take those keys even where they have nothing to undo.
+    Space presses the focused button or opens the focused list. Undo and Redo are commands while
+    the focused field has nothing to undo; Qt's fields accept those keys anyway.
 
-    It watches the one widget that has the focus: to watch the whole application would call
-    Python for each of its events, some fifty at every tick of a slider.
+    Only the focused widget is filtered: a filter of the application would call Python for each
+    event, some fifty per tick of a slider.
     """
 
     def __init__(self, application: QApplication, parent: QObject) -> None:
         super().__init__(parent)
         self._application = application
         self._watched: QWidget | None = None
-        #: Since a character was typed into a list, which searches for what follows soon.
-        self._typed = QElapsedTimer()
+        #: Time since a character was typed in a list, which searches its entries for it.
+        self._searched = QElapsedTimer()
         application.focusChanged.connect(self._follow)
         self._follow(None, application.focusWidget())
 
@@ -53,7 +53,7 @@ class FocusKeys(QObject):
         if self._watched is not None and shiboken6.isValid(self._watched):
             self._watched.removeEventFilter(self)
             self._watched.destroyed.disconnect(self._forget)
-        self._typed.invalidate()
+        self._searched.invalidate()
         self._watched = now if isinstance(now, _WATCHED) else None
         if self._watched is not None:
             self._watched.installEventFilter(self)
@@ -63,31 +63,33 @@ class FocusKeys(QObject):
         self._watched = None
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Leave Space, arrows and a search to the control, Undo and Redo to the command."""
-        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
-            self._typed.start()
-        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
-            edit = watched if isinstance(watched, QLineEdit) else watched.findChild(QLineEdit)
-            keys = QKeySequence.StandardKey
-            undo = event.matches(keys.Undo) and not (edit and edit.isUndoAvailable())
-            redo = event.matches(keys.Redo) and not (edit and edit.isRedoAvailable())
-            if undo or redo:
-                event.ignore()
-                return True
-            if isinstance(watched, (QLineEdit, QAbstractSpinBox)):
-                return False
-            taken = _ARROWS if isinstance(watched, QTabBar) else (Qt.Key.Key_Space,)
-            interval = self._application.keyboardInputInterval()
-            searches = isinstance(watched, QComboBox) and self._typed.isValid()
-            searches = searches and self._typed.elapsed() < interval and event.text().isprintable()
-            if event.key() in taken or (searches and event.text()):
-                event.accept()
-                return True
-        return False
+        """Accept the shortcut override of keys of the widget; ignore that of commands."""
+        if not isinstance(event, QKeyEvent):
+            return False
+        character = event.text() if event.text().isprintable() else ""
+        if event.type() == QEvent.Type.KeyPress and character.strip():
+            self._searched.start()
+        if event.type() != QEvent.Type.ShortcutOverride:
+            return False
+        edit = watched if isinstance(watched, QLineEdit) else watched.findChild(QLineEdit)
+        keys = QKeySequence.StandardKey
+        undo = event.matches(keys.Undo) and not (edit and edit.isUndoAvailable())
+        redo = event.matches(keys.Redo) and not (edit and edit.isRedoAvailable())
+        if undo or redo:
+            event.ignore()
+            return True
+        if isinstance(watched, (QLineEdit, QAbstractSpinBox)):
+            return False
+        own = event.key() in (_ARROWS if isinstance(watched, QTabBar) else (Qt.Key.Key_Space,))
+        if isinstance(watched, QComboBox) and character and self._searched.isValid():
+            own |= self._searched.elapsed() < self._application.keyboardInputInterval()
+        if own:
+            event.accept()
+        return own
 
 
 def settle_typing() -> bool:
-    """Take what is being typed, so that a command finds it; whether it was not refused."""
+    """Commit the text of the focused field before a command; return False if it is invalid."""
     field = QApplication.focusWidget()
     if isinstance(field, (NumberField, WholeField, DecimalField)):
         return field.commit()
@@ -99,18 +101,17 @@ def settle_typing() -> bool:
 
 _FIELDS = (QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 _NOTCH = 120  # eighths of a degree, as Qt counts
-#: Milliseconds in which notches belong to one turn of the wheel.
+#: A panel is being scrolled until this many milliseconds after its last wheel event.
 _TURN = 400
 
 
 class FieldWheel(QObject):
-    """An event filter for all fields of a window.
+    """An event filter of all fields, which sends the wheel to the panel around them.
 
-    A field takes the wheel only while it has the focus. A panel that is being scrolled goes on
-    being scrolled where such a field comes under the pointer, by the momentum of a trackpad, too.
+    Only a field with the focus handles the wheel itself, unless its panel is being scrolled: then
+    the panel goes on scrolling, by the momentum of a trackpad too.
 
-    `watch` is called once fields have been made: Qt has no event that says so, and a filter of the
-    whole application would call Python for each event of each widget.
+    Call `watch` after making fields.
     """
 
     def __init__(self, parent: QObject) -> None:
@@ -120,9 +121,9 @@ class FieldWheel(QObject):
         self._turned = 0
 
     def watch(self, within: QWidget) -> None:
-        """Watch the fields within a widget, however often they are watched already."""
+        """Install the filter on a widget and the fields within; repeated calls do no harm."""
         for field in (within, *within.findChildren(QWidget)):
-            if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:  # which the wheel itself gives
+            if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:  # given by the wheel
                 field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             if isinstance(field, _FIELDS) and not isinstance(field, QScrollBar):
                 field.installEventFilter(self)
@@ -135,23 +136,20 @@ class FieldWheel(QObject):
         if not (isinstance(event, QWheelEvent) and isinstance(watched, QWidget)):
             return False
         area = scroll_area(watched)
-        if not isinstance(watched, _FIELDS):  # what the area shows, which is being scrolled
+        if not isinstance(watched, _FIELDS):  # the viewport of an area
             self._scrolled = area
             self._since.start()
             return False
-        if watched.hasFocus() and not self._scrolls(area):
-            return self._belongs_to_no_notch(watched, event)
+        scrolling = area is not None and area is self._scrolled and self._since.elapsed() < _TURN
+        if watched.hasFocus() and not scrolling:
+            return self._is_partial(watched, event)
         event.ignore()
         if area is not None:
             QApplication.sendEvent(area.viewport(), event)
         return True
 
-    def _scrolls(self, area: QAbstractScrollArea | None) -> bool:
-        """Whether what a field is in is being scrolled."""
-        return area is not None and area is self._scrolled and self._since.elapsed() < _TURN
-
-    def _belongs_to_no_notch(self, field: QWidget, event: QWheelEvent) -> bool:
-        """Whether it is momentum, which changes no field, or too little for a step of a list.
+    def _is_partial(self, field: QWidget, event: QWheelEvent) -> bool:
+        """Return whether to drop an event: momentum, or less than a notch over a list.
 
         Qt's lists step at each event, however small.
         """
@@ -167,7 +165,7 @@ class FieldWheel(QObject):
 
 
 def scroll_area(widget: QWidget) -> QAbstractScrollArea | None:
-    """The innermost area that a widget scrolls in."""
+    """Return the innermost scroll area around a widget."""
     parent = widget.parentWidget()
     while parent is not None and not isinstance(parent, QAbstractScrollArea):
         parent = parent.parentWidget()
@@ -175,7 +173,7 @@ def scroll_area(widget: QWidget) -> QAbstractScrollArea | None:
 
 
 def bring_into_view(widget: QWidget) -> None:
-    """Scroll the panel of a widget, which may just have been shown, until it is seen."""
+    """Scroll the panel of a widget until it is visible; it may just have been shown."""
     area, layout = scroll_area(widget), widget.window().layout()
     if layout is not None:
         layout.activate()
