@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import weakref
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,8 +47,8 @@ class Pictures:
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self._opening = opening
-        #: Name of the mesh, path and options of the last picture, and the meshes of its preview.
-        self._saved: tuple[str, Path, FigureOptions] | None = None
+        #: Name of the mesh and path of the last picture, and the meshes of its preview.
+        self._saved: tuple[str, Path] | None = None
         self._previewed: list[weakref.ref[Mesh]] = []
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
@@ -55,16 +57,13 @@ class Pictures:
     def save_picture(self) -> None:
         from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 
-        mesh, before = self._document.mesh, self._saved
+        mesh, (stored, ending) = self._document.mesh, self._settings.figure
         assert mesh is not None
         path = self._settings.folder / (mesh.name or "mesh")
-        if before is not None and before[0] == mesh.name:
-            path = before[1].with_suffix("")
-        options = None if before is None else before[2]
-        dialog = FigureDialog(path, self._seen, self._window, options)
-        if before is not None:
-            combo = dialog.format_combo
-            combo.setCurrentIndex(combo.findData(before[1].suffix))
+        if self._saved is not None and self._saved[0] == mesh.name:
+            path = self._saved[1].with_suffix("")
+        dialog = FigureDialog(path, self._seen, self._window, _options(stored))
+        dialog.format_combo.setCurrentIndex(max(dialog.format_combo.findData(ending), 0))
         ask(dialog, lambda: self._write_picture(dialog))
         for scene in self._scenes():
             scene.frames.stand_in_made.connect(dialog.look)
@@ -103,7 +102,8 @@ class Pictures:
         except InputError as fault:
             self._document.notices.say(f"The picture was not saved: {fault}", Severity.ERROR)
             return
-        self._saved = ("" if mesh is None else mesh.name), path, options
+        self._saved = ("" if mesh is None else mesh.name), path
+        self._settings.figure = json.dumps(asdict(options)), path.suffix
         self._settings.folder = path.parent
         self._background_io.run(
             f"Writing {path.name}",
@@ -222,6 +222,16 @@ def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
         dialog.accepted.connect(accepted)
     dialog.finished.connect(dialog.deleteLater)
     dialog.open()
+
+
+def _options(stored: str) -> FigureOptions:
+    """Return the options of a figure that are stored as JSON; the defaults if they are invalid."""
+    from meshmash_viewer.app.view.figure import FigureOptions
+
+    try:
+        return FigureOptions(**json.loads(stored))
+    except (ValueError, TypeError):
+        return FigureOptions()
 
 
 def _reference(drawing: MeshRenderer) -> weakref.ref[Mesh]:

@@ -88,6 +88,16 @@ class Settings:
         self._set("theme", mode.value)
 
     @property
+    def figure(self) -> tuple[str, str]:
+        """Options of the last saved figure as JSON, and the ending of its file; may be empty."""
+        return str(self._get("figure") or ""), str(self._get("figure_ending") or "")
+
+    @figure.setter
+    def figure(self, figure: tuple[str, str]) -> None:
+        self._set("figure", figure[0])
+        self._set("figure_ending", figure[1])
+
+    @property
     def seconds_rate(self) -> float | None:
         """Seconds per vertex and pair of the last solve on this machine."""
         try:

@@ -146,6 +146,31 @@ def test_a_picture_has_the_width_of_a_journal_and_is_previewed(
     again.reject()
 
 
+@pytest.mark.parametrize(
+    ("stored", "ending", "expected"),
+    [
+        (
+            '{"width_mm": 174.0, "dpi": 600, "background": "window", "pins": false}',
+            ".svg",
+            (174.0, 600, "window", False, ".svg"),
+        ),
+        ('{"dpi": 77, "background": "tartan"}', ".doc", (85.0, 150, "white", True, ".png")),
+        ('{"width_mm": "wide"}', "", (85.0, 300, "white", True, ".png")),
+        ("{", "", (85.0, 300, "white", True, ".png")),
+    ],
+)
+def test_stored_options_of_a_picture_are_offered_where_they_are_valid(
+    qtbot: QtBot, window: MainWindow, stored: str, ending: str, expected: tuple
+) -> None:
+    window.settings.figure = stored, ending
+    dialog = asked(qtbot, window, "figure_dialog", Qt.Key.Key_S, SHIFT)
+    shown = dialog.options
+    found = shown.width_mm, shown.dpi, shown.background, shown.pins, dialog.ending
+    assert found == expected
+    dialog.reject()
+    window.settings.figure = "", ""
+
+
 def check_its_folder_is_shown(qtbot: QtBot, window: MainWindow, folder: Path) -> None:
     bar = window.stage.message_bar
     qtbot.waitUntil(lambda: bar.notice is not None, timeout=PATIENCE)

@@ -949,9 +949,11 @@ def test_settings_are_kept_unless_fresh(qtbot: QtBot, monkeypatch: pytest.Monkey
     assert not stored
     kept = module.Settings()
     kept.theme = theme.Mode.LIGHT
+    kept.figure = "{}", ".pdf"
     kept.add_recent(Path(__file__))
     kept.add_recent(Path(__file__).with_name("not there"))
     assert module.Settings().theme is theme.Mode.LIGHT
+    assert module.Settings().figure == ("{}", ".pdf")
     assert module.Settings().recent == [Path(__file__)]
     stored["recent"] = str(Path(__file__))
     assert module.Settings().recent == [Path(__file__)], "as an ini file gives a list of one back"

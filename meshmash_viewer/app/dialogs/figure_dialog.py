@@ -1,4 +1,4 @@
-"""Dialogs that save pictures with a size on paper: of the render with a preview, of a gallery."""
+"""Dialogs that save pictures with a size on paper: a gallery, or the render with a preview."""
 
 from __future__ import annotations
 
@@ -35,26 +35,29 @@ _FORMATS = {
     ".pdf": "PDF, with text and bars as vectors",
     ".svg": "SVG, with text and bars as vectors",
 }
-#: Usual widths, in mm.
+#: Usual widths by their number of mm.
 _WIDTHS = {
-    85: "One column, 85 mm",
-    114: "One and a half, 114 mm",
-    174: "Two columns, 174 mm",
-    339: "Slide, 339 mm",
+    "85": "One column, 85 mm",
+    "114": "One and a half, 114 mm",
+    "174": "Two columns, 174 mm",
+    "339": "Slide, 339 mm",
+    "": "Custom",
 }
-_CUSTOM = "Custom"
-_RESOLUTIONS = {150: "150 dpi", 300: "300 dpi", 600: "600 dpi", 1200: "1200 dpi"}
+_RESOLUTIONS = {dpi: f"{dpi} dpi" for dpi in ("150", "300", "600", "1200")}
 _BACKGROUNDS = {"white": "White", "transparent": "Transparent", "window": "As in the window"}
 _PARTS = {
     "title": "Title", "color_bar": "Colour bar", "scale_bar": "Scale bar", "axes": "Axes",
     "pins": "Pins",
 }  # fmt: skip
-#: Smallest side of the preview in logical pixels, and side of a square behind what is transparent.
+#: Smallest side of the preview, and side of the squares behind transparent pixels.
 _LEAST, _SQUARE = 240, 8
 
 
 class SheetDialog(FormatDialog):
-    """Asks for width, resolution, background and file; `path` is suggested, without its ending."""
+    """Asks for width, resolution, background and file.
+
+    `path` is the suggested file without its ending, `before` are the initial options.
+    """
 
     def __init__(
         self,
@@ -66,21 +69,22 @@ class SheetDialog(FormatDialog):
         formats = formats or {".png": _FORMATS[".png"]}
         super().__init__("figure", "Save picture", path, formats, parent)
         before = before or FigureOptions()
-        widths = {str(width): text for width, text in _WIDTHS.items()} | {"": _CUSTOM}
         self.width_combo = make.combo(
-            "figure_width_combo", "Usual widths of pictures", self._take_width, widths
+            "figure_width_combo", "Usual widths of pictures", self._take_width, _WIDTHS
         )
         self.width_spin = make.spin(
             "figure_width_spin", "Width in mm", self._show_width, minimum=10, maximum=2000,
             suffix=" mm", value=round(before.width_mm),
         )  # fmt: skip
-        resolutions = {str(dpi): text for dpi, text in _RESOLUTIONS.items()}
-        self.dpi_combo = make.combo("figure_dpi_combo", "Pixels an inch", self._change, resolutions)
-        self.dpi_combo.setCurrentIndex(self.dpi_combo.findData(str(before.dpi)))
+        self.dpi_combo = make.combo(
+            "figure_dpi_combo", "Pixels an inch", self._change, _RESOLUTIONS
+        )
+        self.dpi_combo.setCurrentIndex(max(self.dpi_combo.findData(str(before.dpi)), 0))
         self.background_combo = make.combo(
             "figure_background_combo", "Background", self._change, _BACKGROUNDS
         )
-        self.background_combo.setCurrentIndex(self.background_combo.findData(before.background))
+        background = self.background_combo.findData(before.background)
+        self.background_combo.setCurrentIndex(max(background, 0))
         self._build(before)
         self._show_width()
 
@@ -96,7 +100,7 @@ class SheetDialog(FormatDialog):
 
     @property
     def options(self) -> FigureOptions:
-        """The current choices; InputError if they do not go together."""
+        """The chosen options; raises `InputError` if they are incompatible."""
         return FigureOptions(
             width_mm=float(self.width_spin.value()),
             dpi=int(self.dpi_combo.currentData()),
@@ -112,7 +116,7 @@ class SheetDialog(FormatDialog):
 
     def _show_width(self) -> None:
         row = self.width_combo.findData(str(self.width_spin.value()))
-        self.width_combo.setCurrentIndex(row if row >= 0 else self.width_combo.findData(""))
+        self.width_combo.setCurrentIndex(row if row >= 0 else len(_WIDTHS) - 1)
         self._change()
 
     def _change(self, *_: object) -> None:
@@ -129,16 +133,16 @@ class SheetDialog(FormatDialog):
 
 @dataclass(frozen=True, eq=False)
 class _Preview:
-    """A request for a preview that fits into some pixels, of frames or of their panels."""
+    """A request for a preview of at most `size` pixels."""
 
     seen: Sequence[Frame | Panel]
     options: FigureOptions
-    room: tuple[int, int]
+    size: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """A preview, the size of the figure in mm, and its panels."""
+    """A preview, the size of the figure in mm, and the panels of the figure."""
 
     pixels: npt.NDArray[np.uint8]
     size: tuple[float, float]
@@ -149,14 +153,15 @@ def _drawn(request: _Preview, _cancel: CancelCallback) -> _Drawn:
     panels = [panel_of(each) if isinstance(each, Frame) else each for each in request.seen]
     figure = compose(panels, request.options)
     wide, high = figure.get_size_inches()
-    pixels = picture_of(figure, min(request.room[0] / wide, request.room[1] / high))
+    pixels = picture_of(figure, min(request.size[0] / wide, request.size[1] / high))
     return _Drawn(pixels, (wide * MM, high * MM), panels)
 
 
 class FigureDialog(SheetDialog):
-    """Asks for contents as well, with a preview.
+    """Asks for the contents of a figure, too, and shows a preview.
 
-    `seen` returns what the renders show, or nothing while they cannot be drawn quickly; see `look`.
+    `seen` returns a frame of each render, or none while they cannot be drawn quickly. Call `look`
+    when that may have changed.
     """
 
     def __init__(
@@ -182,7 +187,7 @@ class FigureDialog(SheetDialog):
             for name, text in _PARTS.items()
         }
         for name, check in self.checks.items():
-            check.setChecked(getattr(before, name))
+            check.setChecked(bool(getattr(before, name)))
         self.preview = _PreviewLabel()
         self.preview.resized.connect(self._change)
         self.size_label = make.label("figure_size_label", role="muted")
@@ -204,7 +209,7 @@ class FigureDialog(SheetDialog):
 
     @property
     def panels(self) -> Sequence[Panel]:
-        """What the preview shows of each mesh; empty until it has been drawn."""
+        """The panels of the preview; empty until it has been drawn."""
         return self._panels
 
     def look(self) -> None:
@@ -214,7 +219,7 @@ class FigureDialog(SheetDialog):
 
     @property
     def idle(self) -> bool:
-        """Whether the preview shows the present choices."""
+        """Whether the preview is up to date."""
         return not self._painter.working
 
     def done(self, result: int) -> None:
@@ -247,7 +252,7 @@ class FigureDialog(SheetDialog):
 
 
 class _PreviewLabel(QLabel):
-    """Shows pixels on squares, which are visible where they are transparent."""
+    """Shows a picture on a pattern of squares, visible behind transparent pixels."""
 
     resized = Signal()
 
@@ -263,7 +268,7 @@ class _PreviewLabel(QLabel):
         return QSize(400, 360)
 
     def show_pixels(self, pixels: npt.NDArray[np.uint8]) -> None:
-        """Show RGBA of the screen's pixels, shape (height, width, 4)."""
+        """Show RGBA in pixels of the screen, shape (height, width, 4)."""
         high, wide, _ = pixels.shape
         form = QImage.Format.Format_RGBA8888
         image = QImage(np.ascontiguousarray(pixels).data, wide, high, 4 * wide, form)
