@@ -1,1 +1,1 @@
-"""Controls that any panel may use."""
+"""Controls for panels and dialogs."""

@@ -15,16 +15,16 @@ from meshmash_viewer.spectral import cost
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import LENGTH_UNITS, counted
 
-#: Width in pixels, from that of "nm" to that of "4 × 4 × 40 nm" and longer ones.
+#: Smallest and largest width of a `UnitCombo` in pixels.
 _NARROWEST, _WIDEST = 144, 216
 
 
 class UnitCombo(QComboBox):
-    """Shows and sets the unit of a document; `second` says that it is that of the second mesh."""
+    """Shows and sets the unit of a document; `second` if that is the second mesh."""
 
     def __init__(self, document: Document, *, second: bool = False) -> None:
         super().__init__(editable=True, insertPolicy=QComboBox.InsertPolicy.NoInsert)
-        # PySide6 may know that of Qt as an object of the same address that is gone
+        # PySide6 may mistake Qt's own line edit for a deleted object of the same address
         self._edit = edit = QLineEdit()
         self.setLineEdit(edit)
         prefix, whose = ("second_", " of the second mesh") if second else ("", "")
@@ -36,10 +36,10 @@ class UnitCombo(QComboBox):
             "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied",
         )
         self._document, self._refused, self._clicked_in = document, False, False
-        # the last ones show that a voxel size can be said too, whichever it is
+        # the last two are examples of voxel sizes, any of which can be typed
         self.addItems([*(unit or "none" for unit in LENGTH_UNITS), "8 nm", "4 × 4 × 40 nm"])
-        # of "m" it would make "mm"
-        self.setCompleter(None)  # type: ignore[arg-type]  # as documented
+        # a completer would turn "m" into "mm"
+        self.setCompleter(None)  # type: ignore[arg-type]  # None is documented
         edit.installEventFilter(self)
         edit.editingFinished.connect(self._choose)
         edit.textEdited.connect(self._begin)
@@ -52,7 +52,7 @@ class UnitCombo(QComboBox):
         super().focusInEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Select all at the end of the click that gave the focus, to be typed over."""
+        """Select the text at the end of the click that gave the focus, so that keys replace it."""
         if event.type() == QEvent.Type.MouseButtonRelease and self._clicked_in:
             self._clicked_in = False
             if not self._edit.hasSelectedText():
@@ -77,7 +77,7 @@ class UnitCombo(QComboBox):
         self.refresh()
 
     def _begin(self) -> None:
-        """Withdraw a refusal when another text is typed."""
+        """Withdraw the notice of an invalid unit when another text is typed."""
         self._refused = False
         self._document.notices.review()
 
@@ -91,7 +91,7 @@ class UnitCombo(QComboBox):
 
 
 def written_cost(document: Document, target: Target) -> str:
-    """Estimate what a decomposition takes: "about 1.2 GB of memory and 12 s"."""
+    """Return the expected memory and time of a solve: "about 1.2 GB of memory and 12 s"."""
     assert document.solved is not None
     pairs, _ = document.solve.translation().count(target)
     n_bytes = cost.decomposition_bytes(document.solved.health.n_vertices, pairs)
@@ -100,7 +100,7 @@ def written_cost(document: Document, target: Target) -> str:
 
 
 class ComputeButton(QPushButton):
-    """Computes the pairs that a remark is about; hidden while there are none."""
+    """Computes the eigenpairs that a remark asks for; hidden without a target."""
 
     def __init__(self, document: Document, name: str) -> None:
         super().__init__()
@@ -118,7 +118,7 @@ class ComputeButton(QPushButton):
     def _refresh(self) -> None:
         target, document = self._target, self._document
         offered = target is not None and document.ready is not None
-        if offered and target is not None:
+        if target is not None and offered:
             count, exact = document.solve.translation().count(target)
             which = "all" if count >= document.solve.translation().n_vertices else "these"
             about = "" if exact or which == "all" else "≈ "

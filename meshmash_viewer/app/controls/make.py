@@ -1,7 +1,8 @@
-"""Labels, buttons and fields, and how they are laid out, as the whole window has them.
+"""Functions that make the labels, buttons, fields and layouts of panels and dialogs.
 
-The `name` of each is its ``objectName``, for scripts and tests; `spoken` is what screen readers
-call it. Further keywords go to the constructor of Qt's widget.
+`name` is the ``objectName``, for scripts and tests, and `spoken` the name for screen readers.
+`act` is called when the user operates the control. Further keyword arguments go to the constructor
+of Qt's widget.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.number_field import WholeField
 
-#: What a row or a column holds; None takes the room that is left, a part in a tuple grows.
+#: An item of a row or column; None is empty space that grows, an item in a tuple grows too.
 Part: TypeAlias = QWidget | QLayout | tuple[QWidget | QLayout] | None
 Margins: TypeAlias = tuple[int, int, int, int]
 Box = TypeVar("Box", bound=QBoxLayout)
@@ -46,12 +47,12 @@ PANEL = theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.GAP
 
 
 def row(*parts: Part, spacing: int = theme.GAP, margins: Margins = (0, 0, 0, 0)) -> QHBoxLayout:
-    """Put parts side by side."""
+    """Lay parts out from left to right."""
     return _filled(QHBoxLayout(), parts, spacing, margins)
 
 
 def column(*parts: Part, spacing: int = theme.GAP, margins: Margins = (0, 0, 0, 0)) -> QVBoxLayout:
-    """Put parts under each other."""
+    """Lay parts out from top to bottom."""
     return _filled(QVBoxLayout(), parts, spacing, margins)
 
 
@@ -59,9 +60,10 @@ def grid(
     *rows: tuple[QWidget | QLayout | None, ...],
     spacing: tuple[int, int] = (theme.GAP, theme.GAP // 2),
 ) -> QGridLayout:
-    """Put rows of parts under each other, with a second column that grows.
+    """Lay rows of parts out in a grid, whose second column grows.
 
-    A part alone spans all columns, None leaves a cell empty; `spacing` is that of columns and rows.
+    The part of a row with one part spans all columns; None leaves a cell empty. `spacing` is
+    between columns, and between rows.
     """
     box = QGridLayout()
     box.setContentsMargins(0, 0, 0, 0)
@@ -84,7 +86,7 @@ def form(
     spacing: tuple[int, int] = (theme.MARGIN, theme.GAP),
     role: str = "",
 ) -> QFormLayout:
-    """Put parts under each other, each after its label, which has a role."""
+    """Lay parts out from top to bottom, each to the right of a label with a role."""
     box = QFormLayout()
     box.setContentsMargins(0, 0, 0, 0)
     box.setHorizontalSpacing(spacing[0])
@@ -102,7 +104,7 @@ def form(
 
 
 def holder(layout: QLayout) -> QWidget:
-    """A widget with a layout, whose parts come and go together."""
+    """Make a widget of a layout, to show and hide its parts together."""
     made = QWidget()
     made.setLayout(layout)
     return made
@@ -130,7 +132,7 @@ ButtonType = TypeVar("ButtonType", bound=QAbstractButton)
 def label(
     name: str, spoken: str = "", text: str = "", *, selectable: bool = False, **given: Any
 ) -> QLabel:
-    """A label that scripts can find; `selectable` where its text can be copied."""
+    """Make a label with a name; its text can be copied if `selectable`."""
     role, tip = given.pop("role", ""), given.pop("tip", "")
     made = QLabel(text, **given)
     if selectable:
@@ -139,29 +141,29 @@ def label(
 
 
 def muted(text: str = "", **given: Any) -> QLabel:
-    """An explanation, such as what is before a field."""
+    """Make an explanation, such as the text before a field."""
     return theme.with_role(QLabel(text, **given), "muted")
 
 
 def heading(text: str) -> QLabel:
-    """What a section is called."""
+    """Make the title of a section."""
     return theme.with_role(QLabel(text), "heading")
 
 
 def line() -> QFrame:
-    """A line between sections."""
+    """Make a line between sections."""
     return theme.with_role(QFrame(), "line")
 
 
 def button(
     text: str, name: str, spoken: str, act: Act, *, role: str = "", tip: str = "", **given: Any
 ) -> QPushButton:
-    """A button, and what a click on it does."""
+    """Make a button, which calls `act` on a click."""
     return _clicked(QPushButton(text, **given), name, spoken, act, role, tip)
 
 
 def icon_button(name: str, spoken: str, act: Act, *, tip: str = "", size: int = 12) -> QToolButton:
-    """A button without a text, whose icon is drawn by the caller, who knows the colours."""
+    """Make a button without text; the caller sets its icon, in the colours of the theme."""
     made = _clicked(QToolButton(), name, spoken, act, "", tip)
     made.setIconSize(QSize(size, size))
     return made
@@ -173,7 +175,7 @@ def _clicked(made: ButtonType, name: str, spoken: str, act: Act, role: str, tip:
 
 
 def check(text: str, name: str, spoken: str, act: Act | None = None, *, tip: str = "") -> QCheckBox:
-    """A box to tick, and what takes whether it is ticked."""
+    """Make a check box, which calls `act` with its state."""
     made = theme.named(QCheckBox(text), name, spoken, tip=tip)
     if act is not None:
         made.toggled.connect(act)
@@ -189,9 +191,9 @@ def combo(
     tip: str = "",
     **given: Any,
 ) -> QComboBox:
-    """A list of which one is chosen, and what takes the choice of a person.
+    """Make a combo box, which calls `act` with the entry that the user chooses.
 
-    That is the key of the entry, or the number of its row where there are no `entries`.
+    The entry is its key in `entries`, or without `entries` the number of its row.
     """
     made = theme.named(QComboBox(**given), name, spoken, tip=tip)
     for data, text in (entries or {}).items():
@@ -206,7 +208,7 @@ def combo(
 def spin(
     name: str, spoken: str, act: Act | None = None, *, tip: str = "", **given: Any
 ) -> WholeField:
-    """A whole number, and what takes it once it is typed."""
+    """Make a field for a whole number, which calls `act` with it once typing is finished."""
     made = theme.named(WholeField(**{"keyboardTracking": False, **given}), name, spoken, tip=tip)
     if act is not None:
         made.valueChanged.connect(act)
@@ -214,7 +216,7 @@ def spin(
 
 
 def scroll(content: QWidget) -> QScrollArea:
-    """An area in which the contents of a panel scroll; it takes no focus, but follows theirs."""
+    """Make a scroll area for the contents of a panel; the area itself never has the focus."""
     area = QScrollArea(widgetResizable=True)
     area.setFrameShape(QFrame.Shape.NoFrame)
     area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -223,23 +225,26 @@ def scroll(content: QWidget) -> QScrollArea:
 
 
 def dot(color: str) -> QIcon:
-    """A colour as the icon of an entry."""
+    """Make the icon of a list entry: a square of one colour."""
     picture = QPixmap(12, 12)
     picture.fill(QColor(color))
     return untinted(picture)
 
 
 def untinted(picture: QPixmap) -> QIcon:
-    """An icon that is the same in a selected row."""
+    """Make an icon that keeps its colours in a selected row."""
     made = QIcon(picture)
     made.addPixmap(picture, QIcon.Mode.Selected)
     return made
 
 
 class Segments(QWidget):
-    """Buttons ``<name>_<key>`` of which one is on; `choices` are texts by key, so many in a row."""
+    """Buttons ``<name>_<key>`` of which one is checked.
 
-    #: The user chose this key.
+    `choices` are texts by key; `in_row` is the number of buttons in a row.
+    """
+
+    #: Key of the button that the user clicked.
     chosen = Signal(str)
 
     def __init__(self, name: str, spoken: str, choices: dict[str, str], in_row: int = 8) -> None:
@@ -267,20 +272,19 @@ class Segments(QWidget):
         self._buttons[key].setAccessibleName(f"{self.accessibleName()}: {text}")
 
     def show_key(self, key: str) -> None:
-        """Turn a key on without emitting `chosen`."""
+        """Check the button of a key without emitting `chosen`."""
         self._buttons[key].setChecked(True)
 
 
 def note(name: str, role: str = "muted") -> QLabel:
-    """A line of explanation that wraps, and takes no room while it is empty."""
-    label = theme.named(QLabel(), name, role=role)
-    label.setWordWrap(True)
-    label.setVisible(False)
+    """Make a hidden label, whose text wraps; see `show_note`."""
+    label = theme.named(QLabel(wordWrap=True), name, role=role)
+    label.hide()
     return label
 
 
 def keep_room(widget: QWidget, keep: bool = True) -> None:
-    """Leave what is around a widget where it is while that is hidden."""
+    """Keep the space of a widget empty while it is hidden, so that others do not move."""
     policy = widget.sizePolicy()
     policy.setRetainSizeWhenHidden(keep)
     widget.setSizePolicy(policy)
@@ -289,7 +293,7 @@ def keep_room(widget: QWidget, keep: bool = True) -> None:
 def reserved_note(
     name: str, lines: int, role: str = "warning", accessible: str = "Remark"
 ) -> QLabel:
-    """A text that wraps, whose room is kept, so that nothing moves when it has something to say."""
+    """Make a label with room for some lines, so that nothing moves when its text changes."""
     label = theme.named(QLabel(wordWrap=True), name, accessible, role=role)
     label.setMinimumHeight(lines * label.fontMetrics().lineSpacing() + 4)
     label.setAlignment(Qt.AlignmentFlag.AlignTop)
@@ -301,33 +305,28 @@ class Facts(QWidget):
 
     def __init__(self, rows: dict[str, str]) -> None:
         super().__init__()
-        selectable = Qt.TextInteractionFlag.TextSelectableByMouse
         self._values = {
-            name: theme.named(
-                QLabel("–", textInteractionFlags=selectable), name, text, role="value"
-            )
+            name: label(name, text, "–", selectable=True, role="value")
             for name, text in rows.items()
         }
-        muted = (theme.with_role(QLabel(text), "muted") for text in rows.values())
-        both = zip(muted, self._values.values(), strict=True)
-        self.setLayout(grid(*both, spacing=(theme.GAP * 2, 4)))
+        cells = zip(map(muted, rows.values()), self._values.values(), strict=True)
+        self.setLayout(grid(*cells, spacing=(theme.GAP * 2, 4)))
 
     def show_value(self, name: str, text: str) -> None:
-        """Show a value; an empty one becomes a dash."""
+        """Show a value; an empty one as a dash."""
         self._values[name].setText(text or "–")
 
     def show_values(self, texts: Mapping[str, str]) -> None:
-        """Show all values; those that are left out become a dash."""
+        """Show all values; missing ones as a dash."""
         for name in self._values:
             self.show_value(name, texts.get(name, ""))
 
 
 def show_note(label: QLabel, text: str) -> None:
-    """Say a sentence in a `note`, or nothing, which takes no room."""
+    """Show a sentence in a `note`; hide the note if it is empty."""
     if label.text() != text:
         label.setText(text)
-    # of a hidden tab nothing is visible: ask the flag, not the screen
-    if label.isHidden() == bool(text):
+    if label.isHidden() == bool(text):  # `isVisible` is always false in a hidden tab
         label.setVisible(bool(text))
 
 
@@ -337,7 +336,7 @@ def show_quietly(
     most: int | None = None,
     least: int = 0,
 ) -> None:
-    """Show a value, in a range from `least` to `most`, in a control that does not speak of it."""
+    """Show a value without emitting signals; with `most`, set the range of the control first."""
     with QSignalBlocker(control):
         if isinstance(control, QAbstractButton):
             control.setChecked(bool(value))

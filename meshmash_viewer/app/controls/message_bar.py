@@ -1,4 +1,4 @@
-"""The bar over the render that says what happened and what to do next."""
+"""The bar over the render that shows notices."""
 
 from __future__ import annotations
 
@@ -11,19 +11,18 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.model.notices import Notice, Severity
 
-#: How long a notice without a cause that can go (`Notice.holds`) stays, and one with a button, in
-#: milliseconds.
+#: Milliseconds for which a notice without `Notice.holds` is shown, and one with a button.
 _STAY, _OFFER = 7_000, 20_000
-_WIDEST = 620
-_NARROWEST = 360
-#: With fewer pixels than this it rather covers the colour bar.
+#: Largest width of the bar in pixels, and smallest width to the right of the title.
+_WIDEST, _NARROWEST = 620, 360
+#: Smallest width at which the bar leaves the colour bar uncovered.
 _TIGHTEST = 180
-#: With fewer pixels than this the buttons are below the text.
+#: Smallest width at which the buttons are next to the text, not below it.
 _STACKED = 330
 
 
 class MessageBar(QFrame):
-    """One notice at a time, floating at the top of its parent."""
+    """Shows one notice at a time, at the top of its parent."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -44,9 +43,8 @@ class MessageBar(QFrame):
             role="link",
             tip="Copy the message and its technical details to the clipboard",
         )
-        self._action = make.button(
-            "Undo", "message_action", "What the message offers", self._act, role="link"
-        )
+        action = "Undo", "message_action", "What the message offers"
+        self._action = make.button(*action, self._act, role="link")
         self._dismiss = make.icon_button(
             "dismiss_message", "Dismiss the message", self.dismiss, tip="Dismiss", size=14
         )
@@ -66,7 +64,7 @@ class MessageBar(QFrame):
         self.hide()
 
     def show_notice(self, notice: Notice | None) -> None:
-        """Show a notice in place of the one before; none withdraws that."""
+        """Replace the displayed notice; None removes it."""
         if notice is None:
             self.dismiss()
             return
@@ -98,14 +96,14 @@ class MessageBar(QFrame):
             notice.action()
 
     def keep_clear(self, title: QSize, bar: int) -> None:
-        """Leave the title in the upper left corner and a bar of a width at the right readable."""
+        """Leave a title at the upper left and a colour bar of this width at the right uncovered."""
         if (title, bar) != (self._title, self._bar):
             self._title, self._bar = title, bar
             if self.isVisible():
                 self._place()
 
     def keep_below(self, head: int) -> None:
-        """Leave the lines over two renders readable, and the title of each; 0 for one render."""
+        """Leave lines of this height over two renders, and their titles, uncovered; 0 for one."""
         self._head = head
         if self.isVisible():
             self._place()
@@ -118,10 +116,9 @@ class MessageBar(QFrame):
     def _place(self) -> None:
         parent = self.parentWidget()
         assert parent is not None
-        room = parent.rect()
-        margin = theme.MARGIN
-        top, free, right = margin, room.width() - 2 * margin, room.width() - margin
-        remaining = room.width() - self._title.width() - margin
+        top = margin = theme.MARGIN
+        right = parent.width() - margin
+        free, remaining = right - margin, right - self._title.width()
         if not (self._title.isEmpty() or self._head) and remaining >= _NARROWEST:
             free = remaining
         elif not self._title.isEmpty():
@@ -132,10 +129,7 @@ class MessageBar(QFrame):
         ways = QBoxLayout.Direction
         self._middle.setDirection(ways.TopToBottom if width < _STACKED else ways.LeftToRight)
         self.ensurePolished()
-        height = self.heightForWidth(width)
-        if height < 0:
-            height = self.sizeHint().height()
-        self.setGeometry(right - width, top, width, height)
+        self.setGeometry(right - width, top, width, self.heightForWidth(width))
 
     def _refresh(self) -> None:
         theme.restyle(self)

@@ -1,6 +1,7 @@
-"""Fields for numbers, which take what is typed whole or refuse it: with arrows, or for 1e-8.
+"""Spin boxes that validate a number when typing is finished, not at each key.
 
-Qt's own pass over the keys that would lead out of bounds: of "99999" a field up to 2,929 keeps 999.
+Qt's spin boxes drop keys that would exceed the maximum, which silently changes the typed number:
+99999 becomes 999 when the maximum is 2929.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ if TYPE_CHECKING:
 else:
     _Spin = object
 
-#: Decimals that a number may be typed with.
+#: Decimals that can be typed in a `DecimalField`.
 _DECIMALS = 6
 
 
 def show_refusal(field: QWidget, sentence: str) -> None:
-    """Show why a field refuses what was typed, or, if empty, that it does so no longer.
+    """Show why the text of a field is invalid; "" removes the message.
 
-    The innermost parent with a method `say_refusal` shows it, as windows and dialogs do.
+    The innermost parent with a method `say_refusal`, a dialog or the window, shows it.
     """
     parent = field.parentWidget()
     while parent is not None and not hasattr(parent, "say_refusal"):
@@ -46,41 +47,45 @@ def show_refusal(field: QWidget, sentence: str) -> None:
 
 
 def typed_fields(within: QWidget) -> list[WholeField | DecimalField]:
-    """All fields of these two kinds within a widget."""
+    """Return all whole and decimal fields within a widget."""
     return [*within.findChildren(WholeField), *within.findChildren(DecimalField)]
 
 
-class _Typed(_Spin):
-    """What both have in common: anything can be typed, and is read once it is finished."""
+class _ValidatedSpin(_Spin):
+    """Base class of both: any text can be typed; it is parsed on Return or when the focus leaves.
 
-    #: Whether what was typed has been refused by the event that is being handled.
-    just_refused: bool
-    #: What it held before someone began to type.
-    _before: Any
+    Subclasses implement `_parse`.
+    """
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        self.just_refused, self._before, self._fault = False, None, ""
+        #: Whether the event that is being handled, such as a click, led to a refusal.
+        self.just_refused, self._fault = False, ""
+        #: The value before typing began; None while nothing is typed.
+        self._before: Any = None
         self.lineEdit().textEdited.connect(self._note_before)
 
     def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
-        """Let anything be typed; what is no number within bounds is not taken."""
+        """Accept any text while typing; text that is not a number within bounds is intermediate."""
         try:
-            self._read(text)
+            self._parse(text)
         except InputError:
             return QValidator.State.Intermediate, text, at
         return QValidator.State.Acceptable, text, at
 
     def valueFromText(self, text: str) -> Any:
-        return self._read(text)
+        return self._parse(text)
 
     def fixup(self, text: str) -> str:
-        """Go back to what was and say why: Qt asks this of what is finished and not acceptable."""
+        """Return the text of the old value, and report the fault, if the finished text is invalid.
+
+        Qt calls this when typing is finished and the text is not acceptable.
+        """
         try:
-            self._read(text)
+            self._parse(text)
         except InputError as fault:
             self.just_refused, self._fault = True, str(fault)
-            QTimer.singleShot(0, self, self._say_refusal)  # once it has gone back
+            QTimer.singleShot(0, self, self._report)  # after the old value has been restored
             before = self.value() if self._before is None else self._before
             return f"{self.prefix()}{self.textFromValue(before)}{self.suffix()}"
         return text
@@ -90,13 +95,13 @@ class _Typed(_Spin):
         super().focusInEvent(event)
 
     def stepBy(self, steps: int) -> None:
-        """Step from what is typed, or from what was."""
+        """Step from the typed number; from the old value if the text is invalid."""
         super().stepBy(steps)
         self._before = None
-        self._forget_refusal()
+        self._withdraw_report()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Keep Return here where what it finishes is refused, to be typed over."""
+        """Keep the focus and select the text if Return was pressed and the text was invalid."""
         super().keyPressEvent(event)
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self._before = None
@@ -106,56 +111,57 @@ class _Typed(_Spin):
 
     def _note_before(self) -> None:
         if self._before is None:
-            self._before = self.value()  # Qt takes what is typed after this
-        self._forget_refusal()
+            self._before = self.value()  # Qt changes it after this signal
+        self._withdraw_report()
 
     def commit(self) -> bool:
-        """Take what is typed, or say why not and go back; whether there was nothing to refuse."""
+        """Parse the text. Return False, show the reason and restore the old value if invalid."""
         self.interpretText()
         return not self.just_refused
 
-    def _say_refusal(self) -> None:
+    def _report(self) -> None:
         self.just_refused = False
         show_refusal(self, self._fault)
 
-    def _forget_refusal(self) -> None:
+    def _withdraw_report(self) -> None:
         if self._fault and not self.just_refused:
             self._fault = ""
             show_refusal(self, "")
 
-    def _bare(self, text: str) -> str:
-        """A text without suffixes: one may be typed before the other."""
+    def _without_affixes(self, text: str) -> str:
+        """Remove prefix and suffix, which is there twice if it was typed before the field's own."""
         text, suffix = text.strip().removeprefix(self.prefix()), self.suffix().strip()
         while suffix and text.endswith(suffix):
             text = text.removesuffix(suffix).rstrip()
         return text
 
-    def _read(self, text: str) -> Any:
+    def _parse(self, text: str) -> Any:
+        """Return the number in a text; raise `InputError` if it is none within the bounds."""
         raise NotImplementedError
 
 
-class WholeField(_Typed, QSpinBox):
+class WholeField(_ValidatedSpin, QSpinBox):
     """A whole number between bounds."""
 
-    def _read(self, text: str) -> int:
-        name = self.accessibleName() or "The number"
-        return parse_whole(self._bare(text), self.minimum(), self.maximum(), name)
+    def _parse(self, text: str) -> int:
+        bare, name = self._without_affixes(text), self.accessibleName() or "The number"
+        return parse_whole(bare, self.minimum(), self.maximum(), name)
 
 
-class DecimalField(_Typed, QDoubleSpinBox):
-    """A number between bounds, written with at least so many decimals; its suffix is its unit."""
+class DecimalField(_ValidatedSpin, QDoubleSpinBox):
+    """A number between bounds with at least `decimals` decimals; its suffix is its unit."""
 
     def __init__(self, *, decimals: int, **given: Any) -> None:
         self._decimals = decimals
         super().__init__(decimals=_DECIMALS, **given)
 
     def textFromValue(self, value: float) -> str:
-        """The number with no more zeros than it has to have."""
+        """Write a number without trailing zeros beyond its least number of decimals."""
         whole, _, part = f"{value:.{_DECIMALS}f}".partition(".")
         return f"{whole}.{part.rstrip('0'):0<{self._decimals}}".rstrip(".")
 
-    def _read(self, text: str) -> float:
-        text, unit = self._bare(text), self.suffix().strip()
+    def _parse(self, text: str) -> float:
+        text, unit = self._without_affixes(text), self.suffix().strip()
         number, low, high = parse_number(text, unit), self.minimum(), self.maximum()
         if not low <= number <= high:
             between = format_range(low, high, unit, word="and")
@@ -164,27 +170,27 @@ class DecimalField(_Typed, QDoubleSpinBox):
         return number
 
 
-#: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
+#: Largest magnitude, and inverse of the smallest, of a number: squares of others overflow.
 _LARGEST = 1e150
 
 
 class NumberField(QAbstractSpinBox):
-    """Takes a number as people write one, in any unit of its kind, once it is finished.
+    """A number in scientific notation, or with any unit of its kind, such as 1e-8 or 0.5 µm.
 
-    Qt's own spin boxes count decimals, which is of no use for 1e-8. `quantities` says what is read.
+    Qt's spin boxes have a fixed number of decimals, too few for 1e-8. `quantities` parses the text.
 
-    `step` returns the number that is some steps from another; without it there are no arrows. If
-    `live`, each number on the way to the one that is typed is emitted, too. `nearest` takes the
-    nearest number within bounds for one beyond them, rather than the previous one. `whole` counts,
-    and writes all digits; `share` reads percent, too. `tip` is the tooltip, by default the number
-    with more digits.
+    `step(number, n)` returns the number n steps away; without it there are no arrows. A `live`
+    field emits each valid number while typing. With `nearest`, a number beyond the bounds is
+    replaced by the nearest bound, not by the old value. `whole` numbers are written with all
+    digits. With `share`, percent can be typed. `tip` replaces the default tooltip, which is the
+    number with more digits.
     """
 
-    #: The user gave a number that is allowed.
+    #: The user typed a valid number, or stepped to one.
     edited = Signal(float)
-    #: What is wrong with the text, in one sentence; empty once it is corrected.
+    #: Why the text is invalid, in one sentence; "" once it is corrected.
     refused = Signal(str)
-    #: The user begins to type; numbers of a live field may be withdrawn from now on.
+    #: The user begins to type. Numbers that a live field emits after this may be withdrawn.
     begun = Signal()
     #: The numbers emitted since `begun` are void.
     withdrawn = Signal()
@@ -202,51 +208,51 @@ class NumberField(QAbstractSpinBox):
         tip: str = "",
     ) -> None:
         super().__init__()
-        #: Smallest and largest number that is taken.
+        #: Smallest and largest valid number.
         self.bounds = -math.inf, math.inf
-        #: What is wrong with a number, in one sentence; empty if it is taken.
+        #: Returns why a number is invalid, in one sentence; "" if it is valid.
         self.fault: Callable[[float], str] = lambda _number: ""
-        #: A unit of length, and the number that a length in it means; None if it means none.
+        #: A unit of length, and a function from a length in it to the number of the field, for
+        #: fields in which a length can be typed instead.
         self.from_length: tuple[str, Callable[[float], float]] | None = None
-        #: Whether the event that is being handled, such as the press of a button, has led to a
-        #: refusal.
+        #: Whether the event that is being handled, such as a click, led to a refusal.
         self.just_refused = False
         theme.named(self, name, spoken, tip=tip)
         self._step, self._live, self._nearest = step, live, nearest
-        self._whole, self._share = whole, share
-        self._tipped = bool(tip)
-        #: What `show_value` was given last.
+        self._whole, self._share, self._has_tip = whole, share, bool(tip)
+        #: Last arguments of `show_value`.
         self._shown: tuple[object, ...] = ()
         self._prefix = self._suffix = self._unit = ""
-        #: Unit of the number that is written, and the power of ten by which it is multiplied.
+        #: Unit of the written number, and the power of ten by which the value is multiplied.
         self._written, self._exponent = "", 0
         self._digits = 4
         self._value: float | None = None
-        self._given: float | None = None
-        #: What to go back to: parts of the number that is typed may be numbers, too.
+        #: The number typed last.
+        self._typed: float | None = None
+        #: The value before typing began, which is restored if the text is invalid.
         self._before: float | None = None
         self._typing = False
-        #: Number, unit and bounds at the last refusal, until `refused` withdraws that.
+        #: Value, unit and bounds at the last refusal, until `refused` withdraws it.
         self._refused_at: tuple[object, ...] = ()
         if step is None:
-            theme.with_role(self, "bare")  # of no width: without any, Qt leaves no room for text
+            theme.with_role(self, "bare")  # arrows of zero width: without arrows Qt cuts the text
             self.lineEdit().setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.0000e+00") + 16)
         self.lineEdit().textEdited.connect(self._follow_typing)
 
     @property
     def value(self) -> float | None:
-        """The number last shown or given."""
+        """The number last shown or typed."""
         return self._value
 
     @property
     def written_unit(self) -> str:
-        """The unit in which the number is written, and a number alone is read."""
+        """The unit in which the number is written; a number without a unit is read in it."""
         return self._written
 
     @property
     def is_typed(self) -> bool:
-        """Whether someone is typing."""
+        """Whether the user is typing."""
         return self.hasFocus() and self.lineEdit().isModified()
 
     def show_value(
@@ -259,33 +265,34 @@ class NumberField(QAbstractSpinBox):
         like: float | None = None,
         digits: int = 4,
     ) -> None:
-        """Show what the model holds, unless someone is typing.
+        """Show a value of the model, unless the user is typing.
 
-        `unit` may be typed behind a number, and is written there if asked for; `prefix` comes
-        before it, as "≈ " before an estimate. With `like`, the number is written, and read, in a
-        unit of this size, as numbers on the render are.
+        `unit` can be typed after a number, and is written if `with_unit`; `prefix` is written
+        before the number, such as "≈ " before an estimate. With `like`, the unit is scaled so that
+        this number has few digits, as numbers on the render are.
         """
         shown = value, unit, prefix, with_unit, like, digits
         same = shown == self._shown and value == self._value and not self._refused_at
         if same and not self.lineEdit().isModified():
             return
-        self._shown = shown
-        self._unit, self._prefix = unit, prefix
-        if not self.is_typed:
+        self._shown, self._unit, self._prefix = shown, unit, prefix
+        typing = self.is_typed
+        if not typing:
             self._exponent, self._written = (0, unit) if like is None else engineering(like, unit)
             self._digits = digits
         self._suffix = f"{NO_BREAK}{self._written}" if with_unit and unit else ""
-        if value is not None and not self._tipped:
+        if value is not None and not self._has_tip:
             written = f"{plain_number(value, 10)}{NO_BREAK}{unit}"
             self.setToolTip(f"{self.accessibleName()}: {written}".rstrip())
-        if not self.is_typed:
-            self._value = self._before = value
-            self._write()
-            if self._refused_at and self._refused_at != (value, unit, self.bounds):
-                self._refused_at = ()
-                self.refused.emit("")
+        if typing:
+            return
+        self._value = self._before = value
+        self._write()
+        if self._refused_at and self._refused_at != (value, unit, self.bounds):
+            self._refused_at = ()
+            self.refused.emit("")
 
-    # -- what Qt asks of a spin box -----------------------------------------------------------
+    # -- methods of QAbstractSpinBox ----------------------------------------------------------
 
     def sizeHint(self) -> QSize:
         return QSize(140, super().sizeHint().height())
@@ -297,7 +304,7 @@ class NumberField(QAbstractSpinBox):
 
     def stepBy(self, steps: int) -> None:
         if self._step is not None and self._value is not None:
-            self._take(self._within(self._step(self._value, steps)))
+            self._emit(self._within(self._step(self._value, steps)))
             self._before = self._value
             self._typing = False
             self._write()
@@ -315,22 +322,22 @@ class NumberField(QAbstractSpinBox):
         super().focusOutEvent(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Restore the value on Escape; pass Return on unless the text was refused."""
+        """Restore the value on Escape; pass Return on unless the text was invalid."""
         if event.key() == Qt.Key.Key_Escape:
             typed = self.lineEdit().isModified()
-            self._go_back("")
+            self._restore()
             if typed:
                 return
         returned = event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-        taken = self.commit() if returned else True
+        valid = self.commit() if returned else True
         super().keyPressEvent(event)
-        if returned and not (taken and self.hasFocus()):
+        if returned and not (valid and self.hasFocus()):
             event.accept()
 
-    # -- numbers ------------------------------------------------------------------------------
+    # -- parsing and writing ------------------------------------------------------------------
 
-    def _typed(self) -> float:
-        """The number that is typed; `InputError` says why it is none."""
+    def _parse(self) -> float:
+        """Return the number in the text; raise `InputError` if there is none."""
         try:
             number = parse_number(self.text(), self._written, share=self._share, whole=self._whole)
         except InputError:
@@ -363,14 +370,14 @@ class NumberField(QAbstractSpinBox):
         if not self._live:
             return
         try:
-            number = self._typed()
+            number = self._parse()
+            valid = not self._problem(number)
         except InputError:
-            self._withdraw()
-            return
-        if self._problem(number):
+            valid = False
+        if not valid:
             self._withdraw()
         elif number != self._value:
-            self._take(number)
+            self._emit(number)
 
     def _withdraw(self) -> None:
         if self._value != self._before:
@@ -378,45 +385,42 @@ class NumberField(QAbstractSpinBox):
             self.withdrawn.emit()
 
     def commit(self) -> bool:
-        """Take what is typed, or say why not and go back; whether there was nothing to refuse."""
+        """Parse the text. Return False, show the reason and restore the old value if invalid."""
         if not self.lineEdit().isModified():
             return True
-        number: float | None = None
+        number = math.nan
         try:
-            number = self._typed()
+            number = self._parse()
             problem = self._problem(number)
         except InputError as fault:
             problem = str(fault)
         if problem:
-            if self._nearest and number is not None:
+            if self._nearest and not math.isnan(number):
                 self._before = self._within(number)
-                self._take(self._before)
-            self._go_back(problem)
+                self._emit(self._before)
+            self._restore(problem)
             return False
-        assert number is not None
         self._typing = False
         self.lineEdit().setModified(False)
-        self._given = self._before = number
+        self._typed = self._before = number
         if not self._live or number != self._value:
-            self._take(number)
+            self._emit(number)
         return True
 
-    def _go_back(self, problem: str) -> None:
+    def _restore(self, problem: str = "") -> None:
+        """Restore the value before typing began, and emit why the text is invalid."""
         self._withdraw()
         self._typing = False
         self._write()
         if self.hasFocus():
-            self.selectAll()  # to be typed over
+            self.selectAll()  # the next key replaces it
         self._refused_at = (self._value, self._unit, self.bounds) if problem else ()
         if problem:
             self.just_refused = True
-            QTimer.singleShot(0, self, self._forget_refusal)
+            QTimer.singleShot(0, self, lambda: setattr(self, "just_refused", False))
         self.refused.emit(problem)
 
-    def _forget_refusal(self) -> None:
-        self.just_refused = False
-
-    def _take(self, number: float) -> None:
+    def _emit(self, number: float) -> None:
         self._value = number
         self.edited.emit(number)
 
@@ -425,8 +429,8 @@ class NumberField(QAbstractSpinBox):
         if self._value is not None and self._whole:
             text = f"{self._value:.0f}"
         elif self._value is not None:
-            # what was typed stays as it was; what was computed is written as everywhere else
-            digits = 10 if self._value == self._given else self._digits
+            # a typed number keeps its digits; a computed one is rounded as everywhere
+            digits = 10 if self._value == self._typed else self._digits
             text = plain_number(self._value * 10.0**self._exponent, digits)
         text = f"{self._prefix}{text}{self._suffix}"
         if text != self.text() or self.lineEdit().isModified():

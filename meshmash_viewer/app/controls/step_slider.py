@@ -1,4 +1,4 @@
-"""A slider that goes one step a wheel notch, jumps where it is clicked, and can mark its range."""
+"""Sliders that move one step per wheel notch, jump to a click, and can have marks."""
 
 from __future__ import annotations
 
@@ -15,39 +15,40 @@ from meshmash_viewer.units import engineering, power_text
 
 
 class Mark(NamedTuple):
-    """A labelled place along a range; `share` is how far along it is, 0 to 1."""
+    """A labelled position along a range; `share` is 0 at its low end and 1 at its high end."""
 
     share: float
     text: str
 
 
 def log_share(value: float, low: float, high: float) -> float:
-    """How far along a range in log scale a value lies; 0 where the range is a single number."""
+    """Return the share of a logarithmic range below a value; 0 if the range is one number."""
     return math.log(value / low) / math.log(high / low) if high > low else 0.0
 
 
 def decade_marks(low: float, high: float) -> tuple[Mark, ...]:
-    """Marks at the powers of ten of a range in log scale; at 2 and 5 too where it is short."""
+    """Return marks at the powers of ten of a range; between them, too, if the range is short."""
     if not (0.0 < low < high):
         return ()
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     decades = math.log10(high / low)
     factors = (1,) if decades > 2.5 else (1, 3) if decades > 1.6 else (1, 2, 5)
     stride = max(1, round(decades / 6))
-    marks = []
-    for exponent in range(first, last + 1):
-        for factor in factors:
-            value = factor * 10.0**exponent
-            if low <= value <= high and exponent % stride == 0:
-                marks.append(Mark(log_share(value, low, high), power_text(exponent, factor)))
-    return tuple(marks)
+    return tuple(
+        Mark(log_share(factor * 10.0**exponent, low, high), power_text(exponent, factor))
+        for exponent in range(first, last + 1)
+        for factor in factors
+        if low <= factor * 10.0**exponent <= high and exponent % stride == 0
+    )
 
 
-_NOTCH = 120  # eighths of a degree, as Qt counts
-#: Where the range begins, from either end of the widget: half a handle of the style sheet.
+#: A notch of the wheel in eighths of a degree.
+_NOTCH = 120
+#: Distance of the ends of the range from those of the widget: half a handle of the style sheet.
 _EDGE = 8.0
+#: Height of the groove with its handle.
 _ROW = 26
-#: Positions in log scale: finer than a pixel.
+#: Number of positions of a `LogSlider`, finer than a pixel.
 _POSITIONS = 1000
 _KEYS = (
     Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
@@ -58,8 +59,8 @@ _KEYS = (
 class StepSlider(QSlider):
     """A horizontal slider.
 
-    Qt's own moves three steps a notch, and pages where it is clicked. With `own_keys`, arrows and
-    pages are its own while it has the focus, not commands for the field.
+    A QSlider moves three steps per notch, and one page per click. With `own_keys`, arrow and page
+    keys move the slider while it has the focus; otherwise they are commands of the window.
     """
 
     def __init__(self, own_keys: bool = False) -> None:
@@ -83,7 +84,7 @@ class StepSlider(QSlider):
 
     @property
     def hatched(self) -> tuple[float, float] | None:
-        """The part of the range, as two shares of it, that is marked as in doubt."""
+        """The unreliable part of the range, as two shares of it, which is hatched."""
         return self._hatched
 
     def set_hatched(self, hatched: tuple[float, float] | None) -> None:
@@ -105,11 +106,11 @@ class StepSlider(QSlider):
         return _EDGE + share * max(self.width() - 2.0 * _EDGE, 1.0)
 
     def value_x(self, value: int) -> int:
-        """Where along the widget a value is, in pixels."""
+        """Return the x coordinate of a value in pixels."""
         return round(self._x((value - self.minimum()) / max(self.maximum() - self.minimum(), 1)))
 
     def event(self, event: QEvent) -> bool:
-        """Keep keys from being commands, if they are its own."""
+        """Accept the shortcut override of its own keys."""
         override = event.type() == QEvent.Type.ShortcutOverride and self._own_keys
         if override and isinstance(event, QKeyEvent) and event.key() in _KEYS:
             event.accept()
@@ -117,7 +118,7 @@ class StepSlider(QSlider):
         return super().event(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Jump to the place under the pointer; Qt's own drags on from there."""
+        """Jump to the pointer; QSlider then starts a drag."""
         if event.button() == Qt.MouseButton.LeftButton:
             share = (event.position().x() - _EDGE) / (self._x(1.0) - _EDGE)
             span = self.maximum() - self.minimum()
@@ -125,30 +126,28 @@ class StepSlider(QSlider):
         super().mousePressEvent(event)
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """One step a notch, a page with Ctrl or Shift; fine wheels add up to notches."""
+        """Move one step per notch, a page with Ctrl or Shift; small turns are added up."""
         delta = event.angleDelta()
         self._turned += delta.y() or delta.x()
         notches = int(self._turned / _NOTCH)
         self._turned -= notches * _NOTCH
         wide = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
         size = self.pageStep() if event.modifiers() & wide else self.singleStep()
-        # towards the user is on, as a page scrolls
+        # turning the wheel towards the user increases the value, as it scrolls a page down
         self.setValue(self.value() - notches * size)
         event.accept()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """The keys of the table of commands: of Qt's, only the pages go the other way."""
-        pages = {
-            Qt.Key.Key_PageDown: self.SliderAction.SliderPageStepAdd,
-            Qt.Key.Key_PageUp: self.SliderAction.SliderPageStepSub,
-        }
-        if (page := pages.get(Qt.Key(event.key()))) is not None:
-            self.triggerAction(page)
+        """Increase the value by PgDn, as the command of that key does; QSlider decreases it."""
+        if event.key() == Qt.Key.Key_PageDown:
+            self.triggerAction(self.SliderAction.SliderPageStepAdd)
+        elif event.key() == Qt.Key.Key_PageUp:
+            self.triggerAction(self.SliderAction.SliderPageStepSub)
         else:
             super().keyPressEvent(event)
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """What is in doubt, and labels; over them groove and handle, as the style sheet says."""
+        """Draw the hatched part and the marks, then groove and handle by the style sheet."""
         colors, middle = theme.palette(), _ROW / 2.0
         painter = QPainter(self)
         if self._hatched is not None:
@@ -162,7 +161,7 @@ class StepSlider(QSlider):
             x, width = self._x(mark.share), metrics.horizontalAdvance(mark.text)
             left = min(max(x - width / 2.0, 0.0), self.width() - width)
             painter.drawLine(round(x), round(middle + 5), round(x), round(middle + 8))
-            if left >= free:  # no label over another
+            if left >= free:  # labels do not overlap
                 painter.drawText(round(left), _ROW + metrics.ascent() - 2, mark.text)
                 free = left + width + 6
         painter.end()
@@ -172,7 +171,7 @@ class StepSlider(QSlider):
 class LogSlider(StepSlider):
     """A slider for a positive number, in log scale, with marks at powers of ten."""
 
-    #: The user moved it to this number.
+    #: Number that the user chose.
     given = Signal(float)
 
     def __init__(self) -> None:
@@ -183,23 +182,25 @@ class LogSlider(StepSlider):
         self.valueChanged.connect(self._give)
 
     def set_steps(self, count: int) -> None:
+        """Divide the range into this number of steps."""
         one = max(round(_POSITIONS / max(count, 1)), 1)
         self.setSingleStep(one)
         self.setPageStep(min(10 * one, _POSITIONS))
 
     def show_number(self, value: float, ends: tuple[float, float], unit: str | None = None) -> None:
-        """Show a number in a range, and say nothing.
+        """Show a number in a range without emitting `given`.
 
-        Marks are in a multiple of the unit that suits the middle of the range; None for no marks.
+        Marks are in the multiple of the unit that suits the middle of the range; without a unit
+        there are none.
         """
         self._ends = ends
         share = log_share(value, *ends) if value > 0.0 else 0.0
         show_quietly(self, round(min(max(share, 0.0), 1.0) * _POSITIONS))
-        if unit is None:
-            self.set_marks(())
-        else:
+        marks: tuple[Mark, ...] = ()
+        if unit is not None:
             exponent, _ = engineering(math.sqrt(ends[0]) * math.sqrt(ends[1]), unit)
-            self.set_marks(decade_marks(*(end * 10.0**exponent for end in ends)))
+            marks = decade_marks(*(end * 10.0**exponent for end in ends))
+        self.set_marks(marks)
 
     def _give(self, position: int) -> None:
         low, high = self._ends

@@ -1,4 +1,4 @@
-"""Tables of a panel: a model of rows with texts, icons and tips, and a view of whole rows."""
+"""Base classes of tables: a model of rows, and a view in which whole rows are selected."""
 
 from __future__ import annotations
 
@@ -15,47 +15,43 @@ Index: TypeAlias = QModelIndex | QPersistentModelIndex
 
 
 class Rows(QAbstractTableModel):
-    """A model of which subclasses have the rows."""
+    """Base class of models; subclasses return the contents of the cells."""
 
-    #: The column of names, which are edited; -1 for none.
+    #: Column of names, which can be edited; -1 for none.
     names: ClassVar[int] = -1
 
     @property
     def n_rows(self) -> int:
-        """Number of rows."""
         raise NotImplementedError
 
     @property
     def titles(self) -> Sequence[str]:
-        """Titles of the columns."""
         raise NotImplementedError
 
     def is_number(self, column: int) -> bool:
-        """Whether a column has numbers, which are on the right."""
+        """Return whether a column has numbers, which are aligned right."""
         raise NotImplementedError
 
     def text(self, row: int, column: int) -> str:
-        """What an entry shows."""
         raise NotImplementedError
 
     def icon(self, row: int, column: int) -> QIcon | None:
-        """What is before the text of an entry."""
         return None
 
     def tip(self, row: int, column: int) -> str:
-        """What an entry means; "" for nothing."""
+        """Return the tooltip of a cell; "" for none."""
         return ""
 
     def spoken(self, row: int, column: int) -> str:
-        """What screen readers say in place of the text; "" for that."""
+        """Return what screen readers say instead of the text; "" for the text."""
         return ""
 
     def sort_key(self, row: int, column: int) -> Any:
-        """What rows are sorted by."""
+        """Return the value of a cell that a proxy sorts by."""
         return None
 
     def rename(self, row: int, name: str) -> None:
-        """Take the name that was typed in a row."""
+        """Set the name that the user typed."""
         raise NotImplementedError
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008  Qt's own default
@@ -81,8 +77,8 @@ class Rows(QAbstractTableModel):
         if role == roles.DecorationRole:
             return self.icon(row, column)
         if role in (roles.ToolTipRole, roles.AccessibleTextRole):
-            said = self.tip if role == roles.ToolTipRole else self.spoken
-            return said(row, column) or None
+            text = self.tip if role == roles.ToolTipRole else self.spoken
+            return text(row, column) or None
         return self.sort_key(row, column) if role == roles.UserRole else None
 
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
@@ -101,7 +97,7 @@ class Rows(QAbstractTableModel):
 
 
 class Table(QTableView):
-    """A view of whole rows, without grid; F2 edits the name of the chosen one."""
+    """A table without grid lines, in which F2 edits the name in the selected row."""
 
     def __init__(self, name: str, spoken: str, *, row_height: int = 26, role: str = "") -> None:
         super().__init__()
@@ -116,14 +112,14 @@ class Table(QTableView):
         self.horizontalHeader().setHighlightSections(False)
 
     def edit_name(self, row: int) -> None:
-        """Begin to edit the name in a row."""
+        """Start editing the name in a row."""
         rows = self.model()
         if isinstance(rows, Rows) and row >= 0:
             self.setCurrentIndex(rows.index(row, rows.names))
             self.edit(rows.index(row, rows.names))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Edit the name in any column."""
+        """Edit the name by F2, whichever cell is current."""
         chosen = self.selectionModel().selectedRows()
         if event.key() == Qt.Key.Key_F2 and chosen:
             self.edit_name(chosen[0].row())
