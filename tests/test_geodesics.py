@@ -7,7 +7,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.kernels import heights_of, in_picture
+from meshmash_viewer.surface.kernels import in_picture, project, visible_of
 from meshmash_viewer.surface.masks import (
     Geodesics,
     Projection,
@@ -74,7 +74,7 @@ def test_a_polygon_takes_what_is_inside_to_a_pixel() -> None:
 def test_only_the_front_of_a_ball_is_visible() -> None:
     ball = shapes.icosphere(4)
     seen, chosen = seen_of(ball), np.ones(ball.n_vertices, dtype=np.bool_)
-    found = visible(seen, ball.faces, ball.vertices[:, 2], chosen)
+    found = visible(seen, ball.faces, ball.vertices[:, 2], chosen, chosen)
     assert np.array_equal(found, ball.vertices[:, 2] > 0.0)
 
 
@@ -89,13 +89,14 @@ def test_a_ball_behind_another_is_hidden(subdivisions: int) -> None:
     chosen = within_polygon(seen_of(both), box(110.0))
     facing = both.vertex_normals[:, 2]
     assert chosen[: back.n_vertices].all()
-    assert not visible(seen_of(both), both.faces, facing, chosen)[: back.n_vertices].any()
+    drawn, seen = np.ones_like(chosen), seen_of(both)
+    assert not visible(seen, both.faces, facing, chosen, drawn)[: back.n_vertices].any()
     beside = both.vertices + np.where(np.arange(both.n_vertices) < back.n_vertices, 4.0, 0.0)[
         :, None
     ] * [1.0, 0.0, 0.0]
     seen = (100.0 * beside).astype(np.float32)
     chosen = within_polygon(seen, box(110.0) + np.array([400.0, 0.0]))
-    found = visible(seen, both.faces, facing, chosen)[: back.n_vertices]
+    found = visible(seen, both.faces, facing, chosen, drawn)[: back.n_vertices]
     differing = found != (facing[: back.n_vertices] > 0.0)
     assert (np.abs(facing[: back.n_vertices][differing]) < 1e-6).all()  # on the silhouette
 
@@ -103,7 +104,7 @@ def test_a_ball_behind_another_is_hidden(subdivisions: int) -> None:
 def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:
     ball = shapes.icosphere(2)
     prepared(ball)
-    known = [len(loop.signatures) for loop in (heights_of, in_picture)]
+    known = [len(loop.signatures) for loop in (project, in_picture, visible_of)]
     points, normals = (each.astype(np.float32) for each in (ball.vertices, ball.vertex_normals))
     seen = Projection(points, normals, np.eye(3), np.zeros(3), 0.02, (50.0, 50.0))
     around = np.array([[-9.0, -9.0], [109.0, -9.0], [109.0, 109.0], [-9.0, 109.0]])
@@ -111,4 +112,4 @@ def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:
     for hidden in (None, back):
         chosen = lasso(ball, seen, around, hidden, False)
         assert np.array_equal(chosen, seen.facing > 0.0)
-    assert [len(loop.signatures) for loop in (heights_of, in_picture)] == known
+    assert [len(loop.signatures) for loop in (project, in_picture, visible_of)] == known

@@ -1,4 +1,4 @@
-"""The *Select* tool: strokes on the render, and ranges of the field, become the selection."""
+"""The *Select* tool: selection of vertices by strokes on the render and by ranges of the field."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.selection import How, combined
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.masks import (
     Geodesics,
     Mask,
@@ -37,47 +36,48 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Modes in which the left button draws strokes; in the others it turns the mesh.
+#: Modes in which a drag with the left button is a stroke; in the others it turns the mesh.
 _STROKES = ("brush", "lasso", "disc", "component", "part")
-#: Radius of the brush at first, as a share of the diagonal of the mesh.
+#: Initial radius of the brush, as a share of the diagonal of the mesh.
 _BRUSH = 0.01
 #: The range of all values.
 _ALL = (-np.inf, np.inf)
-#: Most places of a brush between two events of the mouse.
+#: Largest number of discs that the brush selects between two positions of the pointer.
 _BETWEEN = 6
-#: Milliseconds after a change of a range with which one change ends.
+#: Milliseconds without a new range after which the changes of a range become one undo step.
 _REST = 500
 
 _ONLY_FIRST = (
-    "Vertices are selected on the first mesh: to select on this one, open it, and compare it with"
-    " the other."
+    "Vertices are selected on the first mesh only: to select on this one, open it as the first"
+    " mesh, and compare it with the other."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A mask that is computed in a thread, and how it changes the selection."""
+    """A mask to compute in the thread, and how it changes the selection."""
 
     work: Callable[[], Mask]
     how: How
     label: str
-    #: Said where the mask has no vertex; the selection stays then.
+    #: Message if the mask is empty; the selection is not changed then.
     nothing: str = ""
-    #: Whether it follows a drag, of which the newest step counts.
+    #: Whether it is one of the steps of a drag. A newer one replaces it while it waits, and all of
+    #: them are one undo step.
     live: bool = False
-    #: Of these, the selection before the drag, and whether that has ended.
+    #: For a live step: the selection before the drag, and whether the drag has ended.
     before: Mask | None = None
     last: bool = False
 
 
 class SelectTool(QObject):
-    """Selects vertices of the first mesh in the mode of `SELECT_MODES` that is chosen.
+    """Selects vertices of the first mesh in one of the `SELECT_MODES`.
 
-    Shift adds to the selection, Alt takes away from it. What takes more than a few milliseconds is
-    computed in a thread, one step after another; of those that follow a drag, the newest.
+    Vertices replace the selection; with Shift they are added to it, with Alt removed from it. Masks
+    that take more than a few milliseconds are computed in a thread, in the order of their requests.
     """
 
-    #: Whether the tool is on, its mode, or what its controls show has changed.
+    #: The tool was switched on or off, or its mode, radius or range has changed.
     changed = Signal()
 
     def __init__(
@@ -90,25 +90,34 @@ class SelectTool(QObject):
         self.mode = next(iter(SELECT_MODES))
         #: Radius of the brush, in the mesh's unit.
         self.radius = 0.0
-        #: Whether a lasso takes hidden vertices, too, and whether alike ones are connected.
-        self.through = self.connected = False
-        #: The range of values; infinite where a handle is at the end of the colour bar.
+        #: Whether a lasso also selects covered vertices.
+        self.through = False
+        #: Whether `alike` selects only the part that is connected with the pinned vertex.
+        self.connected = False
+        #: Selected range of the field; infinite where a handle is at the end of the colour bar.
         self.range = _ALL
-        #: Of which family and unit these are values.
+        #: Name of the family and unit of the field that `range` refers to.
         self._ranged: tuple[str, str] | None = None
         self._geodesics: tuple[Mesh, Geodesics] | None = None
         self._how: How = "replace"
+        #: Positions of the pointer during a stroke: all for a lasso, the last for the brush, the
+        #: first in other modes. Empty without a stroke.
         self._line: list[QPointF] = []
+        #: The selection before the stroke, and the one that the brush has made of it so far.
         self._before: Mask | None = None
         self._stroke: Mask | None = None
+        #: Vertices that the brush can reach: they face the eye and are drawn.
         self._front: Mask | None = None
+        #: Vertex at the centre of a disc; -1 for none.
         self._centre = -1
-        #: What is being computed, and what comes after that.
+        #: The step that is being computed, then those that wait.
         self._steps: deque[_Step] = deque()
         self._preparing: LatestThread[Mesh] = LatestThread(
-            _prepared, self._take_prepared, parent=self
+            lambda mesh, _: prepared(mesh), self._take_prepared, parent=self
         )
-        self._thread: LatestThread[_Step] = LatestThread(_mask, self._take, parent=self)
+        self._thread: LatestThread[_Step] = LatestThread(
+            lambda step, _: step.work(), self._take, parent=self
+        )
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(document.selection.finish)
         canvas = scene.plotter
@@ -129,7 +138,7 @@ class SelectTool(QObject):
 
     @property
     def prepared(self) -> bool:
-        """Whether strokes can begin, and areas are known."""
+        """Whether brush and disc can be used on the mesh, and its vertex areas are known."""
         mesh, known = self._document.mesh, self._geodesics
         return mesh is not None and known is not None and known[0].vertices is mesh.vertices
 
@@ -140,12 +149,12 @@ class SelectTool(QObject):
 
     @property
     def field(self) -> Field | None:
-        """The displayed field, whose values are selected."""
+        """The displayed field, of which `range` selects values."""
         return self._controller.field
 
     @property
     def strokes(self) -> bool:
-        """Whether the left button selects; without it a click pins."""
+        """Whether the left button selects; otherwise it turns the mesh, and a click pins."""
         return self.on and self.mode in _STROKES
 
     # -- choices ------------------------------------------------------------------------------
@@ -161,7 +170,7 @@ class SelectTool(QObject):
         self.changed.emit()
 
     def set_second(self, scene: MeshView | None) -> None:
-        """Say on the render of a second mesh, if there is one, that the first is selected on."""
+        """Set the render of the second mesh, where a stroke only shows a message; None for none."""
         self._second = scene
         if scene is not None:
             scene.plotter.stroke_begun.connect(lambda *_: self._say(_ONLY_FIRST))
@@ -175,7 +184,7 @@ class SelectTool(QObject):
             if self._document.pins.placed and self._document.spectrum is not None:
                 self._document.similar()
             else:
-                self._say("Compute eigenpairs and pin a vertex: what is like it is selected then.")
+                self._say("To select similar vertices, compute eigenpairs and pin a vertex.")
 
     def set_radius(self, radius: float) -> None:
         """Set the radius of the brush."""
@@ -183,16 +192,16 @@ class SelectTool(QObject):
         self.changed.emit()
 
     def set_range(self, low: float, high: float) -> None:
-        """Select the values between two."""
+        """Select the vertices with values from `low` to `high`."""
         self.range = low, high
         self._show_handles()
         field = self._controller.field
         if field is None or self._document.mesh is None:
-            self._say("There is no field whose values could be selected: choose one first.")
+            self._say("There is no field to select values of: choose one first.")
             return
         vertex = getattr(field.family, "vertex", None) if self.mode == "alike" else None
         if self.mode == "alike" and vertex is None:
-            self._say("Pin a vertex and choose Similar: what is like it is selected then.")
+            self._say("To select similar vertices, pin a vertex and choose Similar.")
             return
         joined = vertex if self.connected else None
         work = partial(between, self._document.mesh, field.values, *self.range, joined)
@@ -201,26 +210,26 @@ class SelectTool(QObject):
         self.changed.emit()
 
     def set_connected(self, connected: bool) -> None:
-        """Select only what is connected with the pinned vertex, or all that is alike."""
+        """Set whether `alike` selects only the part connected with the pinned vertex."""
         self.connected = connected
         if self.range != _ALL:
             self.set_range(*self.range)
 
     @property
     def _limits(self) -> Limits | None:
-        """The ends of the colour bar; None without one."""
+        """Limits of the colour bar; None without a colour bar."""
         caption = self._scene.renderer.caption
         if caption is None:
             return None
         return Limits(caption.low, caption.high, caption.logarithmic)
 
     def _drag_range(self, low: float, high: float) -> None:
-        """Select the values between two shares of the colour bar."""
+        """Select a range by the positions of its ends on the colour bar, from 0 to 1."""
         if (limits := self._limits) is not None:
             self.set_range(limits.at(low), limits.at(high))
 
     def _follow_field(self) -> None:
-        """Forget a range of values of another quantity."""
+        """Reset the range if the field now has another quantity."""
         field = self.field
         ranged = None if field is None else (field.family.name, field.unit)
         if ranged != self._ranged:
@@ -229,7 +238,7 @@ class SelectTool(QObject):
         self._show_handles()
 
     def _show_handles(self) -> None:
-        """Show the range at the colour bar, where it is selected by."""
+        """Show handles at the colour bar in the modes that select a range."""
         limits, shares = self._limits, None
         if limits is not None and self.on and self.mode in ("value", "alike"):
             low, high = self.range
@@ -237,7 +246,7 @@ class SelectTool(QObject):
         self._scene.set_bar_range(shares)
 
     def fill_selection(self) -> None:
-        """Select what the selection encloses."""
+        """Add the parts of the surface that the selection encloses."""
         mesh, mask = self._document.mesh, self._document.selection.mask
         if mesh is not None and mask is not None:
             self._run(_Step(partial(filled, mesh, mask), "replace", "filling of holes"))
@@ -245,16 +254,13 @@ class SelectTool(QObject):
     # -- strokes ------------------------------------------------------------------------------
 
     def _begin(self, at: QPointF, modifiers: Qt.KeyboardModifier) -> None:
-        """Begin a stroke: what it does depends on the keys that are held."""
+        """Begin a stroke, which adds with Shift and removes with Alt."""
         mesh = self._document.mesh
         if mesh is None or not self._document.is_shown(self._scene.mesh):
             return
-        keys = Qt.KeyboardModifier
-        self._how = "replace"
-        if modifiers & keys.ShiftModifier:
-            self._how = "add"
-        elif modifiers & keys.AltModifier:
-            self._how = "remove"
+        shift = modifiers & Qt.KeyboardModifier.ShiftModifier
+        alt = modifiers & Qt.KeyboardModifier.AltModifier
+        self._how = "add" if shift else "remove" if alt else "replace"
         self._before = self._document.selection.mask
         self._line, self._stroke = [at], None
         if self.mode == "brush":
@@ -277,23 +283,21 @@ class SelectTool(QObject):
             self._disc(at, last=False)
 
     def _end(self) -> None:
-        line, self._line = self._line, []
-        if not line:
+        if not self._line:
             return
         if self.mode == "brush":
             self._document.selection.finish()
         elif self.mode == "lasso":
             self._scene.outline.show_line([])
-            self._lasso(line)
+            self._lasso()
         elif self.mode == "disc":
-            self._line = line
-            self._disc(self._scene.plotter.pointer or line[0], last=True)
-            self._line = []
+            self._disc(self._scene.plotter.pointer or self._line[0], last=True)
         else:
-            self._click(line[0])
+            self._click(self._line[0])
+        self._line = []
 
     def _begin_brush(self, mesh: Mesh) -> None:
-        """Note what the brush can reach: what faces the eye and is drawn."""
+        """Set `_front` and `_stroke`, unless the brush is not prepared yet."""
         projection, away = self._scene.projection(), self._scene.renderer.away()
         if self._ready() and projection is not None:
             self._front = projection.facing > 0.0
@@ -303,12 +307,12 @@ class SelectTool(QObject):
             self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
 
     def _brush(self, at: QPointF) -> None:
-        """Select along the way of the pointer since the last event."""
+        """Select discs around the vertices on the line from the last position of the pointer."""
         if self._stroke is None or self._geodesics is None:
             return
         start = self._line[-1]
         way = at - start
-        step = max(0.5 * self.radius / max(self._scene.unit_per_pixel, 1e-300), 2.0)
+        step = max(self.radius / max(self._scene.unit_per_pixel, 1e-300), 2.0)
         count = min(int(np.hypot(way.x(), way.y()) / step) + 1, _BETWEEN)
         places = [start + way * (k / count) for k in range(1, count + 1)]
         under = {self._scene.vertex_at(place.x(), place.y()) for place in places} - {-1}
@@ -319,7 +323,7 @@ class SelectTool(QObject):
             self._document.selection.draw(self._stroke, "brush")
 
     def _disc(self, at: QPointF, *, last: bool) -> None:
-        """Select within the dragged distance from where the stroke began."""
+        """Select the vertices within the dragged distance of the one where the stroke began."""
         mesh, start = self._document.mesh, self._line[0]
         if mesh is None or self._centre < 0 or not self._ready():
             return
@@ -329,19 +333,20 @@ class SelectTool(QObject):
         work = partial(disc, self._geodesics[1], mesh, self._centre, radius)
         self._run(_Step(work, self._how, "disc", live=True, before=self._before, last=last))
 
-    def _lasso(self, line: list[QPointF]) -> None:
+    def _lasso(self) -> None:
+        """Select the vertices in the polygon of the stroke."""
         projection, mesh = self._scene.projection(), self._document.mesh
         if projection is None or mesh is None:
             return
-        polygon = np.array([self._scene.plotter.to_pixels(at.x(), at.y()) for at in line])
+        polygon = np.array([self._scene.plotter.to_pixels(at.x(), at.y()) for at in self._line])
         away = self._scene.renderer.away()
         work = partial(lasso, mesh, projection, polygon, away, self.through)
-        what = "vertex" if self.through else "visible vertex"
-        nothing = f"There is no {what} in the lasso. The selection stays as it is."
+        noun = "vertex" if self.through else "visible vertex"
+        nothing = f"There is no {noun} in the lasso. The selection stays as it is."
         self._run(_Step(work, self._how, "lasso", nothing))
 
     def _click(self, at: QPointF) -> None:
-        """Select the component, or the connected part of a label, that was clicked."""
+        """Select the clicked component, or the clicked connected part of a label."""
         mesh, vertex = self._document.mesh, self._scene.vertex_near(at.x(), at.y())
         if mesh is None or vertex < 0:
             return
@@ -350,13 +355,13 @@ class SelectTool(QObject):
             return
         field = self._controller.field
         if field is None or not field.labels:
-            self._say("Show a map of labels first: the part of the clicked label is selected then.")
+            self._say("To select a part of a label, show a map of labels first.")
             return
         work = partial(same_label, mesh, field.values, vertex)
         self._run(_Step(work, self._how, "part of a label"))
 
     def _ready(self) -> bool:
-        """Whether distances can be found; if not, say so."""
+        """Return `prepared`; show a message if it is False."""
         if self.prepared:
             return True
         text = "The brush is being prepared for this mesh: try again in a moment."
@@ -364,7 +369,7 @@ class SelectTool(QObject):
         return False
 
     def _show_circle(self) -> None:
-        """Show the size of the brush around the pointer."""
+        """Show the circle of the brush around the pointer."""
         if self.on and self.mode == "brush" and self.prepared:
             pixel = self._scene.unit_per_pixel
             radius = self.radius / pixel if pixel else 0.0
@@ -390,16 +395,16 @@ class SelectTool(QObject):
             self.changed.emit()
 
     def _run(self, step: _Step) -> None:
-        """Compute a step in the thread, after those that are waiting."""
+        """Compute a step in the thread, after the steps that wait."""
         if len(self._steps) > 1 and step.live and self._steps[-1].live:
-            self._steps.pop()  # which is no longer the newest
+            self._steps.pop()  # the new step replaces it
         self._steps.append(step)
         if len(self._steps) == 1:
             self._thread.ask(step)
 
     def _take(self, step: _Step, mask: Mask | Exception) -> None:
         if not self._steps or self._steps[0] is not step:
-            return  # of a mesh that is closed
+            return  # the mesh has been closed
         self._steps.popleft()
         if self._steps:
             self._thread.ask(self._steps[0])
@@ -416,7 +421,7 @@ class SelectTool(QObject):
             selection.finish()
 
     def _on_mesh_changed(self) -> None:
-        """Begin with a brush of a size that suits the mesh."""
+        """Prepare the brush for a new mesh, with a radius in proportion to its size."""
         mesh, known = self._document.mesh, self._geodesics
         if mesh is not None and known is not None and self._document.is_shown(known[0]):
             return
@@ -430,11 +435,3 @@ class SelectTool(QObject):
 
     def _say(self, text: str) -> None:
         self._document.notices.say(text, Severity.INFORMATION)
-
-
-def _prepared(mesh: Mesh, _cancel: CancelCallback) -> Geodesics:
-    return prepared(mesh)
-
-
-def _mask(step: _Step, _cancel: CancelCallback) -> Mask:
-    return step.work()

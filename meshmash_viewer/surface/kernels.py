@@ -16,10 +16,12 @@ numba = import_compiler()
 
 
 @numba.njit(cache=True, nogil=True)
-def spread(starts, around, faces, points, sources, radius, passable, distance, done):  # type: ignore[no-untyped-def]
-    """Return the vertices within a distance of sources in their order, and the distances.
+def spread(starts, around, faces, points, order, sources, radius, passable, distance, done):  # type: ignore[no-untyped-def]
+    """Return the vertices within a distance of sources, nearest first, and the distances.
 
-    `distance`, infinite everywhere, and `done`, nowhere true, are scratch, and left as they were.
+    Vertices are numbered in another order: `order` has their original indices, which `passable` and
+    the result use. `distance`, shape (n,), must be infinite and `done` False everywhere; they are
+    used in between, and are so again afterwards.
     """
     queue = [(np.float32(0.0), sources[0])]
     for source in sources:
@@ -36,7 +38,7 @@ def spread(starts, around, faces, points, sources, radius, passable, distance, d
             f = around[place]
             for at in range(3):
                 u = faces[f, at]
-                if u == v or done[u] or not passable[u]:
+                if u == v or done[u] or not passable[order[u]]:
                     continue
                 w = faces[f, 0] + faces[f, 1] + faces[f, 2] - u - v
                 found = np.float32(
@@ -47,9 +49,9 @@ def spread(starts, around, faces, points, sources, radius, passable, distance, d
                     heapq.heappush(queue, (found, u))
     vertices = np.array(reached)
     found_at = distance[vertices]
-    distance[vertices] = np.inf  # what has been reached has been in the queue
+    distance[vertices] = np.inf  # every vertex in the queue has been reached
     done[vertices] = False
-    return vertices, found_at
+    return order[vertices], found_at
 
 
 @numba.njit(cache=True, nogil=True)
@@ -92,41 +94,80 @@ def in_picture(seen, low, picture):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def heights_of(seen, faces, low, cell, rows, columns):  # type: ignore[no-untyped-def]
-    """Return the largest heights of the faces in cells, at samples no farther apart than those."""
+def project(points, axes, shift):  # type: ignore[no-untyped-def]
+    """Compute ``points @ axes.T + shift`` in single precision, shape (n, 3)."""
+    result = np.empty((len(points), 3), np.float32)
+    for v in range(len(points)):
+        x, y, z = points[v, 0], points[v, 1], points[v, 2]
+        for k in range(3):
+            result[v, k] = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z + shift[k]
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def visible_of(seen, faces, facing, chosen, drawn, cell, steepest):  # type: ignore[no-untyped-def]
+    """Find the chosen vertices that face the eye and that no drawn face covers, shape (n,).
+
+    `cell` is the side of the cells of `heights_of`. A vertex is compared with the largest height in
+    its cell, minus the height by which its own face may rise within the cell: that of a slope of at
+    most `steepest`.
+    """
+    result = chosen & (facing > 0.0)
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for v in np.flatnonzero(result):
+        for k in range(2):
+            low[k], high[k] = min(low[k], seen[v, k]), max(high[k], seen[v, k])
+    if low[0] > high[0]:
+        return result
+    columns, rows = int((high[0] - low[0]) / cell) + 1, int((high[1] - low[1]) / cell) + 1
+    heights = heights_of(seen, faces, drawn, low, cell, rows, columns)
+    for v in np.flatnonzero(result):
+        slope = np.sqrt(max(1.0 - facing[v] ** 2, 0.0)) / max(facing[v], 1e-6)
+        room = cell * (0.5 + 1.5 * min(slope, steepest))
+        row, column = int((seen[v, 1] - low[1]) / cell), int((seen[v, 0] - low[0]) / cell)
+        result[v] = seen[v, 2] >= heights[row, column] - room
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def heights_of(seen, faces, drawn, low, cell, rows, columns):  # type: ignore[no-untyped-def]
+    """Compute the largest height of the drawn faces in each cell, shape (rows, columns).
+
+    `seen`, shape (n, 3), has the horizontal, the vertical position and the height of each vertex.
+    A face is drawn if its three corners are. It is sampled at its corners, and if these are more
+    than one cell apart also between them, at distances of at most a cell.
+    """
     heights = np.full((rows, columns), -np.inf, np.float32)
-    # on which sides a vertex is outside, in one byte: of most faces nothing else is read
-    sides = np.empty(len(seen), np.uint8)
+    # row and column of each vertex in four bytes: faces in random order read little memory
+    cells = np.full((len(seen), 2), -32768, np.int16)
     for v in range(len(seen)):
-        x, y = seen[v, 0] - low[0], seen[v, 1] - low[1]
-        across = 1 if x < 0.0 else 2 if x >= columns * cell else 0
-        sides[v] = across | (4 if y < 0.0 else 8 if y >= rows * cell else 0)
+        if drawn[v]:
+            row, column = (seen[v, 1] - low[1]) / cell, (seen[v, 0] - low[0]) / cell
+            cells[v, 0] = i = int(np.floor(min(max(row, -32000.0), 32000.0)))
+            cells[v, 1] = j = int(np.floor(min(max(column, -32000.0), 32000.0)))
+            if 0 <= i < rows and 0 <= j < columns:
+                heights[i, j] = max(heights[i, j], seen[v, 2])
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        if sides[a] & sides[b] & sides[c]:
+        bottom = min(cells[a, 0], cells[b, 0], cells[c, 0])
+        top = max(cells[a, 0], cells[b, 0], cells[c, 0])
+        left = min(cells[a, 1], cells[b, 1], cells[c, 1])
+        right = max(cells[a, 1], cells[b, 1], cells[c, 1])
+        extent = max(top - bottom, right - left)
+        if extent <= 1 or bottom == -32768:  # the corners are enough, or it is not drawn
             continue
-        ax, bx, cx = (seen[a, 0] - low[0]), (seen[b, 0] - low[0]), (seen[c, 0] - low[0])
-        ay, by, cy = (seen[a, 1] - low[1]), (seen[b, 1] - low[1]), (seen[c, 1] - low[1])
-        left, right = min(ax, bx, cx), max(ax, bx, cx)
-        below, above = min(ay, by, cy), max(ay, by, cy)
-        extent = max(right - left, above - below)
-        if extent <= cell:  # most faces of large meshes: the corners are enough
-            for v, x, y in ((a, ax, ay), (b, bx, by), (c, cx, cy)):
-                if 0.0 <= x < columns * cell and 0.0 <= y < rows * cell:
-                    row, column = min(int(y / cell), rows - 1), min(int(x / cell), columns - 1)
-                    if seen[v, 2] > heights[row, column]:
-                        heights[row, column] = seen[v, 2]
+        if top < 0 or bottom >= rows or right < 0 or left >= columns:
             continue
-        pieces = int(np.ceil(min(extent / cell, 2000.0)))
+        pieces = min(extent + 1, 2000)
         for i in range(pieces + 1):
             for j in range(pieces + 1 - i):
                 p, q = i / pieces, j / pieces
                 r = 1.0 - p - q
-                x, y = (p * ax + q * bx + r * cx) / cell, (p * ay + q * by + r * cy) / cell
+                x = (p * seen[a, 0] + q * seen[b, 0] + r * seen[c, 0] - low[0]) / cell
+                y = (p * seen[a, 1] + q * seen[b, 1] + r * seen[c, 1] - low[1]) / cell
                 if 0.0 <= x < columns and 0.0 <= y < rows:
                     z = p * seen[a, 2] + q * seen[b, 2] + r * seen[c, 2]
-                    if z > heights[int(y), int(x)]:
-                        heights[int(y), int(x)] = z
+                    heights[int(y), int(x)] = max(heights[int(y), int(x)], z)
     return heights
 
 

@@ -12,11 +12,12 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.rays import curve_order
 
 #: Which vertices, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
 #: Side of the cells of the depth map, in pixels.
-_CELL = 3
+_CELL = 3.0
 #: Largest slope of the surface against the screen for which depths are compared.
 _STEEPEST = 5.0
 
@@ -65,17 +66,22 @@ def filled(mesh: Mesh, mask: Mask) -> Mask:
 
 
 class Geodesics:
-    """The faces around each vertex of a surface, along which distances are found.
+    """Geodesic distances on a surface from a few vertices to those near them.
 
-    Vertices have shape (n, 3), faces (m, 3). It takes 38 bytes a face.
+    Vertices have shape (n, 3), faces (m, 3). They are copied in the order of a space-filling curve,
+    so that neighbours are near each other in memory; the copies take 46 bytes a face.
     """
 
     def __init__(self, vertices: npt.NDArray[np.floating], faces: IntArray) -> None:
         from scipy import sparse
 
-        self._vertices = np.ascontiguousarray(vertices, dtype=np.float32)
-        self._faces = np.ascontiguousarray(faces, dtype=np.int32)
         m, n = len(faces), len(vertices)
+        self._order = np.argsort(curve_order(vertices).astype(np.uint32)).astype(np.int32)
+        self._place = np.empty(n, dtype=np.int32)
+        self._place[self._order] = np.arange(n, dtype=np.int32)
+        self._vertices = vertices[self._order].astype(np.float32)
+        placed = self._place[faces]
+        self._faces = placed[np.argsort(placed[:, 0], kind="stable")]
         corners = self._faces.ravel(), np.arange(0, 3 * m + 1, 3, dtype=np.int32)
         by_vertex = sparse.csr_array((np.ones(3 * m, np.int8), *corners), shape=(m, n)).tocsc()
         self._starts = by_vertex.indptr.astype(np.int32)
@@ -89,15 +95,16 @@ class Geodesics:
         """Find the vertices within a distance of sources, and their distances, shape (k,) each.
 
         A front crosses each face from two of its corners to the third, in a straight line from
-        where their distances place the source in its plane: exact on a plane without obtuse faces.
-        `passable`, shape (n,), says which vertices it may reach.
+        the position of the source in the plane of the face that their distances determine: this is
+        exact on a plane without obtuse faces. The front reaches only the vertices in `passable`,
+        shape (n,), and the sources.
         """
         from meshmash_viewer.surface.kernels import spread
 
         if passable is None:
             passable = np.ones(len(self._vertices), dtype=np.bool_)
-        given = np.unique(sources).astype(np.int32)
-        surface = self._starts, self._around, self._faces, self._vertices
+        given = self._place[np.unique(sources)]
+        surface = self._starts, self._around, self._faces, self._vertices, self._order
         with self._lock:
             vertices, distances = spread(*surface, given, radius, passable, *self._scratch)
         return np.asarray(vertices, dtype=np.int64), np.asarray(distances, dtype=np.float64)
@@ -121,10 +128,11 @@ class Projection:
     @cached_property
     def seen(self) -> npt.NDArray[np.float32]:
         """Vertices in pixels: to the right, up, and towards the eye, shape (n, 3)."""
-        scaled = (self.axes / self.pixel).astype(np.float32)
+        from meshmash_viewer.surface.kernels import project
+
         shift = np.array([*self.middle, 0.0]) - self.axes @ self.focus / self.pixel
-        seen = scaled @ self.points.T  # 25 times as fast as points @ scaled.T
-        return np.ascontiguousarray((seen + shift.astype(np.float32)[:, np.newaxis]).T)
+        scaled = (self.axes / self.pixel).astype(np.float32)
+        return np.asarray(project(self.points, scaled, shift.astype(np.float32)))
 
     @cached_property
     def facing(self) -> npt.NDArray[np.float32]:
@@ -150,29 +158,20 @@ def within_polygon(seen: npt.NDArray[np.floating], polygon: FloatArray) -> Mask:
 
 
 def visible(
-    seen: npt.NDArray[np.float32], faces: IntArray, facing: npt.NDArray[np.floating], chosen: Mask
+    seen: npt.NDArray[np.float32],
+    faces: IntArray,
+    facing: npt.NDArray[np.floating],
+    chosen: Mask,
+    drawn: Mask,
 ) -> Mask:
-    """Find the chosen vertices that face the eye and that no face is before, shape (n,).
+    """Find the chosen vertices that face the eye and that no face covers, shape (n,).
 
-    They are compared with a map of the largest heights in cells of three pixels, so that what is
-    only a few pixels before a steep vertex does not hide it. `seen` and `facing` are those of
-    `Projection`, `faces` those that are drawn.
+    `seen` and `facing` are those of `Projection`. A face is drawn if its three corners are. Heights
+    are compared in cells of three pixels, so that a steep surface does not cover itself.
     """
-    from meshmash_viewer.surface.kernels import heights_of
+    from meshmash_viewer.surface.kernels import visible_of
 
-    result = chosen & (facing > 0.0)
-    at = np.flatnonzero(result)
-    if not len(at):
-        return result
-    low = seen[at, :2].min(axis=0) - _CELL
-    high = seen[at, :2].max(axis=0) + _CELL
-    columns, rows = (np.floor((high - low) / _CELL).astype(int) + 1).tolist()
-    heights = heights_of(seen, faces, low, float(_CELL), rows, columns)
-    slope = np.sqrt(np.maximum(1.0 - facing[at] ** 2, 0.0)) / np.maximum(facing[at], 1e-6)
-    room = _CELL * (0.5 + 1.5 * np.minimum(slope, _STEEPEST))
-    x, y = ((seen[at, :2] - low) / _CELL).astype(np.int64).T
-    result[at] = seen[at, 2] >= heights[y, x] - room
-    return result
+    return np.asarray(visible_of(seen, faces, facing, chosen, drawn, _CELL, _STEEPEST))
 
 
 def prepared(mesh: Mesh) -> Geodesics:
@@ -202,13 +201,11 @@ def lasso(
 
     `hidden` are left out, and cover nothing.
     """
-    chosen = within_polygon(projection.seen, polygon) & mesh.referenced
-    faces = mesh.faces
-    if hidden is not None:
-        chosen &= ~hidden
-        faces = faces[~hidden[faces].any(axis=1)]
-        faces.flags.writeable = mesh.faces.flags.writeable  # as the loops were compiled for
-    return chosen if through else visible(projection.seen, faces, projection.facing, chosen)
+    drawn = mesh.referenced if hidden is None else mesh.referenced & ~hidden
+    chosen = within_polygon(projection.seen, polygon) & drawn
+    if through:
+        return chosen
+    return visible(projection.seen, mesh.faces, projection.facing, chosen, drawn)
 
 
 def component(mesh: Mesh, vertex: int) -> Mask:

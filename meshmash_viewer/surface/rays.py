@@ -10,8 +10,8 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 
-#: Boxes whose faces are tested at a time.
-_OPENED = 24
+#: Number of boxes whose faces are tested first; twice as many are tested next, and so on.
+_OPENED = 4
 #: Relative margins of boxes and of faces, so that no ray passes between two of them.
 _BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
 
@@ -146,10 +146,10 @@ class RayTarget:
         met = np.flatnonzero(np.isfinite(enters))
         met = met[np.argsort(enters[met], kind="stable")]
         nearest, found = np.inf, -1
-        for first in range(0, len(met), _OPENED):
-            if enters[met[first]] > nearest:
-                break
-            places = met[first : first + _OPENED, None] * self._group + np.arange(self._group)
+        first, opened = 0, _OPENED
+        while first < len(met) and enters[met[first]] <= nearest:
+            places = met[first : first + opened, None] * self._group + np.arange(self._group)
+            first, opened = first + opened, 2 * opened
             faces = self._order[places[places < len(self._order)]]
             shares = _shares(self._points[self._faces[faces]].astype(np.float64), start, way)
             best = int(np.argmin(shares))

@@ -328,7 +328,8 @@ class Outline(QWidget):
     def show_line(self, points: Sequence[QPointF]) -> None:
         """Draw a closed line through positions of the canvas; none for no points."""
         self._shape = QPolygonF(points)
-        self.setGeometry(self._canvas.rect())
+        around = self._shape.boundingRect().toAlignedRect().adjusted(-3, -3, 3, 3)
+        self.setGeometry(around & self._canvas.rect())
         self.setVisible(bool(points))
         super().update()
 
@@ -344,6 +345,7 @@ class Outline(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.translate(-self.pos())
         for color, width in (("#14181d", 3.5), ("#ffffff", 1.5)):
             painter.setPen(QPen(QColor(color), width))
             painter.drawPolygon(self._shape)
