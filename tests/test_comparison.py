@@ -12,6 +12,7 @@ from tiers import slow_but
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     compare_shapes,
+    comparison_remarks,
     match_functions,
     unit_area_spectrum,
 )
@@ -117,6 +118,24 @@ def test_spectra_of_nothing_but_zeros_are_at_no_distance(blob: Mesh) -> None:
     zeros = replace(found, spectra=(np.zeros(1), np.zeros(1)), distance=0.0)
     assert zeros.relative_distance == 0.0
     assert replace(zeros, distance=2.0).relative_distance == np.inf
+
+
+def test_a_match_by_features_alone_that_is_poor_says_how_to_improve_it(blob: Mesh) -> None:
+    wide = Mesh(blob.vertices * [1.0, 1.05, 1.1], blob.faces)
+    other, place = shapes.moved_copy(wide)
+    first, second = pairs_of(blob, 60), pairs_of(other, 60)
+    bank = heat_kernel_bank(hks_times(unit_area_spectrum(first)))
+    poor, refined = (
+        compare_shapes(first, second, bank, refine=refine, meshes=(blob, other))
+        for refine in (False, True)
+    )
+    assert poor.functions.determined.sum() < 10
+    (remark,) = comparison_remarks(blob, other, found=poor)
+    assert remark.endswith("by features alone: refine the match by ZoomOut.")
+    assert refined.functions.determined.sum() > 50, "as the remark promises"
+    assert np.mean(refined.forth.indices == place) > 0.95
+    assert comparison_remarks(blob, other, found=refined) == []
+    assert comparison_remarks(blob, blob, found=compare_shapes(first, first, bank)) == []
 
 
 def test_the_next_best_match_is_somewhere_else() -> None:

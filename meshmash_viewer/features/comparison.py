@@ -38,6 +38,8 @@ _SAME = 0.5
 _ROUNDING = 1e-6
 #: Number of energies of the default signature.
 _ENERGIES = 100
+#: Share of the eigenfunctions that features should match.
+_FEW = 0.5
 #: Minimum number of nonzero eigenvalues for a comparison.
 _FEWEST = 3
 #: Name of the map of scores, which says nothing of another match.
@@ -239,9 +241,9 @@ def comparison_remarks(
     n_components: tuple[int, int] | None = None,
     found: Comparison | None = None,
 ) -> list[str]:
-    """Return warnings about two meshes, of which `n_components` may be known already.
+    """Return warnings about two meshes, and about the comparison that was `found`.
 
-    With the comparison that was `found` also about its functional map, if it has one.
+    `n_components` are those of the meshes, if they are known already.
     """
     remarks = []
     if first.unit != second.unit:
@@ -253,8 +255,16 @@ def comparison_remarks(
             f"the meshes have {counts[0]:,} and {counts[1]:,} components, each with an eigenvalue"
             " of zero, which shifts all others: compare their largest components."
         )
-    if found is not None and found.functional is not None and found.functional.remark:
-        remarks.append(found.functional.remark)
+    if found is None or found.given:
+        return remarks
+    if found.functional is not None:
+        return [*remarks, *filter(None, [found.functional.remark])]
+    n_matched, total = int(found.functions.determined.sum()), len(found.functions.indices)
+    if n_matched < _FEW * total:
+        remarks.append(
+            f"only {n_matched:,} of {counted(total, 'eigenfunction')} can be matched by features"
+            " alone: refine the match by ZoomOut."
+        )
     return remarks
 
 
