@@ -1,4 +1,4 @@
-"""Copies of a shape that differ by a rotation, a scale, a shift and noise, matched by position."""
+"""Matching by position of shapes that differ by a rotation, a scale, a shift and noise."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 
-#: Root mean square distance of the vertices of a copy, as a share of an edge.
+#: Largest root mean square distance between the vertices of two copies, in edges. Of points that
+#: are anywhere on a surface of equilateral triangles it is √5 / 6 = 0.37 from the vertices.
 _COPY = 0.25
-#: Most iterations of a fit, and most vertices that it is made with.
+#: Maximum number of iterations of a fit, and of the vertices that are fitted.
 _FITS, _FITTED = 50, 1000
 
 
@@ -33,16 +34,27 @@ class Placed:
 def copied(
     first: Placed, second: Placed, some: IntArray | slice, near: IntArray, mirrored: bool
 ) -> tuple[FloatArray, IntArray, FloatArray] | None:
-    """Fit the positions of the first to those of the second, from the matches of `some`.
+    """Fit the first shape to the second by iterated closest points, if they are copies.
 
-    Returns the similarity, shape (4, 4), and the nearest vertices and distances, or None unless the
-    first is a copy of the second: the vertices of both are within a share of an edge of the other.
+    `near`, shape (m,), are vertices of the second that match the vertices `some` of the first: the
+    start of the fit.
+
+    Returns
+    -------
+    tuple of ndarray, or None
+        The similarity, shape (4, 4), and for each vertex of the first the nearest one of the second
+        and its distance. None if the vertices of one shape are not within a share of an edge of
+        those of the other.
     """
+    from trimesh.registration import procrustes  # slow to import
+
     every = slice(None, None, len(near) // _FITTED + 1)
     points, near, tree = first.positions[some][every], near[every], KDTree(second.positions)
+    flip = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0, 1.0])
     kept = np.ones(len(points), dtype=np.bool_)
     for _ in range(_FITS):
-        matrix = _similarity(points[kept], second.positions[near[kept]], mirrored)
+        flipped, places = points[kept] @ flip[:3, :3], second.positions[near[kept]]
+        matrix = procrustes(flipped, places, reflection=False, return_cost=False) @ flip
         distances, found = tree.query(points @ matrix[:3, :3].T + matrix[:3, 3])
         if np.array_equal(found, near):
             break
@@ -55,20 +67,11 @@ def copied(
 def nearest_by_position(
     matrix: FloatArray, first: Placed, second: Placed
 ) -> list[tuple[IntArray, FloatArray]]:
-    """Return nearest vertices of the moved first on the second, and back, with their distances.
+    """Return the nearest vertices and distances from the moved first to the second, and back.
 
-    These are shares of √area.
+    Distances are shares of √area.
     """
     moved = first.positions @ matrix[:3, :3].T + matrix[:3, 3]
     ways = (moved, second.positions), (second.positions, moved)
     found = (KDTree(places).query(points) for points, places in ways)
     return [(np.asarray(near), far / np.sqrt(second.area)) for far, near in found]
-
-
-def _similarity(points: FloatArray, places: FloatArray, mirrored: bool) -> FloatArray:
-    """Return the rotation, scale and shift of points that are nearest to places."""
-    from trimesh.registration import procrustes
-
-    flip = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0, 1.0])
-    found = procrustes(points @ flip[:3, :3], places, reflection=False, return_cost=False)
-    return np.asarray(found @ flip)
