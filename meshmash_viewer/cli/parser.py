@@ -3,43 +3,40 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from argparse import ArgumentParser, ArgumentTypeError
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from meshmash_viewer.cli.arguments import (
     FAULT,
-    FORMATS,
-    LABEL_FORMATS,
     MAPS,
     NO_FIELD,
-    add_cluster,
-    add_columns,
-    add_drop_first,
-    add_families,
-    add_jobs,
-    add_labels,
-    add_looks,
-    add_maps,
-    add_output,
-    add_outputs,
-    add_points,
-    add_preparation,
-    add_solver,
-    add_structure,
-    add_switch,
-    add_target,
-    add_unit,
-    add_value,
-    add_whole,
+    TargetQuantity,
     mesh_argument,
     number,
+    option_type,
+    options_of,
     quantity,
     usual_counts,
     whole,
 )
 from meshmash_viewer.cli.streams import PROGRAM
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
+from meshmash_viewer.quantities import parse_number, parse_quantity, parse_unit
+from meshmash_viewer.structures import named_structure
+from meshmash_viewer.units import UNIT_FORMS
+
+if TYPE_CHECKING:
+    from meshmash_viewer.fields.family import Family
+    from meshmash_viewer.fields.parameter import Parameter
+    from meshmash_viewer.spectral.weyl import Target
+
+_FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
+#: Formats of maps and of label sets.
+_MAP_FORMATS = (*_FORMATS, "label.gii", "annot")
+_DEFAULT_COUNT = 200
 
 #: Commands without a window: their arguments and result.
 _COMMANDS = {
@@ -67,7 +64,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(FAULT, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
-def window_parser() -> argparse.ArgumentParser:
+def window_parser() -> ArgumentParser:
     """Return the parser for the window: ``meshmash-viewer [MESH ...]``."""
     from meshmash_viewer import __version__
 
@@ -80,16 +77,15 @@ def window_parser() -> argparse.ArgumentParser:
         + "\n".join(f"  {call:<47}{about}" for call, about in calls.items()),
     )
     parser.add_argument("mesh", nargs="*", type=mesh_argument, help="mesh file, session, or link")
-    add_unit(parser)
-    add_maps(parser)
-    add_switch(parser, "--fresh", "ignore stored settings")
+    _add_shared(parser, *_READING, "--map")
+    _switch(parser, "--fresh", "ignore stored settings")
     about = "say what a report of a fault needs: versions, memory, graphics, stored eigenpairs"
-    add_switch(parser, "--info", about)
+    _switch(parser, "--info", about)
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     return parser
 
 
-def command_parser() -> argparse.ArgumentParser:
+def command_parser() -> ArgumentParser:
     """Return the parser for the commands without a window."""
     from meshmash_viewer.fields import EXPORTS, FEATURES
     from meshmash_viewer.fields.table import SWEPT
@@ -98,8 +94,8 @@ def command_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog=PROGRAM)
     commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
 
-    def command(name: str, about: str, n_meshes: int | None = 1) -> argparse.ArgumentParser:
-        made = commands.add_parser(name, help=about)
+    def command(name: str, about: str, n_meshes: int | None = 1) -> ArgumentParser:
+        made: ArgumentParser = commands.add_parser(name, help=about)
         made.add_argument(
             "mesh",
             nargs=1 if n_meshes == 1 else "+",
@@ -108,11 +104,12 @@ def command_parser() -> argparse.ArgumentParser:
         )
         # counted when patterns are expanded
         made.set_defaults(n_meshes=n_meshes)
-        add_preparation(made)
+        _add_shared(made, *_READING, "--repair", "--largest-component", "--mask")
         if name not in ("regions", "predict", "condense"):
-            add_target(made, automatic=name == "features")
+            _add_target(made, automatic=name == "features")
         if name not in ("info", "regions", "condense"):
-            add_solver(made, operator=name != "predict")
+            operator = () if name == "predict" else ("--no-robust", "--mollify-factor")
+            _add_shared(made, *operator, "--no-cache", "--jobs")
         return made
 
     command("info", "say what a mesh is like", None)
@@ -124,24 +121,20 @@ def command_parser() -> argparse.ArgumentParser:
         default="hks",
         help=f"default: hks; {MAPS}: the values per vertex alone, of the mesh and of --map",
     )
-    add_columns(features, f"number of columns, {usual_counts(EXPORTS)}")
-    add_families(features, EXPORTS)
+    _add_families(features, EXPORTS, f"number of columns, {usual_counts(EXPORTS)}")
     features.add_argument(
         "--tail",
         choices=("weyl",),
         help="of --kind hks: add what Weyl's law expects of the eigenpairs that are not computed",
     )
     about = "a last column with the connected component of each vertex, from 0"
-    add_switch(features, "--component-column", about)
+    _switch(features, "--component-column", about)
     about = "compute in about N overlapping pieces, for a mesh too large to be solved whole"
-    add_value(features, "--pieces", whole(1), "N", about)
-    add_whole(features)
-    add_maps(features)
+    _value(features, "--pieces", whole(1), "N", about)
     about = "the values per vertex that a mesh file has, as more columns"
-    add_switch(features, "--maps", about)
-    add_drop_first(features)
-    add_outputs(features)
-    add_cluster(features)
+    _switch(features, "--maps", about)
+    _add_outputs(features)
+    _add_shared(features, "--whole-mesh", "--map", "--drop-first", "--structure", *_CLUSTER)
 
     _add_condensing(command("condense", "divide meshes into domains of similar HKS", None))
 
@@ -150,33 +143,31 @@ def command_parser() -> argparse.ArgumentParser:
     compare.add_argument(
         "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
     )
-    add_columns(compare, "number of columns")
+    _value(compare, *_COLUMNS, "number of columns")
     about = "match vertices by a functional map from these features, refined by ZoomOut"
-    add_switch(compare, "--refine", about)
+    _switch(compare, "--refine", about)
     about = "file for the matches, one row for each vertex of the first mesh"
-    add_output(compare, "OUT", about, False)
-    add_whole(compare)
+    _add_output(compare, "OUT", about, required=False)
+    _add_shared(compare, "--whole-mesh", "--structure")
 
-    rebuilt = command(
-        "reconstruct", "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
-    )
-    for written in (features, compare, rebuilt):
-        add_structure(written)
-    add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
+    about = "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
+    rebuilt = command("reconstruct", about)
+    _add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
+    _add_shared(rebuilt, "--structure")
 
     measured = command("regions", "measure the connected parts of labels")
     about = "labels of vertices, with names or numbers; after a colon which map of several"
-    add_labels(measured, about, required=True)
-    add_maps(measured)
+    _value(measured, *_LABELS, about, required=True)
     about = "the first eigenvalue above zero of each region with a free border"
-    add_switch(measured, "--lambda2", about)
+    _switch(measured, "--lambda2", about)
     about = "one row a label, not one a connected part; without neck and λ₂"
-    add_switch(measured, "--whole-labels", about)
-    add_points(measured, required=False)
-    add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
+    _switch(measured, "--whole-labels", about)
+    _add_points(measured, required=False)
+    _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
+    _add_shared(measured, "--map")
 
     placed = command("points", "project points such as synapses onto the mesh")
-    add_points(placed)
+    _add_points(placed)
     placed.add_argument(
         "--kind",
         action="append",
@@ -184,33 +175,26 @@ def command_parser() -> argparse.ArgumentParser:
         default=[],
         help="features at each point; may be given many times",
     )
-    add_columns(placed, f"number of columns, {usual_counts(EXPORTS)}")
-    add_families(placed, EXPORTS)
-    add_labels(placed, "the label at each point, and counts of each label")
-    add_maps(placed)
-    add_drop_first(placed)
+    _add_families(placed, EXPORTS, f"number of columns, {usual_counts(EXPORTS)}")
+    _value(placed, *_LABELS, "the label at each point, and counts of each label")
     about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
-    add_value(placed, "--id-map", Path, "OUT.npz", about)
-    add_output(placed, "OUT", "table to write: .csv .parquet")
-    add_cluster(placed)
+    _value(placed, "--id-map", Path, "OUT.npz", about)
+    _add_output(placed, "OUT", "table to write: .csv .parquet")
+    _add_shared(placed, "--map", "--drop-first", *_CLUSTER)
 
     carried = command("carry", "carry labels and maps of the first mesh to the others", None)
-    add_labels(carried, "labels of the first mesh; after a colon which map of several")
-    add_maps(carried)
-    add_outputs(carried, (*FORMATS, *LABEL_FORMATS))
-    add_whole(carried)
-    add_structure(carried)
+    _value(carried, *_LABELS, "labels of the first mesh; after a colon which map of several")
+    _add_outputs(carried, _MAP_FORMATS)
+    _add_shared(carried, "--map", "--whole-mesh", "--structure")
 
     _add_training(command("train", "learn classes of vertices from labels", None))
     predicted = command("predict", "predict classes of vertices by a model", None)
     about = "a .skops file that train wrote"
-    add_value(predicted, "--model", Path, "FILE", about, required=True)
+    _value(predicted, "--model", Path, "FILE", about, required=True)
     about = "condensed features of the mesh, or the folder of them: one class for each domain"
-    add_value(predicted, "--domains", str, "FILE", about)
-    add_outputs(predicted, (*FORMATS, *LABEL_FORMATS))
-    add_cluster(predicted)
-    add_whole(predicted)
-    add_structure(predicted)
+    _value(predicted, "--domains", str, "FILE", about)
+    _add_outputs(predicted, _MAP_FORMATS)
+    _add_shared(predicted, *_CLUSTER, "--whole-mesh", "--structure")
 
     render = command("render", "draw a picture of a mesh")
     render.add_argument(
@@ -220,44 +204,42 @@ def command_parser() -> argparse.ArgumentParser:
         choices=(*SWEPT, NO_FIELD),
         help="default: hks, or the first map if one is given",
     )
-    add_maps(render)
-    add_value(render, "--index", whole(), "I", "which eigenfunction, band or column, from 0")
-    add_columns(render, f"number of columns, {usual_counts(SWEPT, least=2)}")
-    add_families(render, SWEPT)
-    add_output(render, "OUT.png", "a .pdf or .svg is a figure")
-    add_looks(render, (1600, 1200), transparent=True)
+    _value(render, "--index", whole(), "I", "which eigenfunction, band or column, from 0")
+    _add_families(render, SWEPT, f"number of columns, {usual_counts(SWEPT, least=2)}")
+    _add_output(render, "OUT.png", "a .pdf or .svg is a figure")
+    _add_looks(render, (1600, 1200))
+    _add_shared(render, "--map", "--transparent")
     about = "of a figure for a paper, in place of --size: white unless --transparent"
-    add_value(render, "--width-mm", number(), "MM", f"width {about}")
-    add_value(render, "--dpi", whole(1), "N", "pixels per inch of a figure", default=300)
-    about = "of a figure, in points"
-    add_value(render, "--font-size", number(), "PT", about, default=7.0)
+    _value(render, "--width-mm", number(), "MM", f"width {about}")
+    _value(render, "--dpi", whole(1), "N", "pixels per inch of a figure", default=300)
+    _value(render, "--font-size", number(), "PT", "of a figure, in points", default=7.0)
 
     gallery = command("gallery", "draw many fields of a mesh side by side")
     movie = command("movie", "draw a sweep through fields, or a turn")
     for drawn in (gallery, movie):
         kind = next(iter(SWEPT))
         drawn.add_argument("--kind", choices=tuple(SWEPT), default=kind, help=f"default: {kind}")
-        about = usual_counts(SWEPT, least=2)
-        add_columns(drawn, f"number of columns of the kinds that have any number, {about}")
-        add_families(drawn, SWEPT)
-        add_maps(drawn)
+        about = "number of columns of the kinds that have any number"
+        _add_families(drawn, SWEPT, f"{about}, {usual_counts(SWEPT, least=2)}")
+        _add_shared(drawn, "--map")
     about = "which, from 0 and without STOP, as in Python; default two dozen, evenly spread"
-    add_value(gallery, "--columns", str, "START:STOP:STEP", about)
-    add_output(gallery, "OUT.png")
-    add_looks(gallery, (2400, 1800), transparent=True)
+    _value(gallery, "--columns", str, "START:STOP:STEP", about)
+    _add_output(gallery, "OUT.png")
+    _add_looks(gallery, (2400, 1800))
+    _add_shared(gallery, "--transparent")
     moves = movie.add_mutually_exclusive_group(required=True)
     about = "through these columns, from 0 and without STOP, as in Python; : is all of them"
-    add_value(moves, "--sweep", str, "START:STOP:STEP", about)
-    add_switch(moves, "--turntable", "once around the mesh, which shows one column")
-    add_value(movie, "--column", whole(), "I", "which, on the turntable")
+    _value(moves, "--sweep", str, "START:STOP:STEP", about)
+    _switch(moves, "--turntable", "once around the mesh, which shows one column")
+    _value(movie, "--column", whole(), "I", "which, on the turntable")
     about = "frames a second; default as the window plays these fields, 25 on the turntable"
-    add_value(movie, "--rate", number(), "FPS", about)
+    _value(movie, "--rate", number(), "FPS", about)
     about = "how long; default every column once, 6 on the turntable"
-    add_value(movie, "--seconds", number("s"), "S", about)
-    add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
-    add_looks(movie, (1280, 720))
+    _value(movie, "--seconds", number("s"), "S", about)
+    _add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
+    _add_looks(movie, (1280, 720))
     for each in commands.choices.values():
-        add_switch(each, "--json", "one line of JSON for each mesh")
+        _switch(each, "--json", "one line of JSON for each mesh")
     return parser
 
 
@@ -271,37 +253,261 @@ def parsed_command(arguments: list[str]) -> argparse.Namespace:
     return options
 
 
-def _add_condensing(parser: argparse.ArgumentParser) -> None:
+# Types of arguments ---------------------------------------------------------------------------
+
+
+def _scheduler(text: str) -> str:
+    kind, _, count = text.partition(":")
+    if kind == "local" and not (count.isdecimal() and int(count) > 0):
+        raise ArgumentTypeError(f"{text!r} is not local:N with a number of processes")
+    return text
+
+
+def _unit(text: str) -> str:
+    parse_unit(text)
+    return text
+
+
+def _repair(name: str) -> str:
+    from meshmash_viewer.health import REPAIRS
+
+    if name not in REPAIRS:
+        raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
+    return name
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    try:
+        size = int(width), int(height)
+    except ValueError:
+        raise ArgumentTypeError(f"{text!r} is not a size like 1600x1200") from None
+    if not all(1 <= side <= 16384 for side in size):
+        raise ArgumentTypeError(f"{text!r} is not between 1x1 and 16384x16384")
+    return size
+
+
+def _not_negative(text: str) -> float:
+    value = parse_number(text, share=True)
+    if not value >= 0.0:
+        raise InputError(f"{text} is negative: give zero or a small positive number.")
+    return value
+
+
+def _target(
+    kind: Literal["max_eigenvalue", "wavelength"], power: int
+) -> Callable[[str], Target | TargetQuantity]:
+    """Return a parser of targets, which are checked at once if they have no unit."""
+
+    def parse(text: str) -> Target | TargetQuantity:
+        found = TargetQuantity(kind, parse_quantity(text, power))
+        return found if found.quantity.unit else found.in_unit("")
+
+    return option_type(parse)
+
+
+# Groups of options ----------------------------------------------------------------------------
+
+_READING = ("--unit", "--segment", "--lod")
+_CLUSTER = ("--scheduler", "--resume")
+#: Flag, type and placeholder of options whose help differs between commands.
+_COLUMNS = ("--n-components", whole(1), "N")
+_LABELS = ("--labels", str, "FILE[:MAP]")
+
+
+def _takes(
+    kind: Callable[[str], Any], metavar: str | tuple[str, ...], about: str, **more: Any
+) -> dict[str, Any]:
+    """Return the arguments of `add_argument` for an option that has a value."""
+    return {"type": kind, "metavar": metavar, "help": about, **more}
+
+
+_MANY: dict[str, Any] = {"action": "append", "default": []}
+#: Options of several commands with the same help.
+_SHARED: dict[str, dict[str, Any]] = {
+    "--unit": _takes(option_type(_unit), "U", f"of coordinates: {UNIT_FORMS}"),
+    "--segment": _takes(
+        str, "ID", "of a link: the segment to read; may be given many times", **_MANY
+    ),
+    "--lod": _takes(
+        int, "N", "of a link: the level of detail, 0 for the finest (default, unless it is too"
+        " large)",
+    ),
+    "--repair": _takes(
+        option_type(_repair), "NAME", "repair the mesh first, in the order given; `info` counts"
+        " what each would correct", **_MANY,
+    ),
+    "--largest-component": {
+        "dest": "repair", "action": "append_const", "const": "keep_largest_component",
+        "help": "leave out all but the largest connected component",
+    },
+    "--mask": _takes(
+        str, "FILE[:LABEL]", "solve on these vertices only, NaN elsewhere: those of a label, of all"
+        " others after - (lh.aparc.annot:-unknown), with a value but zero, or that meet a condition"
+        " ('lh.thickness>0.5', in quotes)",
+    ),
+    "--mollify-factor": {"type": option_type(_not_negative), "default": 1e-5, "metavar": "F"},
+    "--jobs": _takes(whole(1), "J", "processes; default: as many as fit"),
+    "--map": _takes(
+        Path, "FILE", "values per vertex of the mesh, from a file; may be given many times", **_MANY
+    ),
+    "--structure": _takes(
+        option_type(named_structure), "NAME", "of a brain: left, right, or a name such as"
+        " CortexLeft, which GIFTI files then state; default: what the mesh file states, or its"
+        " name: lh.pial",
+    ),
+    "--scheduler": _takes(
+        _scheduler, "ADDRESS", "compute on the workers of this Dask scheduler, one task a mesh (the"
+        " pieces of a single one), or by N processes with local:N; writes a manifest next to the"
+        " results",
+    ),
+}  # fmt: skip
+_SHARED |= {
+    flag: {"action": "store_true", "help": about}
+    for flag, about in {
+        "--no-robust": "plain cotangent Laplacian, for clean manifolds",
+        "--no-cache": "neither use nor keep stored eigenpairs",
+        "--drop-first": "leave out the first eigenpair",
+        "--whole-mesh": "after repairs: write results at all vertices of the file, NaN where one is"
+        " left out",
+        "--resume": "leave out meshes whose results exist, by the manifest of an earlier run: the"
+        " same content and options",
+        "--transparent": "leave the background out",
+    }.items()
+}
+
+
+def _add_shared(parser: ArgumentParser, *flags: str) -> None:
+    for flag in flags:
+        parser.add_argument(flag, **_SHARED[flag])
+
+
+def _value(parser: argparse._ActionsContainer, flag: str, *what: Any, **more: Any) -> None:
+    """Add an option that has a value, see `_takes`."""
+    parser.add_argument(flag, **_takes(*what, **more))
+
+
+def _switch(parser: argparse._ActionsContainer, flag: str, about: str) -> None:
+    parser.add_argument(flag, action="store_true", help=about)
+
+
+def _add_families(parser: ArgumentParser, table: Mapping[str, type[Family]], about: str) -> None:
+    """Add the number of columns and the options of families; each names the kinds that have it."""
+    _value(parser, *_COLUMNS, about)
+    kinds: dict[str, list[str]] = {}
+    known: dict[str, Parameter] = {}
+    for kind, family in table.items():
+        for each in options_of(family).values():
+            kinds.setdefault(each.option, []).append(kind)
+            known[each.option] = each
+    for name, each in known.items():
+        parser.add_argument(
+            each.flag,
+            type=option_type(each.parse),
+            choices=each.choices,
+            metavar=each.metavar,
+            action="append" if each.many else "store",
+            help=f"of --kind {', '.join(kinds[name])}: {each.help}",
+        )
+
+
+def _add_looks(parser: ArgumentParser, size: tuple[int, int]) -> None:
+    about = f"in pixels, default {size[0]}x{size[1]}"
+    _value(parser, "--size", _size, "WIDTHxHEIGHT", about, default=size)
+    _value(parser, "--colormap", str, "NAME", "one of matplotlib's")
+    parser.add_argument("--limits", type=number(), nargs=2, metavar=("LOW", "HIGH"))
+    parser.add_argument(
+        "--color-scale",
+        choices=("automatic", "linear", "log"),
+        default="automatic",
+        help="automatic is log where values are positive and span more than two decades",
+    )
+    _switch(parser, "--dark", "light text on a dark ground")
+
+
+def _add_output(
+    parser: ArgumentParser, metavar: str, about: str | None = None, *, required: bool = True
+) -> None:
+    parser.add_argument("-o", "--output", required=required, type=Path, metavar=metavar, help=about)
+
+
+def _add_outputs(parser: ArgumentParser, formats: tuple[str, ...] = _FORMATS) -> None:
+    """Add the options for one output file a mesh."""
+    endings = " ".join(f".{name}" for name in formats)
+    about = f"file whose ending is the format ({endings}), a folder, or a template such as"
+    about += ' "{name}_{kind}.csv"'
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
+    parser.add_argument(
+        "--format", choices=formats, default="npz", help="of the files in a folder, default npz"
+    )
+
+
+def _add_points(parser: ArgumentParser, *, required: bool = True) -> None:
+    about = "table of points, such as synapses: CSV, Parquet or Feather"
+    _value(parser, "--points", Path, "FILE", about, required=required)
+    about = "which position, where a row has several: pre_pt, ctr_pt_position"
+    _value(parser, "--position", str, "NAME", about, default="")
+    unit = parser.add_mutually_exclusive_group()
+    about = f"of the points: {UNIT_FORMS}; default: that of the mesh"
+    _value(unit, "--points-unit", option_type(_unit), "U", about, default="")
+    about = "size of the voxels that the points count, in the unit of the mesh"
+    _value(unit, "--voxel", number(), ("X", "Y", "Z"), about, nargs=3)
+    about = "from a vertex (unit); default a hundredth of the diagonal of the mesh"
+    _value(parser, "--max-distance", quantity(1), "L", about)
+
+
+def _add_target(parser: ArgumentParser, *, automatic: bool) -> None:
+    """Add the options of `target`, which is None for as many pairs as the shortest time needs."""
+    from meshmash_viewer.spectral.weyl import Target
+
+    def count(text: str) -> Target | None:
+        if automatic and text == "auto":
+            return None
+        try:
+            return Target("count", whole(1)(text))
+        except ArgumentTypeError as fault:
+            raise ArgumentTypeError(f"{fault}{'; or auto' * automatic}") from None
+
+    parser.set_defaults(target=Target("count", _DEFAULT_COUNT))
+    about = f"number of eigenpairs, default {_DEFAULT_COUNT}"
+    about += "; auto: as many as --t-min needs" if automatic else ""
+    group = parser.add_mutually_exclusive_group()
+    _value(group, "--count", count, "K", about, dest="target")
+    about, kind = "all eigenvalues up to X (per unit²)", _target("max_eigenvalue", -2)
+    _value(group, "--max-eigenvalue", kind, "X", about, dest="target")
+    about, kind = "all waves of length W (unit) and longer", _target("wavelength", 1)
+    _value(group, "--wavelength", kind, "W", about, dest="target")
+
+
+def _add_condensing(parser: ArgumentParser) -> None:
     """Add the options of condense; defaults are those of `condensed_hks_pipeline`."""
     about = 'an .npz file, a folder, or a template such as "features/{name}.npz"; header.txt next'
     about += " to it names the columns"
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
-    add_value(parser, "--graphs", str, "OUT", "likewise for the graph of domains of each mesh")
-    add_cluster(parser)
+    _value(parser, "--graphs", str, "OUT", "likewise for the graph of domains of each mesh")
     for flag, power, about in (
         ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
         ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
         ("--max-eigenvalue", -2, "all eigenvalues up to X (per unit²), default 1e-5 nm⁻²"),
     ):
-        add_value(parser, flag, quantity(power), "X", about)
-    add_columns(parser, "number of times, default 32")
+        _value(parser, flag, quantity(power), "X", about)
+    _value(parser, *_COLUMNS, "number of times, default 32")
     share, dest = number(share=True), "simplify_target_reduction"
     about = "of the faces to remove before, default 0.7"
-    add_value(parser, "--reduction", share, "SHARE", about, dest=dest)
+    _value(parser, "--reduction", share, "SHARE", about, dest=dest)
     about = "Ward distance of log-HKS from which domains are separate, default 3"
-    add_value(parser, "--distance-threshold", number(), "D", about)
+    _value(parser, "--distance-threshold", number(), "D", about)
     about, dest = "smaller components are in no domain, default 200", "min_vertex_threshold"
-    add_value(parser, "--min-vertices", whole(), "N", about, dest=dest)
+    _value(parser, "--min-vertices", whole(), "N", about, dest=dest)
     about = "position of the nucleus in the unit of the mesh; its distance is one more column"
     xyz = {"nargs": 3, "dest": "nuc_point"}
-    add_value(parser, "--nucleus", number(), ("X", "Y", "Z"), about, **xyz)
-    add_jobs(parser)
+    _value(parser, "--nucleus", number(), ("X", "Y", "Z"), about, **xyz)
+    _add_shared(parser, *_CLUSTER, "--jobs")
 
 
-def _add_training(parser: argparse.ArgumentParser) -> None:
-    """Add the options of train."""
+def _add_training(parser: ArgumentParser) -> None:
     about = "labels of a mesh, with names or numbers; once for each mesh, in the same order"
-    add_labels(parser, about, required=True, action="append")
+    _value(parser, *_LABELS, about, required=True, action="append")
     parser.add_argument(
         "--kind",
         action="append",
@@ -310,9 +516,8 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
     )
     for flag, end in (("--t-min", "shortest"), ("--t-max", "longest")):
         about = f"{end} diffusion time (unit²); default: from the spectrum of the first mesh"
-        add_value(parser, flag, quantity(2), "T", about)
-    add_columns(parser, "number of times, default 32")
-    add_drop_first(parser)
+        _value(parser, flag, quantity(2), "T", about)
+    _value(parser, *_COLUMNS, "number of times, default 32")
     parser.add_argument(
         "--classifier",
         choices=tuple(CLASSIFIERS),
@@ -320,8 +525,9 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
         help=f"default ensemble; {_listed(CLASSIFIERS)}",
     )
     about = "length over which probabilities are smoothed (unit), default 0"
-    add_value(parser, "--smoothing", quantity(1), "L", about, default=0.0)
-    add_output(parser, "OUT.skops", "the model to write")
+    _value(parser, "--smoothing", quantity(1), "L", about, default=0.0)
+    _add_output(parser, "OUT.skops", "the model to write")
+    _add_shared(parser, "--drop-first")
 
 
 def _listed(texts: Mapping[str, str]) -> str:
