@@ -1,6 +1,6 @@
-"""Tasks on a Dask scheduler: the connection, and results as they come.
+"""Tasks on a Dask scheduler: the connection, and results in the order of arrival.
 
-The scheduler starts a task again whose worker is lost, so that this costs the task only.
+The scheduler repeats the task of a lost worker elsewhere.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from meshmash_viewer.cli.streams import PROGRAM, say
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.units import counted
 
-#: Begins the name of a scheduler that runs during the command, with processes of this machine.
+#: Prefix of the name of a scheduler with processes of this machine, which ends with the command.
 LOCAL = "local:"
-#: Settings of that scheduler: no profiler and fewer looks at memory and time, which take a tenth of
-#: a core by default. A process that does not answer is not a lost one: it computes. Without the
-#: MALLOC_TRIM_THRESHOLD_ that Dask sets, freed memory is not given back and taken again.
+#: Settings of that scheduler. Without the profiler and with fewer measurements, waiting processes
+#: take less than the default tenth of a core. A process that does not answer is computing, not
+#: lost. Dask's MALLOC_TRIM_THRESHOLD_ is not set: with it, memory is released and requested
+#: repeatedly.
 _QUIET = {
     "distributed.scheduler.worker-ttl": None,
     "distributed.worker.profile.enabled": False,
@@ -37,19 +38,26 @@ _QUIET = {
         "OPENBLAS_NUM_THREADS": 1,
     },
 }
-#: Seconds until a scheduler has to answer.
+#: Modules that its processes share: Dask, the program, and its compiled kernels.
+_PRELOADED = [
+    "distributed",
+    "meshmash_viewer.cli.features",
+    "meshmash_viewer.spectral.engine.computation",
+    "meshmash_viewer.spectral.engine.multifrontal",
+]
+#: Timeout of a scheduler, in seconds.
 _ANSWER = 10.0
-#: One mesh at a time in a process: the working directory and standard error are the process's.
+#: Held while a mesh is computed: the working directory and standard error belong to the process.
 _ONE = threading.Lock()
-#: Number of a task, and its result or fault.
+#: Index of a task, and its result or fault.
 Answer = tuple[int, Any]
 
 
 @contextlib.contextmanager
 def connected(scheduler: str) -> Iterator[Any]:
-    """Yield a client of the scheduler at an address, or of one with N processes for ``local:N``.
+    """Yield a client of the scheduler at an address, or of a new one for ``local:N``.
 
-    `InputError` is raised if there is none, or `distributed` is not installed.
+    `InputError` is raised if no scheduler answers, or `distributed` is not installed.
     """
     try:
         import dask
@@ -57,11 +65,20 @@ def connected(scheduler: str) -> Iterator[Any]:
         from distributed.comm.addressing import resolve_address
     except ModuleNotFoundError as fault:
         raise InputError(f"--scheduler needs {not_installed('distributed', 'cluster')}.") from fault
-    # faults are sentences of this command, and a processor of C code is not a lost worker
+    # this command reports faults; warnings on workers that are busy in C code are not useful
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
         if scheduler.startswith(LOCAL):
             stack.enter_context(dask.config.set(_QUIET))
+            if sys.platform == "linux":
+                # one process imports the program; the others are forked from it, each with the
+                # present environment
+                forked = {
+                    "distributed.worker.multiprocessing-method": "forkserver",
+                    "distributed.nanny.environ": dict(os.environ),
+                }
+                stack.enter_context(dask.config.set(forked))
+                distributed.utils.get_mp_context().set_forkserver_preload(_PRELOADED)
             place: Any = stack.enter_context(
                 distributed.LocalCluster(
                     n_workers=int(scheduler.removeprefix(LOCAL)),
@@ -74,7 +91,7 @@ def connected(scheduler: str) -> Iterator[Any]:
             place = scheduler
         try:
             if place is scheduler:
-                resolve_address(place)  # a client takes long to refuse what is no address
+                resolve_address(place)  # a client rejects an invalid address only after a while
             client: Any = distributed.Client(place, timeout=_ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError) as fault:
             raise InputError(
@@ -92,22 +109,21 @@ def connected(scheduler: str) -> Iterator[Any]:
 def results_of_tasks(
     client: Any, function: Callable[[int], Any], numbers: Sequence[int]
 ) -> Iterator[list[Answer]]:
-    """Call a function with numbers, one a task; yield results in batches as they come.
+    """Call a function with each number in a task; yield results in batches as they arrive.
 
-    A fault is yielded in place of a result. The function runs in the folder of this command, and
-    what it prints on standard error is repeated here. `InputError` is raised if the connection
-    ends.
+    A fault is yielded in place of a result. The function runs in the folder of this command; its
+    output on standard error is printed here. `InputError` is raised if the connection ends.
     """
     from distributed import as_completed
 
     from meshmash_viewer.split.stitching import fault_of_task
 
-    # a task of its own, which is not sent once for each number, and is found again if it is lost
+    # as the result of a task the function is sent once to each worker, and recomputed if lost
     shared = client.submit(_same, function, pure=False)
     tasks = client.map(_in_worker, numbers, folder=os.getcwd(), function=shared, pure=False)
     asked = {task.key: number for task, number in zip(tasks, numbers, strict=True)}
     arriving = as_completed(tasks, loop=client.loop, with_results=True, raise_errors=False)
-    del tasks  # results are forgotten when they have come
+    del tasks  # the scheduler frees results that have arrived
     for batch in arriving.batches():
         answers: list[Answer] = []
         for task, result in batch:
@@ -130,7 +146,7 @@ def _same(function: Callable[[int], Any]) -> Callable[[int], Any]:
 
 
 def _in_worker(number: int, folder: str, function: Callable[[int], Any]) -> tuple[Any, str]:
-    """Call the function in the folder of the command; return its result and what it printed."""
+    """Call the function in the folder of the command; return its result and its messages."""
     said = io.StringIO()
     with _ONE, contextlib.redirect_stderr(said), warnings.catch_warnings():
         warnings.showwarning = lambda message, *_: say(str(message))
