@@ -9,6 +9,7 @@ import math
 import os
 import signal
 import sys
+import time
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,7 +36,7 @@ from meshmash_viewer.units import counted, format_quantity
 
 #: Result for a mesh: entries for JSON, and text.
 Report: TypeAlias = tuple[dict[str, Any], str]
-#: Called with a mesh, its index and the options in its unit.
+#: Called with a mesh, its index among the meshes of the command, and the options in its unit.
 Work: TypeAlias = Callable[[Mesh, int, Namespace], Report]
 
 _DEFECT = 1
@@ -54,12 +55,12 @@ def say_fault(fault: Exception) -> int:
 
 
 def described_fault(fault: Exception, subject: str = "") -> tuple[int, str]:
-    """Return the exit status for the fault of a mesh or of the command, and its sentence."""
+    """Return the exit status for a fault of `subject`, by default the command, and its message."""
     failure = failure_of(fault)
     if not failure.correctable:
         return _DEFECT, f"{subject or 'The command'} failed by {report_defect(fault)}"
-    said = not subject or subject in failure.text
-    return FAULT, failure.text if said else f"{subject}: {failure.text}"
+    is_named = not subject or subject in failure.text
+    return FAULT, failure.text if is_named else f"{subject}: {failure.text}"
 
 
 def print_report(options: Namespace, subject: Path, report: dict[str, Any], said: str) -> None:
@@ -76,7 +77,7 @@ def titled_rows(title: str, rows: Sequence[tuple[str, str]]) -> str:
 
 
 def reach(report: dict[str, Any], mesh: Mesh) -> str:
-    """Format the largest eigenvalue of a run, and its wavelength."""
+    """Format the largest eigenvalue in a report, and its wavelength."""
     reached = f"up to λ = {format_quantity(report['max_eigenvalue'], mesh.unit, -2)}"
     if report["wavelength"] is None:
         return reached
@@ -98,7 +99,7 @@ def pairs_report(pairs: Eigenpairs, mesh: Mesh) -> dict[str, Any]:
 
 
 def finite(value: float) -> float | None:
-    """Return a number for JSON, None for infinite ones such as the wavelength of a constant."""
+    """Return the value for JSON: None if it is infinite, as the wavelength of a constant is."""
     return value if math.isfinite(value) else None
 
 
@@ -113,7 +114,10 @@ def more_pairs(t_min: float | None = None) -> str:
 
 
 def linked(options: Namespace) -> list[Path]:
-    """Replace a link by the files of links to its segments; `InputError` as by `parse_link`."""
+    """Return the meshes of the options; each link is replaced by the files of its segments.
+
+    `InputError` is raised if a link is invalid, or if --segment or --lod is without a link.
+    """
     links = [each for each in options.mesh if is_link(each)]
     if not links and (options.segment or options.lod is not None):
         raise InputError(
@@ -134,11 +138,10 @@ def linked(options: Namespace) -> list[Path]:
 
 
 def expanded(named: Iterable[Path]) -> list[Path]:
-    """Replace patterns such as ``*.ply``, which not every shell expands, by the files that match.
+    """Replace patterns such as ``*.ply``, which some shells do not expand, by the matching files.
 
-    A name that holds ``*``, ``?`` or ``[`` and is not that of an existing file is a pattern below
-    the part of its path that exists; ``**`` stands for any number of folders. `InputError` is
-    raised if nothing matches a pattern.
+    A path with ``*``, ``?`` or ``[`` is a pattern unless a file of that name exists; ``**`` matches
+    any number of folders. `InputError` is raised if no file matches a pattern.
     """
     paths = []
     for name in named:
@@ -159,13 +162,13 @@ def expanded(named: Iterable[Path]) -> list[Path]:
 
 @dataclass(frozen=True)
 class Batch:
-    """Work on meshes, in this process or in those of a cluster."""
+    """The work of a command on its meshes, in this process or on a cluster."""
 
     options: Namespace
     work: Work
-    #: Whether the work gets the mesh repaired, or as it was read.
+    #: Whether `work` is called with the repaired mesh; otherwise with the mesh as read.
     repaired: bool
-    #: Meshes that are not computed again unless their content is another.
+    #: Content of meshes, by index, that are skipped if it has not changed.
     finished: dict[int, Content] = field(default_factory=dict)
 
     def outcome(self, number: int) -> Outcome:
@@ -179,20 +182,22 @@ class Batch:
                     return Outcome(number, content=content, kept=True)
             own = in_unit(self.options, mesh.unit)
             used = prepared(mesh, self.options) if self.repaired else mesh
+            began = time.perf_counter()
             report, said = self.work(used, number, own)
+            report.setdefault("seconds", round(time.perf_counter() - began, 3))
             return Outcome(number, report, said, content_of(mesh))
-        except (Cancelled, BrokenPipeError):  # end the command
+        except (Cancelled, BrokenPipeError):  # these end the command
             raise
         except Exception as fault:  # noqa: BLE001  reported; the next mesh follows
             return self.failed(number, fault, content)
 
     def failed(self, number: int, fault: Exception, content: Content | None = None) -> Outcome:
-        """Describe the fault of a mesh."""
+        """Return the outcome of a mesh that failed."""
         status, text = described_fault(fault, shown_path(self.options.mesh[number]))
         return Outcome(number, content=content, status=status, fault=text)
 
     def outcomes(self, client: Any = None) -> Iterator[list[Outcome]]:
-        """Do the work for every mesh in this process, or on a cluster in any order."""
+        """Yield outcomes: one mesh at a time, or of a cluster in batches and in any order."""
         numbers = range(len(self.options.mesh))
         if client is None:
             yield from ([self.outcome(number)] for number in numbers)
@@ -212,12 +217,10 @@ def for_each(
     outputs: Sequence[Path] = (),
     others: Sequence[Path] = (),
 ) -> int:
-    """Do the work for every mesh; a fault of one does not stop the others.
+    """Call `work` for every mesh, print its reports, and return the exit status.
 
-    It gets the mesh repaired as asked for, or as it was read, and the options with all quantities
-    in its unit. Commands with the options `--scheduler` and `--resume` give the output of each
-    mesh, and the other file of each if there is one: meshes may then be computed on a cluster, and
-    a manifest is written.
+    A fault of one mesh does not stop the others. `outputs` and `others` are the files that are
+    written for each mesh; with `--scheduler` or `--resume` they are listed in a manifest.
     """
     batch = Batch(options, work, repaired)
     scheduler = getattr(options, "scheduler", None)
@@ -230,7 +233,7 @@ def for_each(
     with contextlib.ExitStack() as stack:
         bar, client = None, None if scheduler is None else stack.enter_context(connected(scheduler))
         if client and len(options.mesh) == 1 and getattr(options, "pieces", None):
-            options.client, client = client, None  # the pieces are the tasks
+            options.client, client = client, None  # each piece is a task
         elif client:
             options.jobs = options.jobs or 1  # each worker has cores of its own
             bar = stack.enter_context(progress_bar("meshes"))
@@ -238,7 +241,7 @@ def for_each(
 
 
 def _say_outcome(options: Namespace, outcome: Outcome) -> int:
-    """Print the report or the fault of a mesh; return the exit status."""
+    """Print the report or the fault of a mesh, and return its exit status."""
     if outcome.fault:
         say(outcome.fault)
     elif not outcome.kept:
@@ -252,7 +255,7 @@ def _with_manifest(
     manifest: Manifest,
     bar: ProgressBar | None,
 ) -> int:
-    """Add outcomes to the manifest and print them as they come, and list all faults at the end."""
+    """Record and print outcomes as they arrive, and all faults at the end; return the status."""
     came: list[Outcome] = []
     failed: list[Outcome] = []
     count = len(options.mesh)
@@ -281,7 +284,7 @@ def _with_manifest(
 
 
 def read(path: Path, options: Namespace) -> Mesh:
-    """Read a mesh with the requested unit and brain structure."""
+    """Read a mesh, with the unit and the brain structure of the options."""
     bar = progress_bar(path.stem) if path.suffix == LINK_ENDING else contextlib.nullcontext()
     with bar as progress:
         mesh = read_mesh(path, options.unit, progress=progress)
@@ -308,8 +311,8 @@ def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
 def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
     """Return the eigenpairs of a mesh, stored or computed."""
     count, top = target.n_components, target.max_eigenvalue
-    with progress_bar(mesh) as bar, until_interrupted() as cancel:
-        request = Request(count, top, n_jobs=options.jobs, progress=bar, cancel=cancel)
+    with watched(mesh) as callbacks:
+        request = Request(count, top, n_jobs=options.jobs, **callbacks)
         pairs, remark = obtain_eigenpairs(
             mesh, chosen_operator(options), request, use_cache=not options.no_cache
         )
@@ -319,31 +322,35 @@ def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
 
 
 def progress_bar(of: Mesh | str) -> contextlib.AbstractContextManager[ProgressBar | None]:
-    """Return a progress bar with the name of a mesh on a terminal, None otherwise."""
+    """Return a progress bar with a title if stderr is a terminal, else None."""
     if sys.stderr.isatty():
         return ProgressBar(of if isinstance(of, str) else of.name, leave=False)
     return contextlib.nullcontext()
 
 
 @contextlib.contextmanager
-def until_interrupted() -> Iterator[Any]:
-    """Let Ctrl-C cancel the solver; a second Ctrl-C raises KeyboardInterrupt."""
-    asked = False
+def watched(mesh: Mesh) -> Iterator[dict[str, Any]]:
+    """Yield the arguments `progress` and `cancel` of a computation.
 
-    def ask(*_: object) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
+    The first Ctrl-C makes `cancel` return True; the second raises `KeyboardInterrupt`.
+    """
+    interrupted = False
 
-    try:
-        before = signal.signal(signal.SIGINT, ask)
-    except ValueError:  # not the main thread, which gets no signals
-        yield None
-        return
-    try:
-        yield lambda: asked
-        if asked:  # after the solver's last question
+    def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        if interrupted:
             raise KeyboardInterrupt
-    finally:
-        signal.signal(signal.SIGINT, before)
+        interrupted = True
+
+    with progress_bar(mesh) as bar:
+        try:
+            before = signal.signal(signal.SIGINT, interrupt)
+        except ValueError:  # only the main thread receives signals
+            yield {"progress": bar, "cancel": None}
+            return
+        try:
+            yield {"progress": bar, "cancel": lambda: interrupted}
+            if interrupted:  # after the last call of `cancel`
+                raise KeyboardInterrupt
+        finally:
+            signal.signal(signal.SIGINT, before)

@@ -1,8 +1,7 @@
-"""The command carry: maps and labels of one mesh at the vertices of others."""
+"""The command carry: maps and label sets of one mesh carried to others."""
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 
 def carry(options: Namespace) -> int:
-    """Carry maps and labels of the first mesh to the others, and write them."""
+    """Carry maps and label sets of the first mesh to the others, and write them."""
     if len(options.mesh) < 2:
         raise InputError("carry takes the mesh of the maps, and after it those that get them.")
     outputs = output_paths(options.mesh[1:], options.output, "maps", f".{options.format}")
@@ -50,7 +49,7 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
     check_comparable(first.name, first.n_vertices, pairs.eigenvalues)
 
     def work(raw: Mesh, at: int, own: Namespace) -> Report:
-        began, mesh = time.perf_counter(), prepared(raw, own)
+        mesh = prepared(raw, own)
         top = matched_top(pairs, mesh.area)
         found = solved(mesh, own, Target("max_eigenvalue", top) if top > 0.0 else own.target)
         check_comparable(mesh.name, mesh.n_vertices, found.eigenvalues)
@@ -72,7 +71,6 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
             "median_score": float(np.nanmedian(matched.forth.scores)),
             "remarks": comparison_remarks(mesh, first, found=matched)
             + output_remarks(outputs[at], mesh),
-            "seconds": round(time.perf_counter() - began, 3),
         }
         mutual = f"{format_share(matched.mutual_share)} of the vertices matched mutually"
         how = "by index: the faces are the same" if matched.given else mutual
@@ -80,11 +78,11 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
         return report, said
 
     others = Namespace(**{**vars(options), "mesh": options.mesh[1:]})
-    return for_each(others, work, repaired=False)  # both are needed for all vertices
+    return for_each(others, work, repaired=False)  # --whole-mesh needs both meshes
 
 
 def _maps_of(mesh: Mesh, options: Namespace) -> tuple[VertexMap, ...]:
-    """Return the maps and labels that are named, or else those that the mesh file has."""
+    """Return the maps and labels that the options name; by default those of the mesh file."""
     maps = with_maps(mesh, options.map).maps
     maps = maps[len(mesh.maps) :] if options.map or options.labels else maps
     if options.labels:

@@ -18,11 +18,10 @@ from meshmash_viewer.cli.batch import (
     pairs_report,
     prepared,
     print_report,
-    progress_bar,
     read,
     solved,
     titled_rows,
-    until_interrupted,
+    watched,
 )
 from meshmash_viewer.cli.outputs import (
     check_map_outputs,
@@ -73,16 +72,16 @@ def train(options: Namespace) -> int:
         else:
             columns.check_unit(mesh)
             pairs = solved(mesh, own, Target("max_eigenvalue", columns.limit(mesh)))
-        with progress_bar(mesh) as bar, until_interrupted() as cancel:
-            tables.append(columns.compute(mesh, pairs, progress=bar, cancel=cancel))
+        with watched(mesh) as callbacks:
+            tables.append(columns.compute(mesh, pairs, **callbacks))
         meshes.append(mesh)
         labels.append(known)
     assert columns is not None
     smoothing = in_unit(options, columns.unit).smoothing
-    with progress_bar(meshes[0]) as bar, until_interrupted() as cancel:
+    with watched(meshes[0]) as callbacks:
         model = train_classes(
-            meshes, labels, columns, options.classifier, smoothing=smoothing, features=tables,
-            progress=bar, cancel=cancel,
+            meshes, labels, columns, options.classifier,
+            smoothing=smoothing, features=tables, **callbacks,
         )  # fmt: skip
     about = {"repairs": list(options.repair), "mask": options.mask, "labels": options.labels}
     write_classes(options.output, replace(model, about=about))
@@ -110,7 +109,7 @@ def _columns(mesh: Mesh, pairs: Eigenpairs, options: Namespace) -> ClassColumns:
 
 
 def _described(model: ClassModel, path: Path) -> str:
-    """Say what a model is, how good it is where it was not trained, and by which columns."""
+    """Describe a model: its classes, its scores on data left out, and its best columns."""
     n_labelled = sum(each["n_labelled"] for each in model.meshes)
     title = (
         f"{path}: {counted(len(model.classes), 'class')} from"
@@ -140,13 +139,8 @@ def predict(options: Namespace) -> int:
     """Predict the classes of meshes by a model, and write them with their probabilities."""
     model = _read_once(options.model)
     outputs = output_paths(options.mesh, options.output, "classes", f".{options.format}")
-    options = Namespace(
-        **{
-            **vars(options),
-            "no_robust": not model.columns.operator.robust,
-            "mollify_factor": model.columns.operator.mollify_factor,
-        }
-    )
+    operator = model.columns.operator
+    options.no_robust, options.mollify_factor = not operator.robust, operator.mollify_factor
     with folder_of(options.output):
         check_map_outputs(outputs)
         return for_each(
@@ -155,13 +149,13 @@ def predict(options: Namespace) -> int:
             lambda mesh, at, own: _write_predicted(
                 mesh, at, outputs[at], _read_once(own.model), own
             ),
-            repaired=False,  # both are needed to write results at all vertices
+            repaired=False,  # --whole-mesh needs both meshes
             outputs=outputs,
         )
 
 
 def _domains(mesh: Mesh, given: Path, mesh_file: Path) -> IntArray:
-    """Read the domain of each vertex of a mesh from a file, or that of its name in a folder."""
+    """Read the domain of each vertex from a file; in a folder the file has the mesh's name."""
     path = given / f"{mesh_name(mesh_file)}.npz" if given.is_dir() else given
     labels = read_condensed_features(path)[1]
     if len(labels) == mesh.n_file_vertices:
@@ -186,17 +180,14 @@ def _model_of(path: Path, _place: Path, _modified: int) -> ClassModel:
 def _write_predicted(
     raw: Mesh, at: int, path: Path, model: ClassModel, options: Namespace
 ) -> Report:
-    began = time.perf_counter()
     mesh = prepared(raw, options)
     model.check_mesh(mesh)
     pairs = solved(mesh, options, Target("max_eigenvalue", model.columns.limit(mesh)))
     domains = None
     if options.domains is not None:
         domains = _domains(mesh, Path(options.domains), options.mesh[at])
-    with progress_bar(mesh) as bar, until_interrupted() as cancel:
-        found = predict_classes(
-            mesh, model, pairs=pairs, domains=domains, progress=bar, cancel=cancel
-        )
+    with watched(mesh) as callbacks:
+        found = predict_classes(mesh, model, pairs=pairs, domains=domains, **callbacks)
     about = {
         "kind": "classes",
         "model": str(options.model),
@@ -220,7 +211,6 @@ def _write_predicted(
         "areas": areas,
         "mean_uncertainty": uncertain,
         "remarks": output_remarks(path, mesh),
-        "seconds": round(time.perf_counter() - began, 3),
     }
     said = ", ".join(f"{name} {format_share(area / mesh.area)}" for name, area in areas.items())
     return report, f"{path}: {said}; mean uncertainty {uncertain:.2f}"

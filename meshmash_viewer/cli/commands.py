@@ -17,11 +17,10 @@ from meshmash_viewer.cli.batch import (
     pairs_report,
     prepared,
     print_report,
-    progress_bar,
     read,
     solved,
     titled_rows,
-    until_interrupted,
+    watched,
     with_maps,
 )
 from meshmash_viewer.cli.points import projected
@@ -63,11 +62,11 @@ def info(options: Namespace) -> int:
 
 
 def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
-    """Report health, size, and the part of the spectrum that a target selects.
+    """Return health, size, and the part of the spectrum that a target selects.
 
-    Lengths are in ``unit``, eigenvalues in its inverse square; the entries of ``weyl`` are
-    estimates by Weyl's law, except those that its ``exact`` names: what was asked for, and what the
-    store of eigenpairs knows of the default Laplacian.
+    Lengths are in ``unit``, eigenvalues in its inverse square. Entries of ``weyl`` are estimates by
+    Weyl's law, except those listed in its ``exact``: the target itself, and values from stored
+    eigenpairs of the default Laplacian.
     """
     health = mesh_health(mesh)
     low, high = mesh.bounds
@@ -153,7 +152,7 @@ def compare(options: Namespace) -> int:
     read_as = [read(path, options) for path in options.mesh]
     meshes = [prepared(mesh, options) for mesh in read_as]
     first = solved(meshes[0], options, target)
-    # the second up to the same eigenvalue times area
+    # the second mesh is solved up to the same eigenvalue times area
     top = matched_top(first, meshes[1].area)
     second = solved(meshes[1], options, Target("max_eigenvalue", top) if top > 0.0 else target)
     for mesh, pairs in zip(meshes, (first, second), strict=True):
@@ -237,10 +236,12 @@ def reconstruct(options: Namespace) -> int:
 
 
 def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
-    """Of the report, ``rms_distance`` is the root mean square distance of a point of the surface
-    from where it was, ``largest_distance`` that of the farthest vertex, in ``unit``.
+    """Write the rebuilt mesh.
+
+    In the report, ``rms_distance`` is the area-weighted root mean square displacement of the
+    vertices, ``largest_distance`` the largest displacement, both in ``unit``.
     """
-    began, path = time.perf_counter(), options.output
+    path = options.output
     pairs = solved(mesh, options, options.target)
     if not pairs.eigenvalues[-1] > 0.0:
         raise InputError(
@@ -264,7 +265,6 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
     made = made_with(options, "reconstruction", options.target, report["proof"])
     made["rms_distance"] = typical
     write_mesh(path, replace(mesh, vertices=vertices), provenance(mesh, made))
-    report["seconds"] = round(time.perf_counter() - began, 3)
     return report, (
         f"{path}: rebuilt from {counted(pairs.n_components, 'eigenpair')}; vertices are"
         f" {format_quantity(typical, mesh.unit)} from where they were (root mean square),"
@@ -276,20 +276,19 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
 
 
 def regions(options: Namespace) -> int:
-    """Measure the connected parts of labels, and write them as a table."""
+    """Measure the connected regions of labels, and write them as a table."""
     check_output(options.output, "regions")
     return for_each(options, lambda mesh, _, own: _write_measured(mesh, own))
 
 
 def _write_measured(mesh: Mesh, options: Namespace) -> Report:
-    began, path = time.perf_counter(), options.output
+    path = options.output
     labels = read_labels(options.labels, mesh)
     maps = with_maps(mesh, options.map).maps[len(mesh.maps) :]
-    with progress_bar(mesh) as bar, until_interrupted() as cancel:
+    with watched(mesh) as callbacks:
         table = measured_regions(
-            mesh, labels, maps, lambda2=options.lambda2, whole=options.whole_labels,
-            progress=bar, cancel=cancel,
-        )  # fmt: skip
+            mesh, labels, maps, lambda2=options.lambda2, whole=options.whole_labels, **callbacks
+        )
     if options.points is not None:
         table = table.with_points(projected(mesh, options))
     made: dict[str, Any] = {"labels": options.labels, "repairs": list(options.repair)}
@@ -304,7 +303,6 @@ def _write_measured(mesh: Mesh, options: Namespace) -> Report:
         "n_regions": len(table),
         "n_labels": n_labels,
         "remarks": list(table.remarks),
-        "seconds": round(time.perf_counter() - began, 3),
     }
     said = f"{path}: {counted(len(table), 'region')} of {counted(n_labels, 'label')}"
     return report, said

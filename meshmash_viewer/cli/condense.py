@@ -1,16 +1,15 @@
-"""The command condense: domains of meshes, written as meshmash does."""
+"""The command condense: features and graphs of domains, in the formats of meshmash."""
 
 from __future__ import annotations
 
 import contextlib
-import time
 import warnings
 from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
 
-from meshmash_viewer.cli.batch import Report, for_each, progress_bar, until_interrupted
+from meshmash_viewer.cli.batch import Report, for_each, watched
 from meshmash_viewer.cli.outputs import folder_of, output_paths
 from meshmash_viewer.errors import InputError, TruncationWarning
 from meshmash_viewer.features.domains import require
@@ -20,7 +19,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.split.condensed import condensed_hks_pipeline, nm_of
 from meshmash_viewer.units import counted
 
-#: Options that are arguments of the pipeline, and their powers of length.
+#: Arguments of the pipeline that are options, with the power of the unit of length of each.
 _ARGUMENTS = {
     "n_components": 0, "t_min": 2, "t_max": 2, "max_eigenvalue": -2,
     "simplify_target_reduction": 0, "distance_threshold": 0, "min_vertex_threshold": 0,
@@ -29,7 +28,7 @@ _ARGUMENTS = {
 
 
 def condense(options: Namespace) -> int:
-    """Divide meshes into domains, and write these and their graphs."""
+    """Divide meshes into domains, and write the features and the graph of these."""
     require("fast_simplification", "sklearn", "pandas")
     outputs, graphs = (
         output_paths(options.mesh, given, kind, ".npz") if given is not None else []
@@ -54,20 +53,16 @@ def condense(options: Namespace) -> int:
 
 
 def _write(mesh: Mesh, path: Path, graph: Path | None, options: Namespace) -> Report:
-    began, scale = time.perf_counter(), nm_of(mesh)
+    scale = nm_of(mesh)
     arguments = {
         name: value * scale**power if power else value
         for name, power in _ARGUMENTS.items()
         if (value := getattr(options, name)) is not None
     }
-    with (
-        progress_bar(mesh) as bar,
-        until_interrupted() as cancel,
-        warnings.catch_warnings(action="ignore", category=TruncationWarning),  # among the remarks
-    ):
-        found = condensed_hks_pipeline(
-            mesh, **arguments, n_jobs=options.jobs or -1, progress=bar, cancel=cancel
-        )
+    # the remarks of the report include the warnings
+    ignored = warnings.catch_warnings(action="ignore", category=TruncationWarning)
+    with watched(mesh) as callbacks, ignored:
+        found = condensed_hks_pipeline(mesh, **arguments, n_jobs=options.jobs or -1, **callbacks)
     labels = np.full(mesh.n_file_vertices, -1, dtype=np.int64)
     labels[mesh.file_indices] = found.labels
     write_condensed_features(path, found.condensed_features, labels)
@@ -85,7 +80,6 @@ def _write(mesh: Mesh, path: Path, graph: Path | None, options: Namespace) -> Re
         "truncation": found.truncation.as_dict(),
         "seam_median": found.seams.tolist(),
         "remarks": [f"{each}." for each in found.remarks],
-        "seconds": round(time.perf_counter() - began, 3),
     }
     of_all = f"of {counted(found.simple_mesh.n_vertices, 'vertex')} after decimation"
     return report, f"{path}: {counted(found.n_domains, 'domain')} {of_all}"

@@ -21,10 +21,9 @@ from meshmash_viewer.cli.batch import (
     more_pairs,
     pairs_report,
     prepared,
-    progress_bar,
     reach,
     solved,
-    until_interrupted,
+    watched,
     with_maps,
 )
 from meshmash_viewer.cli.outputs import folder_of, output_paths, output_remarks
@@ -62,12 +61,12 @@ def features(options: Namespace) -> int:
     with folder_of(options.output):
         for path in outputs:
             check_output(path, "features" if featured else "eigenpairs")
-        # as read: both are needed to write results at all vertices
+        # --whole-mesh needs the mesh as read, and repaired
         return for_each(options, write, repaired=False, outputs=outputs)
 
 
 def _check_combination(options: Namespace) -> None:
-    """Raise `InputError` for options that exclude each other."""
+    """Raise `InputError` for options that exclude one another."""
     if options.target is None and options.t_min is None:
         raise InputError(
             "--count auto takes as many eigenpairs as the shortest time of --kind hks needs: give"
@@ -104,8 +103,8 @@ def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) 
         options.jobs or -1,
         getattr(options, "client", None),
     )
-    with progress_bar(mesh) as bar, until_interrupted() as cancel:
-        report = job.write(bar, cancel)
+    with watched(mesh) as callbacks:
+        report = job.write(**callbacks)
     return report, f"{path}: {described_seams(report)}"
 
 
@@ -155,14 +154,13 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
     made = made_with(options, family.export, target, report.get("proof", ""))
     write_results(path, results, mesh, raw if options.whole_mesh else None, pairs, made)
     remarks += output_remarks(path, mesh)
-    report["seconds"] = round(time.perf_counter() - began, 3)
     if pairs is None:
         return report, f"{path}: {counted(report['n_features'], 'column')}"
     return report, f"{path}: {report['proof']} · {reach(report, mesh)}"
 
 
 def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: list[str]) -> Mesh:
-    """Return the mesh with the maps that become columns; add a remark on those left out."""
+    """Return the mesh with the maps that become columns; a remark names the maps left out."""
     if mesh.maps and not options.maps:
         names = ", ".join(each.name for each in mesh.maps)
         if family.makes_features():
@@ -174,7 +172,7 @@ def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: l
 def solved_target(
     mesh: Mesh, family: Family, options: Namespace, remarks: list[str]
 ) -> tuple[Eigenpairs | None, Target]:
-    """Return the eigenpairs that a family needs, and the target they were solved for."""
+    """Return the eigenpairs of a mesh, None if the family needs none, and their target."""
     n, target, limit = mesh.n_vertices - len(mesh.unreferenced), options.target, ""
     if target is None:  # --count auto
         shortest, edge = options.t_min, median_edge_length(mesh)
@@ -203,7 +201,7 @@ def computed_features(
     options: Namespace,
     report: dict[str, Any],
 ) -> Features:
-    """Return the features of a family with the maps of the mesh, and complete the report."""
+    """Return the features of a family and the maps of the mesh as columns; complete the report."""
     bound, remarks = target.max_eigenvalue, report["remarks"]
     found = family.compute_features(
         pairs,

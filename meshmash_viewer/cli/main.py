@@ -2,9 +2,9 @@
 
 `parsed_command` reads the options; a command (in ``features``, ``commands`` or ``pictures``)
 checks them and calls `for_each` (in ``batch``), which reads each mesh and prints its report.
-Large modules are imported only after the arguments are checked. A fault that the user can correct
-is one line on stderr and exit status 2; a defect of the program is status 1, and its message names
-a file with details. Neither stops the other meshes of a batch.
+Large modules are imported after the arguments are checked. A fault that the user can correct is
+reported in one line on stderr with exit status 2. A defect of the program has status 1, and its
+message names a file with details. Neither stops the other meshes of a batch.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def open_window() -> int:
     """Open the window from a desktop, without a console; return the exit status.
 
-    What the command line says of wrong arguments is shown in a box.
+    A message box shows errors in the arguments.
     """
     said = io.StringIO()
     if sys.stderr is None:

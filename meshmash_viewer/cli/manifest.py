@@ -1,4 +1,4 @@
-"""Manifest of a run over many meshes: a table of what was computed, and how well it is proven."""
+"""Manifest of runs over many meshes: a table with the result and the errors of each mesh."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from meshmash_viewer.io.cache import FileLock
 from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.mesh import Mesh
 
-#: Columns, and their types; None where a value is not known.
+#: Columns and their types; unknown values are None.
 COLUMNS = {
     "mesh": "string",  # the file
     "output": "string",  # relative to the folder of the manifest
@@ -36,22 +36,22 @@ COLUMNS = {
     "orthonormality": "float64",
     "complete": "bool",
     "proof": "string",
-    "truncation": "float64",  # largest share that a column misses, as estimated
+    "truncation": "float64",  # largest estimated share that a column misses
     "seconds": "float64",
     "bytes": "int64",  # of the output
     "report": "string",  # what --json prints
 }
 DONE, FAILED = "done", "failed"
-#: Seconds between looks whether another process has written.
+#: Seconds between attempts to lock the file.
 _WAIT = 0.02
-#: Columns whose entry of the report has another name.
+#: Columns whose value has another name in the report.
 _REPORTED = {"pairs": "n_eigenpairs", "residual": "worst_residual"}
-#: Options that do not change what is written for a mesh of the same content.
+#: Options that do not change the result for a mesh.
 _FREE = (
     "mesh", "segment", "lod", "n_meshes", "output", "json", "jobs", "scheduler", "resume",
     "no_cache",
 )  # fmt: skip
-#: Options that name files which are written.
+#: Options that name output files.
 _WRITTEN = ("graphs", "id_map")
 #: Hashes of a mesh: of vertices and faces, and of the rest.
 Content: TypeAlias = tuple[str, str]
@@ -59,7 +59,7 @@ Content: TypeAlias = tuple[str, str]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mesh; sent by workers of a cluster."""
+    """The result or fault of a mesh; sent by workers of a cluster."""
 
     number: int
     report: dict[str, Any] = field(default_factory=dict)
@@ -68,12 +68,12 @@ class Outcome:
     content: Content | None = None
     status: int = 0
     fault: str = ""
-    #: Whether its result was there before.
+    #: Whether its result existed already.
     kept: bool = False
 
 
 class Manifest:
-    """Rows of a manifest by output, of all runs; the file is replaced whenever rows are added."""
+    """Manifest of all runs that write to a folder; the last run of each output has a row."""
 
     def __init__(self, outputs: Sequence[Path], others: Sequence[Path], options: Namespace) -> None:
         self.folder = Path(os.path.commonpath([path.absolute().parent for path in outputs]))
@@ -84,10 +84,10 @@ class Manifest:
         self._meshes = [_whole(mesh) for mesh in options.mesh]
         self._outputs = [path.absolute() for path in outputs]
         self._others = others
-        _table_in(self.path)  # refused before anything is computed
+        _table_in(self.path)  # an unreadable file is reported before the computation
 
     def finished(self) -> dict[int, Content]:
-        """Return the contents of meshes whose results exist, made with the same options."""
+        """Return the contents of meshes, by index, whose results exist with the same options."""
         rows = {row["output"]: row for row in _table_in(self.path).to_pylist()}
         return {
             number: (row["hash"], row["maps_hash"])
@@ -99,7 +99,7 @@ class Manifest:
         }
 
     def add(self, outcomes: Iterable[Outcome]) -> None:
-        """Add rows, and write the file."""
+        """Add rows, which replace older rows of the same outputs, and write the file."""
         import pyarrow
         import pyarrow.compute
         import pyarrow.parquet
@@ -131,7 +131,7 @@ class Manifest:
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        """Wait until no other process is here for the same file; the system frees a killed one."""
+        """Wait for the lock of the file; the system releases the lock of a killed process."""
         lock = FileLock(self.path.with_name(f".{self.path.stem}.lock"))
         while not lock.acquire():
             time.sleep(_WAIT)
@@ -145,7 +145,7 @@ class Manifest:
 
 
 def content_of(mesh: Mesh) -> Content:
-    """Return the content of a mesh as read."""
+    """Return hashes of a mesh as read."""
     rest = hashlib.sha256(f"{mesh.unit} {mesh.voxel}".encode())
     for each in mesh.maps:
         rest.update(f"{each.name} {each.labels}".encode())
@@ -154,13 +154,13 @@ def content_of(mesh: Mesh) -> Content:
 
 
 def _whole(mesh: Path) -> str:
-    """Return the path of a mesh from the root; of a file of a link the link."""
+    """Return the absolute path of a mesh file, or the link that the file holds."""
     shown = shown_path(mesh)
     return shown if shown != str(mesh) else str(mesh.absolute())
 
 
 def _described(options: Namespace) -> str:
-    """Return options as JSON, with the version of the program and hashes of the files they name."""
+    """Return options as JSON, with the version of the program and hashes of input files."""
     chosen = {
         name: value
         for name, value in sorted(vars(options).items())
@@ -197,7 +197,7 @@ def _size(path: Path) -> int | None:
 
 
 def _table_in(path: Path) -> Any:
-    """Read a manifest; without a file it is empty."""
+    """Read a manifest; it is empty if there is no file."""
     import pyarrow.parquet
 
     schema = pyarrow.schema(COLUMNS.items())

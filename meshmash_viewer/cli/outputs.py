@@ -1,4 +1,4 @@
-"""Files that commands write: their paths, and maps in every format."""
+"""Output files of commands: their paths, and maps in every format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 
 def is_folder(output: str) -> bool:
-    """Whether results are written to a folder, which may not exist yet."""
+    """Whether the output is a folder, which may not exist yet."""
     return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
 
 
@@ -28,10 +28,10 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     """Return the output file of each mesh.
 
     `output` is a file (for one mesh), a folder, whose files have the given ending, or a template
-    such as "out/{name}_{kind}.csv". The names of meshes whose files have the same name begin with
-    that of the folder in which they differ: "sub-01_lh.white".
+    such as "out/{name}_{kind}.csv". Meshes of the same name in different folders are distinguished
+    by a folder: "sub-01_lh.white".
 
-    `InputError` is raised if two results would go to one file, or one over a mesh.
+    `InputError` is raised if two results have the same file, or a result would replace a mesh.
     """
     literal = output.replace("{", "{{").replace("}", "}}")
     if "{" in output:
@@ -63,7 +63,7 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
 
 
 def _names(meshes: list[Path]) -> list[str]:
-    """Names of meshes, those that several have with the folder in which these differ, if any."""
+    """Return the names of meshes; equal names get the first folder whose names all differ."""
     names = [mesh_name(mesh) for mesh in meshes]
     for name in {name for name in names if names.count(name) > 1}:
         alike = [at for at, each in enumerate(names) if each == name]
@@ -76,12 +76,12 @@ def _names(meshes: list[Path]) -> list[str]:
 
 
 def folder_of(output: str) -> contextlib.AbstractContextManager[Any]:
-    """Return a context in which the folder of the results exists, if they go to one."""
+    """Return a context that creates the output folder, if the output is a folder."""
     return made_folder(Path(output)) if is_folder(output) else contextlib.nullcontext()
 
 
 def check_map_outputs(paths: Sequence[Path]) -> None:
-    """Raise `InputError` if maps cannot be written to one of the files."""
+    """Raise `InputError` if maps cannot be written to a file."""
     for path in paths:
         check_output(path, "labels" if _of_labels(path) else "features")
 
@@ -89,9 +89,9 @@ def check_map_outputs(paths: Sequence[Path]) -> None:
 def write_maps(
     path: Path, maps: Sequence[VertexMap], mesh: Mesh, file_mesh: Mesh | None, about: dict[str, Any]
 ) -> None:
-    """Write maps as columns, or the first that has labels to a file of labels alone.
+    """Write maps as columns; a file of labels gets the first map that has labels.
 
-    With a `file_mesh`, the mesh before its repairs, they are written at all its vertices.
+    With a `file_mesh`, the mesh before its repairs, maps have values at all its vertices.
     """
     if not _of_labels(path):
         write_results(
@@ -105,11 +105,11 @@ def write_maps(
 
 
 def output_remarks(path: Path, mesh: Mesh) -> list[str]:
-    """Return what a file that was written lacks for other programs."""
+    """Return remarks on what an output file lacks for other programs."""
     structure = unstated_structure(path.name, mesh.structure)
     return [f"{structure}: give --structure."] if structure else []
 
 
 def _of_labels(path: Path) -> bool:
-    """Whether a file holds labels alone."""
+    """Whether the format of a file holds labels only."""
     return path.name.lower().endswith((".label.gii", ".annot"))

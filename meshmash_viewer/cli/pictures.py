@@ -137,7 +137,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
 
 
 def _drawn(options: Namespace) -> Family | None:
-    """Return the requested family, None for the mesh alone, and check its parameters."""
+    """Return the requested family, None for the mesh without a field; check its parameters."""
     _policy(options)
     if options.kind == NO_FIELD:
         return None
@@ -152,7 +152,7 @@ def _drawn(options: Namespace) -> Family | None:
 
 
 def _missing(spectrum: Eigenpairs, family: Family, mesh: Mesh) -> str:
-    """Describe what too few eigenpairs leave out of the columns of a family."""
+    """Describe the share of the columns of a family that is missing for lack of eigenpairs."""
     if not isinstance(family, BankFamily):
         return ""
     if isinstance(family, HeatKernelSignature):
@@ -286,7 +286,7 @@ def _chosen_swept(options: Namespace) -> Family:
 def _swept(
     mesh: Mesh, family: Family, options: Namespace
 ) -> tuple[Mesh, Family, Eigenpairs, dict[str, Any]]:
-    """Return a mesh with its maps, the family on it, its eigenpairs, and the report on these."""
+    """Return a mesh with maps, the family for it, its eigenpairs, and the report."""
     mesh = with_maps(mesh, options.map)
     family = family.at_vertices(mesh.vertex_of)
     report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output), "kind": family.name}

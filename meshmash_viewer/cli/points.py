@@ -1,8 +1,7 @@
-"""The command points: nearest vertices of points, and what is there."""
+"""The command points: the nearest vertices of points, with labels and features there."""
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from dataclasses import replace
 from typing import Any
@@ -23,7 +22,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 
 def projected(mesh: Mesh, options: Namespace) -> ProjectedPoints:
-    """Read the points of the options, and project them onto a mesh."""
+    """Read the table of points that the options name, and project it onto a mesh."""
     unit = options.points_unit
     if options.voxel is not None:
         if not mesh.unit:
@@ -34,7 +33,7 @@ def projected(mesh: Mesh, options: Namespace) -> ProjectedPoints:
 
 
 def points(options: Namespace) -> int:
-    """Project points onto a mesh, and write them with what is at their vertices."""
+    """Project points onto a mesh, and write them with labels and features at their vertices."""
     if options.output.suffix.lower() == ".npz":
         raise InputError(f"{options.output} is no table: end it in .csv or .parquet, or --id-map.")
     check_output(options.output, "points")
@@ -52,7 +51,6 @@ def points(options: Namespace) -> int:
 
 
 def _write(mesh: Mesh, options: Namespace) -> Report:
-    began = time.perf_counter()
     found = projected(mesh, options)
     remarks = list(found.remarks)
     maps: list[VertexMap] = list(with_maps(mesh, options.map).maps[len(mesh.maps) :])
@@ -81,12 +79,11 @@ def _write(mesh: Mesh, options: Namespace) -> Report:
     write_points(options.output, found, *maps, *features, meta=made)
     if options.id_map is not None:
         write_points(options.id_map, found, meta=made)
-    report["seconds"] = round(time.perf_counter() - began, 3)
     return report, said
 
 
 def _features(mesh: Mesh, kind: str, options: Namespace, remarks: list[str]) -> Features:
-    """Compute the features of a kind, with those of the options that are its own."""
+    """Compute the features of a kind; options of other kinds are ignored."""
     known = {each.option for each in options_of(EXPORTS[kind]).values()}
     others = (each.option for family in EXPORTS.values() for each in options_of(family).values())
     without = dict.fromkeys(option for option in others if option not in known)

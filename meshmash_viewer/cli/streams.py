@@ -1,8 +1,8 @@
-"""Standard output and error, for any encoding, and if they are missing or closed.
+"""Standard output and error in any encoding, also if they are missing or closed.
 
 Windows redirects output in the code page of the country, a terminal over ssh may be ASCII, and a
-program without a console has no streams. What an encoding lacks is spelled in ASCII (λ as
-"lambda", ≈ as "~"), by an error handler of the streams, so that nothing has to be written twice.
+program without a console has no streams. An error handler of the streams spells characters that the
+encoding lacks in ASCII: λ as "lambda", ≈ as "~".
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PROGRAM = "meshmash-viewer"
 #: Name of the error handler, as ``errors=`` of any stream or `str.encode` takes it.
 SPELLED = "meshmash-spelled"
 
-#: Characters without a decomposition in Unicode's tables, and what replaces them.
+#: ASCII for characters that Unicode's tables do not decompose.
 _SIGNS = {
     **dict.fromkeys("–—−‐‑·╌▬", "-"),
     **dict.fromkeys("‘’′", "'"),
@@ -43,7 +43,7 @@ _GROUPS = re.compile(
     f"(?P<raised>[{_RAISED}]+)|(?P<lowered>[{_LOWERED}]+)"
     f"|(?P<words>[Ͱ-λν-Ͽ{''.join(_WORDS)}]+)|[^\udc80-\udcff]"
 )
-#: As many Greek letters in a row are a word of that language, not a formula.
+#: Length from which a run of Greek letters is a Greek word, not a formula.
 _GREEK_WORD = 3
 
 
@@ -58,9 +58,9 @@ def prepare_streams() -> None:
 
 
 def answer(text: str) -> None:
-    """Print a result, with plain blanks and minus signs, which other programs read.
+    """Print a result with plain spaces and minus signs, which other programs can read.
 
-    `BrokenPipeError` is raised if nothing reads standard output any more.
+    `BrokenPipeError` is raised if the reader of standard output has closed it.
     """
     with closed_pipe_errors():
         print(plain_text(text), flush=True)
@@ -71,12 +71,12 @@ def say(sentence: str) -> None:
     try:
         print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr, flush=True)
     except OSError:
-        drop(sys.stderr)  # results do not depend on whether messages are read
+        drop(sys.stderr)  # a closed stderr does not stop the computation
 
 
 def drop(stream: TextIO) -> None:
     """Discard pending and further output of a stream, which would raise at exit."""
-    with contextlib.suppress(OSError, ValueError):  # a stream of a test or notebook has no number
+    with contextlib.suppress(OSError, ValueError):  # streams of notebooks have no descriptor
         nothing = os.open(os.devnull, os.O_WRONLY)
         try:
             os.dup2(nothing, stream.fileno())
@@ -93,10 +93,10 @@ def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
         raise fault
     text, start, end = fault.object, fault.start, fault.end
     if "\udc80" <= text[start] <= "\udcff":
-        # A byte of a file's name that is not text is written unchanged.
+        # an undecodable byte of a file name is written unchanged
         return bytes([ord(text[start]) & 0xFF]), start + 1
     for marks in (_RAISED, _LOWERED):
-        # the whole exponent, though the encoding may have some of its digits: nm⁻² is nm^-2
+        # spell the whole exponent, even if the encoding has some of its digits: nm⁻² is nm^-2
         while text[end - 1] in marks and text[end : end + 1] and text[end] in marks:
             end += 1
     spelled, at = "", start
@@ -129,7 +129,7 @@ def _word(letter: str) -> str:
 
 
 def _plain(letter: str) -> str:
-    """Return ASCII for one character: a sign, its base letter, or else its number."""
+    """Return ASCII for one character: a sign, its base letter, or an escape sequence."""
     if letter in _SIGNS:
         return _SIGNS[letter]
     parts = unicodedata.normalize("NFKD", letter)

@@ -1,9 +1,8 @@
-"""Features of a mesh in overlapping pieces: for meshes too large to be solved whole."""
+"""Features of a mesh from overlapping pieces, for meshes too large to be solved whole."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,21 +28,21 @@ from meshmash_viewer.split.stitching import seam_sentence
 from meshmash_viewer.units import counted, format_quantity, format_share, power_unit
 from meshmash_viewer.work import Channel
 
-#: Fewest vertices that a piece is worth having, and how many are solved in seconds.
+#: Minimum number of vertices of a piece, and the number that is solved in seconds.
 LEAST, _USUAL = 500, 20_000
-#: Times its core that the overlap of a piece has vertices at most, so that work has an end.
+#: Maximum ratio of the vertices of the overlap to those of the core.
 _WIDEST = 11
 
 
 def usual_pieces(n_vertices: int) -> int:
-    """Number of pieces that are solved in seconds each; two at least, if that is worth it."""
+    """Return a number of pieces that are solved in seconds each; at least 2 for large meshes."""
     return max(math.ceil(n_vertices / _USUAL), min(2, n_vertices // LEAST), 1)
 
 
 def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
-    """The same with what it would take from the spectrum of the whole taken from Weyl's law.
+    """Return the family with parameters from Weyl's law in place of the spectrum of the mesh.
 
-    `InputError` is raised if its columns need that spectrum itself.
+    `InputError` is raised if its columns depend on the spectrum itself.
     """
     expected = _expected(mesh, target)
     known = family.filled_in(expected, {})
@@ -52,7 +51,7 @@ def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
 
 
 def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
-    """Eigenvalues 0, the first one and the last one up to a target, by Weyl's law."""
+    """Return the eigenvalue 0, the first and the last one up to a target, by Weyl's law."""
     top = _top(mesh, target)
     values = np.array([0.0, min(weyl_eigenvalue(mesh.area, 1), 0.5 * top), top])
     return Eigenpairs(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
@@ -60,23 +59,24 @@ def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
 
 @dataclass(frozen=True, eq=False)
 class PiecesJob:
-    """Compute features in pieces and write them; sends a `MapGrew` for each, returns `Written`.
+    """Job that computes features in pieces and writes them.
 
-    The map is the column that is nearest to the position of the family, such as the displayed time.
+    It sends a `MapGrew` for each piece, with the column nearest to the position of the family, such
+    as the displayed time, and returns `Written`.
     """
 
     mesh: Mesh
     path: Path
-    #: With all that would otherwise be taken from the spectrum of the whole.
+    #: A result of `in_pieces`.
     family: Family
-    #: Approximate number of pieces, which are solved as far up as the `target` of the whole.
+    #: Approximate number of pieces, which are solved up to the `target` for the whole mesh.
     count: int
     target: Target
     operator: OperatorOptions
     repairs: Sequence[str] = ()
     #: The mesh before the repairs, to write the results at all its vertices.
     file_mesh: Mesh | None = None
-    #: Whether to leave out the first pair of the whole, which is constant on a component.
+    #: Whether to leave out the first pair of the whole mesh.
     drop_first: bool = False
     n_jobs: int = -1
     #: Client of a Dask scheduler, see `MeshStitcher`.
@@ -98,7 +98,7 @@ class PiecesJob:
         try:
             report = self.write(channel.report, channel.cancelled, done=done)
         finally:
-            # those that worked on pieces would wait for more for minutes, with their memory
+            # idle worker processes would keep their memory for minutes
             if (executor := reusable_executor._executor) is not None:
                 executor.shutdown(wait=True, kill_workers=True)
         remarks = report["remarks"]
@@ -107,7 +107,7 @@ class PiecesJob:
         return Written(self.path, self.family.label, text, warns=bool(remarks) or differs)
 
     def _shown(self) -> tuple[int, str]:
-        """Column of the map, and what it is called."""
+        """Return the column of the map, and its name."""
         expected = _expected(self.mesh, self.target)
         bank = _common_bank(self.family, float(expected.eigenvalues[-1]))
         places = self.family.places(expected)[: len(bank.columns)]
@@ -123,17 +123,17 @@ class PiecesJob:
         cancel: CancelCallback | None,
         done: Callable[[IntArray, FloatArray], None] = lambda vertices, values: None,
     ) -> dict[str, Any]:
-        """Compute features on overlapping pieces, write them as of the whole, and return a report.
+        """Compute features on overlapping pieces, write them stitched, and return a report.
 
-        For `done` see `MeshStitcher.apply`. The report, for JSON, has the differences at the seams
-        relative to the values there, and the columns that differ by more than 1 % in the median.
-        `InputError` is raised if the columns depend on the spectrum of the whole, or there are too
-        many pieces.
+        `done` is called with the vertices and values of each piece. The report, for JSON, has the
+        relative differences at seams, and the columns whose median difference exceeds 1 %.
+        `InputError` is raised if the columns depend on the spectrum of the whole mesh, or there are
+        too many pieces.
         """
         from meshmash_viewer.io.provenance import export_options
         from meshmash_viewer.io.write import write_features
 
-        began, mesh, count = time.perf_counter(), self.mesh, self.count
+        mesh, count = self.mesh, self.count
         n = mesh.n_vertices - len(mesh.unreferenced)
         if count > 1 and n / count < LEAST:
             raise InputError(
@@ -178,7 +178,6 @@ class PiecesJob:
             "columns": list(bank.columns),
             "n_features": len(bank.columns),
             "remarks": [f"{sentence}." for sentence in said if sentence],
-            "seconds": round(time.perf_counter() - began, 3),
         }
 
 
@@ -189,19 +188,19 @@ def _top(mesh: Mesh, target: Target) -> float:
 
 
 def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int) -> None:
-    """Cut into about so many pieces, with an overlap that follows the longest time."""
+    """Cut into about `count` pieces, with an overlap for the longest time."""
     if bank.parameter_power == 2:
         core = math.ceil(n_vertices / count)
         stitcher.split_mesh(
             core, t_max=float(np.max(bank.parameters)), max_overlap_neighbors=_WIDEST * core
         )
     else:
-        # a piece holds its overlap, too
+        # the maximum size of a piece includes its overlap
         stitcher.split_mesh(math.ceil(1.35 * n_vertices / count))
 
 
 def described_seams(report: dict[str, Any]) -> str:
-    """What `PiecesJob.write` found where pieces meet, as a sentence without its stop."""
+    """Describe the seams in a report of `PiecesJob.write`, as a sentence without a full stop."""
     worst, typical = (max(report[name], default=0.0) for name in ("seam_largest", "seam_median"))
     return (
         f"{counted(report['pieces'], 'piece')} of at most"
@@ -212,7 +211,7 @@ def described_seams(report: dict[str, Any]) -> str:
 
 
 def _common_bank(family: Family, top: float) -> FilterBank:
-    """The filters that are the same for all pieces, independent of the spectrum of each."""
+    """Return the filters of a family, which must not depend on the spectrum of a piece."""
     assert isinstance(family, BankFamily), "checked before"
     one, other = (family.bank(top * np.array([0.0, share, 1.0]), bound=top) for share in (0.2, 0.5))
     if one.normalised or not np.array_equal(one.parameters, other.parameters):
