@@ -1,8 +1,8 @@
 """Condensed heat kernel signatures: a mesh decimated, solved in pieces and divided into domains.
 
 Parameters and results are those of meshmash's pipeline, with lengths in nm and times in nm². Unlike
-there, the result does not depend on the number of processes or the order of pieces, and says what
-is missing of each column.
+there, the result does not depend on the number of processes or the order of pieces, and includes
+the truncation error of each column.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from meshmash_viewer.units import METRES, whole_number
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Arguments of `compute_hks` that may be given besides, those without an effect last.
+#: Arguments of `compute_hks` in `compute_hks_kwargs`; the last three have no effect.
 _ARGUMENTS = (
     *("max_eigenvalue", "t_min", "t_max", "n_components", "robust", "mollify_factor", "drop_first"),
     *("decomposition_dtype", "band_size", "truncate_extra", "verbose"),
@@ -73,7 +73,7 @@ class CondensedHKS(NamedTuple):
     timing_info : dict
         Seconds of each step.
     truncation : Truncation
-        What is missing of each column of HKS.
+        Share of each column of HKS that is missing.
     seams : ndarray, shape (n_components,)
         Median difference of each column where pieces meet, relative to its values; 0 without cuts.
 
@@ -102,12 +102,12 @@ class CondensedHKS(NamedTuple):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences without a stop on columns of which more than 1 % is missing or uncertain."""
+        """Sentences, without full stops, on columns with errors above 1 %."""
         return tuple(filter(None, (self.truncation.sentence(), _seam_sentence(self.seams))))
 
 
 def _task_of(given: Mapping[str, Any]) -> PieceFeatures:
-    """Check the arguments of `compute_hks`, and return what computes it in pieces."""
+    """Check the arguments of `compute_hks`, and return its computation on a piece."""
     if unknown := [name for name in given if name not in _ARGUMENTS]:
         raise InputError(
             f"compute_hks_kwargs has {', '.join(unknown)}: give only {', '.join(_ARGUMENTS)}."
@@ -128,7 +128,7 @@ def _task_of(given: Mapping[str, Any]) -> PieceFeatures:
 
 
 def _logarithms(values: FloatArray, times: FloatArray) -> FloatArray:
-    """Return log-HKS; values below a tiny share of that of a plane are that share."""
+    """Return log-HKS; values are at least `FLOOR` times the HKS of a plane."""
     return np.asarray(np.log(np.fmax(values, FLOOR / (4.0 * np.pi * times))))
 
 
@@ -162,12 +162,13 @@ def condensed_hks_pipeline(
     """Divide a mesh into domains of similar heat kernel signatures, and condense these to means.
 
     Small components are dropped and the others decimated. The heat kernel signature is computed in
-    overlapping pieces, its logarithm clustered by Ward's criterion, and averaged over the area of
-    each cluster. A mesh in another unit is converted to nm; without a unit it is taken as in nm.
+    overlapping pieces, its logarithm is clustered by Ward's criterion, and the signature is
+    averaged over the area of each cluster. A mesh in another unit is converted to nm; a mesh
+    without a unit is assumed to be in nm.
 
     `InputError` is raised if an argument is invalid, all components are small, or a package is not
-    installed. `TruncationWarning` is given if more than 1 % of a column is missing for want of
-    eigenpairs, or a column differs by more than 1 % in the median where pieces meet.
+    installed. `TruncationWarning` is given if more than 1 % of a column is missing for lack of
+    eigenpairs, or if a column differs by more than 1 % in the median where pieces meet.
 
     Parameters
     ----------
@@ -272,6 +273,6 @@ def nm_of(mesh: Mesh) -> float:
 
 
 def _seam_sentence(median: FloatArray) -> str:
-    """Say which columns differ too much where pieces meet; empty if none does."""
+    """Return `seam_sentence` for columns of HKS."""
     remedy = "allow a wider overlap (overlap_distance, max_overlap_neighbors)"
     return seam_sentence([f"hks_{at}" for at in range(len(median))], median, remedy)

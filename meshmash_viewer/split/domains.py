@@ -1,8 +1,8 @@
 """Domains: connected clusters of similar vertices, by Ward's criterion on the edges of a mesh.
 
-Vertices are clustered in each piece by itself, and clusters are then joined across the cuts as long
-as Ward's criterion [1]_ is below the threshold. Domains are numbered by their lowest vertex, so
-that the result does not depend on the order of pieces.
+Vertices are clustered in each piece separately. Clusters are then joined across the cuts while
+Ward's criterion [1]_ is below the threshold. Domains are numbered by their lowest vertex, so that
+the result does not depend on the order of pieces.
 
 References
 ----------
@@ -36,12 +36,11 @@ def ward_domains(
     n_jobs: int | None = 1,
     cancel: CancelCallback | None = None,
 ) -> IntArray:
-    """Return the domain of each vertex from 0, shape (n,), -1 for vertices that are left out.
+    """Return the domain of each vertex from 0, shape (n,), -1 for vertices in no piece.
 
-    `values`, shape (n, f), are what vertices of a domain have in common. `graph` is symmetric; what
-    is stored connects. `pieces` has the piece of each vertex, -1 for those that are left out.
-    Clusters are joined while their Ward distance is below `threshold`. For `n_jobs` and `cancel`
-    see `results_of_calls`.
+    `values`, shape (n, f), are similar in a domain. `graph` is symmetric; each stored entry is an
+    edge. `pieces` is the piece of each vertex, -1 for none. Clusters are joined while their Ward
+    distance is below `threshold`. For `n_jobs` and `cancel` see `results_of_calls`.
     """
     ends = sparse.coo_array(graph).coords
     inner = pieces[ends[0]] == pieces[ends[1]]
@@ -88,7 +87,7 @@ def _numbered(labels: IntArray) -> IntArray:
 
 
 def _joined(values: FloatArray, graph: Graph, labels: IntArray, threshold: float) -> IntArray:
-    """Join touching clusters, the nearest first, while their Ward distance is below a threshold."""
+    """Join adjacent clusters, the nearest first, while their Ward distance is below a threshold."""
     used = np.flatnonzero(labels >= 0)
     k = int(labels.max()) + 1
     size = np.bincount(labels[used], minlength=k).astype(np.float64).tolist()
@@ -122,6 +121,6 @@ def _joined(values: FloatArray, graph: Graph, labels: IntArray, threshold: float
             near[other].add(new)
             if (apart := distance(other, new)) < threshold:
                 heapq.heappush(waiting, (apart, other, new))
-    for at in range(len(into) - 1, -1, -1):  # the last one is final
+    for at in reversed(range(len(into))):  # clusters join into later ones
         into[at] = into[into[at]]
     return np.where(labels < 0, -1, np.asarray(into)[labels])

@@ -1,11 +1,11 @@
 """Division of the graph of a mesh into overlapping pieces of bounded size, along geodesics.
 
 Every vertex is in the core of exactly one piece. A piece consists of its core and all vertices
-within a given distance of it, so that results on the core are not affected by the cut.
+within a given distance of the core, so that the cut does not affect results on the core.
 
 Large components are first condensed into small cells (nearest seed by edge distance), then bisected
 recursively: with two distant ends a and b, a vertex belongs to the half of a if d_a − d_b is small.
-Both halves are connected, because such a set contains the shortest path from a to each member.
+Both halves are connected, because such a half contains the shortest path from a to each member.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def edge_graph(mesh: Mesh) -> Graph:
 def interior_depth(graph: Graph, members: IntArray) -> FloatArray:
     """Compute the distance of each member from those with a neighbour outside, (members,).
 
-    It is measured along edges inside the set, and infinite if nothing was cut off.
+    It is measured along edges inside the set, and infinite if no edge leaves the set.
     """
     degrees = np.diff(graph.indptr)
     inner = _subgraph(graph, members)
@@ -100,10 +100,10 @@ def overlapping_pieces(
 ) -> list[IntArray]:
     """Cut a graph from `edge_graph` into overlapping pieces of at most `max_size` sorted vertices.
 
-    `labels` are the connected components of vertices, -1 for those in no piece. `width` of the
-    overlap, in the unit of the graph, is reduced where the piece would be too large, but always
-    contains all neighbours of the core. Components that fit are not cut; small ones share a piece.
-    `InputError` is raised if a vertex has too many neighbours.
+    `labels` are the connected components of vertices, -1 for those in no piece. The `width` of the
+    overlap, in the unit of the graph, is reduced where the piece would be too large; the overlap
+    always contains all neighbours of the core. Components that fit are not cut; small ones share a
+    piece. `InputError` is raised if a vertex has too many neighbours.
     """
     degrees = np.diff(graph.indptr)
     if degrees.max(initial=0) + 1 > max_size:
@@ -114,7 +114,7 @@ def overlapping_pieces(
         )
 
     def cut(local: Graph, cells: _Cells) -> list[IntArray]:
-        # Cut first without overlap, measure the size with overlap, and cut again accordingly.
+        # a trial without overlap estimates the size of cores whose overlap fits
         trial = cells.unions(0.9 * max_size)
         trial = trial[:: max(1, len(trial) // _SAMPLES)]
         reached = [np.isfinite(_distances(local, core, width)).sum() for core in trial]
@@ -130,8 +130,8 @@ def widened_cores(
 ) -> list[IntArray]:
     """Cut a graph into cores of at most `core_size` vertices, and widen each by `width`.
 
-    See `overlapping_pieces`; the size of a piece is not limited. `most` is the maximum number of
-    vertices added to a core, the nearest ones; its neighbours are always included.
+    See `overlapping_pieces`. At most the `most` nearest vertices are added to a core, but always
+    all its neighbours.
     """
 
     def cut(local: Graph, cells: _Cells) -> list[IntArray]:
@@ -151,9 +151,9 @@ def owned_pieces(
 ) -> tuple[tuple[IntArray, ...], list[IntArray], IntArray]:
     """Assign each vertex to the piece in which it is farthest from the cut.
 
-    Returned are the vertices of each piece to which a vertex is assigned, without those of no face;
-    its faces, shape (m_i, 3), as indices within the piece, of int32; and the piece of each vertex,
-    -1 for none.
+    Pieces without assigned vertices are left out. Returned are the vertices of each piece, without
+    those of no face; its faces, shape (m_i, 3), as int32 indices within the piece; and the piece of
+    each vertex, -1 for none.
     """
     piece_of = np.full(mesh.n_vertices, -1)
     deepest = np.full(mesh.n_vertices, -1.0)
@@ -170,14 +170,13 @@ def owned_pieces(
         depth = interior_depth(graph, piece)
         met, n_corners = np.unique(faces_at[:, piece].indices, return_counts=True)
         faces = np.searchsorted(piece, faces_of_mesh[met[n_corners == 3]])
-        # Remove vertices of which all faces were cut off.
+        # remove vertices all of whose faces were cut off
         used, faces = np.unique(faces, return_inverse=True)
         piece, depth, faces = piece[used], depth[used], faces.reshape(-1, 3).astype(np.int32)
         better = depth > deepest[piece]
         piece_of[piece[better]] = number
         deepest[piece[better]] = depth[better]
         kept.append((piece, faces))
-    # Leave out pieces without assigned vertices.
     numbers, owners = np.unique(piece_of, return_inverse=True)
     if numbers[0] < 0:
         numbers, owners = numbers[1:], owners - 1
@@ -282,7 +281,7 @@ class _Cells:
         tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(graph.indptr))
         crossing = np.flatnonzero(cell[tails] < cell[graph.indices])
         a, b = tails[crossing], graph.indices[crossing]
-        # The distance of two cells is that of their seeds over the shortest crossing edge.
+        # the distance of two cells: that of their seeds by the shortest crossing edge
         length = distances[a] + graph.data[crossing] + distances[b]
         by_pair = np.lexsort((length, cell[b], cell[a]))
         keys = (cell[a] * np.int64(n_cells) + cell[b])[by_pair]
@@ -318,7 +317,7 @@ def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) 
     """Split the members of a graph in two; the first part has about `share` of the weight."""
     n_parts, part = connected_components(graph, directed=False)
     if n_parts > 1:
-        # Ties may create disconnected fragments, which are split off.
+        # equal distances may create disconnected fragments, which are split off
         largest = np.bincount(part).argmax()
         return [members[part == largest], members[part != largest]]
     a = _distances(graph, [0]).argmax()
@@ -347,7 +346,7 @@ def _distances(graph: Graph, sources: Any, limit: float = np.inf) -> FloatArray:
 
 
 def _subgraph(graph: Graph, members: IntArray) -> Graph:
-    """Return the part of a graph between some vertices, which ascend."""
+    """Return the graph between some vertices, whose indices increase."""
     if len(members) == graph.shape[0]:
         return graph
     return sparse.csr_array(graph[members][:, members])

@@ -1,4 +1,4 @@
-"""Features of a piece of a mesh, and what they miss on the whole of it."""
+"""Features of a mesh from those of its pieces, with their truncation errors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from meshmash_viewer.spectral.weyl import weyl_count
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
 
-#: Bytes of a process without its piece, and share of the free memory that all may take.
+#: Bytes of a process without its piece, and the share of the free memory that processes may take.
 _PROCESS_BYTES, _SHARE = 170e6, 0.8
 
 
@@ -42,9 +42,10 @@ class StitchedFeatures(NamedTuple):
 
 @dataclass(frozen=True)
 class PieceFeatures:
-    """Computes features of a piece; it goes to other processes.
+    """Computes features of a piece; instances are sent to other processes.
 
-    It returns the columns, and two more: the sum of all squares, and the mass of each vertex.
+    A call returns the columns, and two more: the sum of the squared eigenvectors, and the mass of
+    each vertex.
     """
 
     operator: OperatorOptions
@@ -52,7 +53,7 @@ class PieceFeatures:
     bank: FilterBank
     drop_first: bool
     dtype: npt.DTypeLike = np.float64
-    #: Threads of the solver; with a given number results are the same on any machine.
+    #: Threads of the solver; with a fixed number, results are the same on any machine.
     n_jobs: int | None = None
 
     def __call__(self, piece: Piece) -> FloatArray:
@@ -82,19 +83,19 @@ class PieceFeatures:
         cancel: CancelCallback | None = None,
     ) -> StitchedFeatures:
         """Compute features of all pieces, and stitch them; see `MeshStitcher.apply`."""
-        columns, others, seaming = stitcher.stitching(), stitcher.stitching(), stitcher.seaming()
+        stitching, seaming = stitcher.stitching(), stitcher.seaming()
         jobs = self._fitting(stitcher)
         report = _said(progress, jobs)
         for number, rows in stitcher.each(self, n_jobs=jobs, progress=report, cancel=cancel):
-            columns.add(number, rows[:, :-2])
-            others.add(number, rows[:, -2:])
+            stitching.add(number, rows)
             seaming.add(number, rows[:, :-2])
             piece = stitcher.pieces[number]
             own = stitcher.submesh_mapping[piece] == number
             done(piece[own], rows[own, :-2])
-            del rows  # before the next are computed
-        values, seams, (density, mass) = columns.values(), seaming.differences(), others.values().T
-        # what the pairs beyond `max_eigenvalue` would add
+            del rows  # free the memory before the next piece
+        whole, seams = stitching.values(), seaming.differences()
+        values, density, mass = whole[:, :-2], whole[:, -2], whole[:, -1]
+        # the truncation error is that of the pairs above `max_eigenvalue`
         mass, top = np.nan_to_num(mass), self.max_eigenvalue
         n_pairs = max(round(float(mass[mass > 0.0] @ density[mass > 0.0])), 1)
         truncation = measure_truncation(
@@ -105,7 +106,7 @@ class PieceFeatures:
         return StitchedFeatures(values, truncation, seams, median)
 
     def _fitting(self, stitcher: MeshStitcher) -> int | None:
-        """Return the number of processes that fit into memory if that is fewer than asked for."""
+        """Return how many processes fit into memory, None if all the requested ones do."""
         active, _ = get_active_backend()
         jobs = effective_n_jobs(stitcher.n_jobs)
         if jobs == 1 or stitcher.client is not None or not isinstance(active, LokyBackend):
@@ -125,13 +126,13 @@ class PieceFeatures:
 
 
 def _release_freed() -> None:
-    """Return freed memory to the system, most of which glibc would keep; elsewhere do nothing."""
+    """Return freed memory to the system on Linux, where glibc would keep most of it."""
     if sys.platform == "linux":
         getattr(ctypes.CDLL(None), "malloc_trim", int)(0)
 
 
 def _said(progress: ProgressCallback | None, jobs: int | None) -> ProgressCallback | None:
-    """Add to messages for how many processes there is memory, if for fewer than asked for."""
+    """Add the number of processes to messages if memory limits it."""
     if progress is None or jobs is None:
         return progress
 

@@ -1,8 +1,8 @@
-"""Split a mesh into overlapping pieces, apply a function to each in parallel, and stitch.
+"""Overlapping pieces of a mesh: split, apply a function to each in parallel, and stitch.
 
 This is for local quantities (heat kernel signatures at short times, curvatures) on meshes too large
-to be decomposed as a whole. The spectrum of a piece is fast to compute, and far from the cut the
-result equals that of the whole mesh, since heat has not reached the cut.
+to be decomposed as a whole. The spectrum of a piece is fast to compute. Far from the cut the result
+equals that of the whole mesh, because heat does not reach the cut.
 """
 
 from __future__ import annotations
@@ -38,10 +38,9 @@ from meshmash_viewer.units import counted
 
 #: Default width of the overlap relative to the square root of the area of a piece.
 _OVERLAP = 0.15
-#: Width of the overlap divided by √t. The effect of a cut at that distance on heat is e^(-2.5²), or
-#: 0.2 %; paths along edges are up to 15 % longer than straight ones. With 2 instead, 7 % were
-#: measured at the worst vertex of a dendrite, with 3 a tenth more vertices for 0.02 % instead of
-#: 0.5 %.
+#: Width of the overlap divided by √t. A cut at that distance changes heat by e^(-2.5²), or 0.2 %;
+#: paths along edges are up to 15 % longer than straight ones. At the worst vertex of a dendrite the
+#: change was 0.5 %, with a width of 2 it was 7 %, and with 3 0.02 % for a tenth more vertices.
 _REACH = 2.5
 
 
@@ -93,7 +92,7 @@ class MeshStitcher(Sequence[Piece]):
         self.pieces: tuple[IntArray, ...] = ()
         self._piece_faces: list[IntArray] = []
         self.submesh_mapping: IntArray = np.full(self.mesh.n_vertices, -1)
-        #: What `split_mesh` was called with if no width of the overlap was given, else None.
+        #: Arguments of `split_mesh` if it was called without a width of the overlap, else None.
         self._open: dict[str, Any] | None = {}
 
     def __len__(self) -> int:
@@ -129,10 +128,10 @@ class MeshStitcher(Sequence[Piece]):
         min_vertex_threshold: int | None = 0,
         max_overlap_neighbors: int | None = None,
     ) -> MeshStitcher:
-        """Cut the mesh into overlapping pieces; return this object, the sequence of these.
+        """Cut the mesh into overlapping pieces; return this object, the sequence of the pieces.
 
-        `InputError` is raised if the threshold is too small for a vertex and its neighbours, no
-        component is large enough, or a width of the overlap is invalid or one of several.
+        `InputError` is raised if the threshold is too small for a vertex and its neighbours, if no
+        component is large enough, or if a width of the overlap is invalid or several are given.
 
         Parameters
         ----------
@@ -144,8 +143,8 @@ class MeshStitcher(Sequence[Piece]):
             Width of the overlap along the edges, in unit of the mesh.
         t_max : float, optional
             Longest diffusion time to be accurate, in squared unit: the width of the overlap is
-            ``2.5 √t_max`` plus two edges. The effect of the cut on heat is then less than 1 % but
-            for single vertices, which `seams` finds.
+            ``2.5 √t_max`` plus two edges. The effect of the cut on heat is then less than 1 %
+            except at single vertices, which `seams` finds.
         overlap : float, optional
             Width relative to the square root of the mean area of a full piece. Where vertices are
             too dense for it, the overlap is narrower, but always contains every neighbour of the
@@ -224,10 +223,10 @@ class MeshStitcher(Sequence[Piece]):
         cancel: CancelCallback | None = None,
         **arguments: Any,
     ) -> Any:
-        """Call a function on every piece, in parallel, and put the results together.
+        """Call a function on every piece, in parallel, and stitch the results.
 
-        `PieceError` is raised if the function fails on a piece, which the message names,
-        `InputError` if the results cannot be stitched, and `Cancelled` if `cancel` returned True.
+        `PieceError`, which names the piece, is raised if the function fails, `InputError` if the
+        results cannot be stitched, and `Cancelled` if `cancel` returns True.
 
         Parameters
         ----------
@@ -260,8 +259,8 @@ class MeshStitcher(Sequence[Piece]):
         differs by more than 1 % in the median where pieces meet; see `seams`.
 
         With ``drop_first=True`` the functions of `meshmash_viewer.decompose` leave out the first
-        pair of the whole mesh, not that of the piece, whose square is larger by the ratio of their
-        areas. Their filter is then called with the eigenvalue zero too.
+        pair of the whole mesh. The squared first eigenvector of a piece is larger by the ratio of
+        the areas. Their filter is then called with the eigenvalue zero too.
         """
         if not isinstance(stitch, bool):
             raise InputError(
@@ -339,7 +338,7 @@ class MeshStitcher(Sequence[Piece]):
         return values[vertices] if reindex else values
 
     def _split_for(self, arguments: dict[str, Any]) -> None:
-        """Cut the mesh if it has not been, or anew if the overlap has to follow `t_max`."""
+        """Cut the mesh if it is not cut, or again if the overlap depends on `t_max`."""
         if not self.pieces or (self._open is not None and arguments.get("t_max") is not None):
             self.split_mesh(**(self._open or {}), t_max=arguments.get("t_max"))
 
@@ -352,7 +351,7 @@ class MeshStitcher(Sequence[Piece]):
         seams: Seams | None = None,
         **given: Any,
     ) -> Any:
-        """Return what `apply` does; results go to `seams` too, and `given` to `each`."""
+        """Return the result of `apply`; `seams` records the values, `given` goes to `each`."""
         self._split_for(arguments)
         results: list[Any] = [None] * len(self)
         stitching = self.stitching(fill_value)
@@ -401,7 +400,7 @@ class MeshStitcher(Sequence[Piece]):
                     left = (time.monotonic() - began) * (1.0 / share - 1.0)
                     message = f"{count} of {len(numbers)} pieces"
                     report(Progress("pieces", share, remaining=left, message=message))
-            next(found, None)  # raises what ended it
+            next(found, None)  # raises the fault or `Cancelled`
 
     def stitch_features(
         self, features_by_submesh: Sequence[Any], fill_value: float = np.nan
@@ -422,11 +421,11 @@ class MeshStitcher(Sequence[Piece]):
         return stitching.values()
 
     def stitching(self, fill_value: float = np.nan) -> Stitched:
-        """Return what combines results of pieces one after another."""
+        """Return an empty `Stitched` for the pieces."""
         return Stitched(self.pieces, self.submesh_mapping, fill_value)
 
     def seaming(self) -> Seams:
-        """Return what compares results of pieces one after another."""
+        """Return an empty `Seams` for the pieces."""
         return Seams(self.pieces, self.submesh_mapping, self.mesh.proper_faces)
 
     def seams(self, results: Sequence[Any]) -> FloatArray:
@@ -442,13 +441,13 @@ class MeshStitcher(Sequence[Piece]):
 
 
 def reach_of(time: float, graph: Graph) -> float:
-    """Return the width of the overlap that heat up to a time needs, of a graph of edge lengths."""
-    # the cut goes through edges, on either side
+    """Return the width of the overlap for diffusion times up to `time`, from the edge graph."""
+    # the cut crosses edges, on both sides
     return _REACH * math.sqrt(time) + 2.0 * float(graph.data.mean())
 
 
 def _check_width(**widths: Any) -> None:
-    """Raise `InputError` for more than one width of the overlap, or an invalid one."""
+    """Raise `InputError` if several widths of the overlap are given, or one is invalid."""
     given = {name: width for name, width in widths.items() if width is not None}
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} are given: give only one of them.")

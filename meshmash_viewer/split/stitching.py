@@ -1,4 +1,4 @@
-"""Calls of a function on the pieces of a mesh, in parallel, and stitching of their results."""
+"""Parallel calls of a function on the pieces of a mesh, and stitching of their results."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from meshmash_viewer.units import counted
 
 
 class Stitched:
-    """Values of pieces, combined one piece after another; see `MeshStitcher.stitch_features`.
+    """Values of a mesh, combined from those of its pieces; see `MeshStitcher.stitch_features`.
 
     `owners` is the piece of each vertex, -1 for none.
     """
@@ -37,7 +37,7 @@ class Stitched:
         self._whole: npt.NDArray[Any] | None = None
 
     def add(self, number: int, result: Any) -> None:
-        """Copy the values of a piece at the vertices assigned to it; None is a piece without."""
+        """Copy the values of a piece at the vertices assigned to it; None if it has no values."""
         if result is None:
             return
         array, piece, whole = np.asarray(result), self._pieces[number], self._whole
@@ -51,13 +51,13 @@ class Stitched:
         self._known[number] = True
 
     def values(self) -> npt.NDArray[Any]:
-        """Return the values of all vertices, those of no piece filled."""
+        """Return the values of all vertices; vertices without a value get the fill value."""
         if self._whole is None:
             raise InputError("There is nothing to stitch: no piece has values.")
         if self._known[:-1].all() and self._owners.min() >= 0:
             return self._whole
         dtype, fill = self._whole.dtype, np.min_scalar_type(self._fill)
-        # a floating-point fill value makes integers float64
+        # a floating-point fill value converts integers to float64
         widened = dtype.kind in "biu" and fill.kind == "f"
         dtype = np.dtype(np.float64) if widened else np.result_type(dtype, fill)
         whole = self._whole.astype(dtype, copy=False)
@@ -85,7 +85,7 @@ def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: st
 
 
 class Seams:
-    """Values of pieces next to the seams, of which `MeshStitcher.seams` are the differences."""
+    """Values of pieces at vertices next to seams, for `MeshStitcher.seams`."""
 
     def __init__(self, pieces: Sequence[IntArray], owners: IntArray, faces: IntArray) -> None:
         found = [np.empty((0, 3), dtype=np.int64)]
@@ -95,7 +95,7 @@ class Seams:
             ends = ends[:, (first != second) & (first >= 0) & (second >= 0)]
             for vertex, other in (ends, ends[::-1]):
                 found.append(np.stack([vertex, owners[vertex], owners[other]], axis=1))
-        # each vertex next to a seam, its piece and that of its neighbour
+        # rows: a vertex next to a seam, its piece, and the piece of a neighbour
         self._sides = np.unique(np.concatenate(found), axis=0)
         near = np.zeros(len(owners), dtype=np.bool_)
         near[self._sides[:, 0]] = True
@@ -104,12 +104,12 @@ class Seams:
         self._rows: dict[int, npt.NDArray[Any]] = {}
 
     def add(self, number: int, result: Any) -> None:
-        """Keep what is next to a seam of the values of a piece."""
+        """Keep the values of a piece next to seams."""
         rows = np.asarray(result)
         self._rows[number] = rows.reshape(len(rows), -1)[self._at[number]]
 
     def differences(self) -> FloatArray:
-        """Compute the relative differences, shape (s, f)."""
+        """Compute the relative differences along all seams, shape (s, f)."""
         differences = [np.empty((0, self._rows[0].shape[1]))]
         for one, other in np.unique(self._sides[:, 1:], axis=0).tolist():
             of_pair = (self._sides[:, 1] == one) & (self._sides[:, 2] == other)
@@ -126,7 +126,10 @@ class Seams:
 
 
 def seam_sentence(names: Sequence[str], median: FloatArray, remedy: str) -> str:
-    """Say which columns differ too much in the median where pieces meet; empty if none does."""
+    """Return a sentence that names the columns whose median difference at seams exceeds 1 %.
+
+    It is empty if there is none.
+    """
     flagged = np.flatnonzero(median > TOLERANCE).tolist()
     if not flagged:
         return ""
@@ -149,12 +152,12 @@ def results_of_calls(
     cancel: CancelCallback | None,
     client: Any = None,
 ) -> Generator[Any, None, None]:
-    """Yield the results of calls, given by their names and arguments, in their order.
+    """Call a function with each name and arguments of `calls`, and yield the results in order.
 
-    `PieceError` is raised if the function failed, and `Cancelled` after `cancel`, called between
-    calls, returned True. No further call is then started, and running ones are awaited: aborting
-    them would kill workers shared with others. `n_jobs` is the number of processes as in joblib;
-    with a client of a Dask scheduler its workers are used instead.
+    `PieceError` is raised if the function fails, and `Cancelled` if `cancel`, which is called
+    between results, returns True. In both cases no further call is started, and running calls are
+    awaited, because aborting them would kill workers that other programs may share. `n_jobs` is the
+    number of processes as in joblib; with the client of a Dask scheduler its workers are used.
     """
     alone = client is None and effective_n_jobs(n_jobs) == 1
     stopped = cancel is not None and cancel()
@@ -184,7 +187,7 @@ def results_of_calls(
             yield result
             if cancel is not None and cancel():
                 outcome = Cancelled()
-    except GeneratorExit:  # the caller does not want more
+    except GeneratorExit:  # closed by the caller
         outcome = Cancelled()
         deque(found, maxlen=0)
         raise
@@ -193,11 +196,11 @@ def results_of_calls(
 
 
 def _on_cluster(client: Any, tasks: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
-    """Call `_call` on the workers of a Dask scheduler, few tasks ahead of the results."""
+    """Yield results of `_call` on a Dask cluster; tasks wait until few results are missing."""
     waiting: deque[Any] = deque()
     for each in tasks:
         with warnings.catch_warnings():
-            # a piece is as large as it is
+            # the size of a piece is chosen by the caller
             warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
             waiting.append(client.submit(_call, *each, pure=False))
         if len(waiting) > 2 * max(sum(client.ncores().values()), 1):
@@ -214,10 +217,7 @@ def _result(task: Any) -> Any:
 
 
 def fault_of_task(fault: BaseException) -> BaseException:
-    """Return the fault of a task on a Dask scheduler, as `InputError` if the cluster is its cause.
-
-    A worker that is lost is replaced by another, some times.
-    """
+    """Return the fault of a task on a cluster, or an `InputError` if the cluster is its cause."""
     from distributed.scheduler import KilledWorker
 
     if isinstance(fault, KilledWorker):
@@ -233,18 +233,18 @@ def fault_of_task(fault: BaseException) -> BaseException:
 
 
 def _call(function: Callable[..., Any], given: tuple[Any, ...], name: str, alone: bool) -> Any:
-    """Call the function in the worker, with one BLAS thread; return failures as `PieceError`.
+    """Call the function with one BLAS thread, and return a failure as `PieceError`.
 
-    Unless `alone`, the function is limited to one core.
+    Unless `alone`, the function may use one core only.
     """
-    share = nullcontext() if alone else parallel_config(backend="sequential")
+    one_core = nullcontext() if alone else parallel_config(backend="sequential")
     try:
-        with share, threadpool_limits(limits=1), warnings.catch_warnings():
-            # Constant features are expected on a piece of small components.
+        with one_core, threadpool_limits(limits=1), warnings.catch_warnings():
+            # features are constant on a piece of small components
             warnings.simplefilter("ignore", ConstantFeaturesWarning)
             return function(*given)
     except Exception as failure:  # noqa: BLE001  (returned, and raised by the caller)
         error = PieceError(f"The function failed on {name}: {type(failure).__name__}: {failure}")
-        # Unlike a note, a cause is not transferred between processes.
+        # a note is sent to another process, a cause is not
         error.add_note(traceback.format_exc())
         return error
