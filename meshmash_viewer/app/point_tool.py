@@ -36,23 +36,23 @@ from meshmash_viewer.units import counted, format_quantity, written_unit
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Width of the question how points are to be read.
+#: Width of the dialog that asks for a position or a unit.
 _WIDE = 440
-#: What to draw, and regions in which to count it; where it is on the mesh as far as that is known.
+#: Mesh, points to draw, regions in which to count them, and the projection if it is known.
 _Asked: TypeAlias = tuple[Mesh, PointSet, Regions | None, ProjectedPoints | None]
 _Drawn: TypeAlias = tuple[ProjectedPoints, PointCloud, Regions | None]
-#: What reading a table led to: points on the mesh, a question, or None if it is no such table.
+#: Result of reading a table: projected points, a question, or None if it is no table of points.
 _Read: TypeAlias = tuple[PointSet, ProjectedPoints] | SeveralPositionsError | FarPointsError | None
 
 
 @dataclass(frozen=True)
 class _Table:
-    """A file of points, and how it is to be read."""
+    """A file of points, and the options for reading it."""
 
     path: Path
     unit: str = ""
     position: str = ""
-    #: Whether it may be a table of values per vertex as well.
+    #: Whether the file was dropped, and may be a table of values per vertex.
     dropped: bool = False
 
 
@@ -107,7 +107,7 @@ class PointTool(QObject):
         self._read(_Table(path, dropped=True))
 
     def remove_points(self) -> None:
-        """Draw no points; their file stays."""
+        """Remove the points from the document; their file stays."""
         self._document.points.set(None, "removal of points")
 
     def _read(self, table: _Table) -> None:
@@ -150,7 +150,7 @@ class PointTool(QObject):
         self._document.notices.say(" ".join([text, *found.remarks]), severity)
 
     def _ask(self, said: str, choices: list[str], then: Callable[[str], None]) -> None:
-        """Ask which of several positions is meant, or for the unit."""
+        """Ask the user for one of several positions, or for the unit."""
         dialog = theme.named(QInputDialog(self._window), "points_dialog", "How to read the points")
         dialog.setWindowTitle("Open points")
         dialog.setLabelText(said)
@@ -167,7 +167,7 @@ class PointTool(QObject):
     def _restore(self, known: dict[str, Any]) -> None:
         """Read the points of a session."""
         document, mesh, path = self._document, self._document.mesh, Path(known["path"])
-        assert mesh is not None  # restored after it
+        assert mesh is not None  # points are restored after the mesh
         table = _Table(path, known.get("unit", ""), known.get("position", ""))
         looks = {name: known[name] for name in ("column", "size", "max_distance") if name in known}
 
@@ -187,19 +187,19 @@ class PointTool(QObject):
     # -- drawing and counting -----------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Draw them anew on a mesh that is drawn anew."""
+        """Draw the points again for a new mesh."""
         self._forget()
         self.refresh()
 
     def _forget(self) -> None:
-        """Draw and count no points."""
+        """Remove the drawn points and their counts."""
         self._asked, labels = None, self._document.labels
         self._scene.set_points(None)
         if labels.measured is not None:
             labels.accept_counts(labels.measured, labels.measured)
 
     def refresh(self) -> None:
-        """Draw the points of the document, or none, and count them in the measured regions."""
+        """Draw the points of the document, and count them in the measured regions."""
         document, before = self._document, self._asked
         mesh, points, measured = document.mesh, document.points.shown, document.labels.measured
         if mesh is None or points is None:

@@ -65,17 +65,16 @@ def aggregate_features(
 ) -> DataFrame:
     """Compute the mean of features over each domain; the index is the domain, NaN for -1.
 
-    `InputError` is raised if numbers of rows differ, or a weight is negative.
+    `InputError` is raised if the numbers of rows differ, or a weight is negative.
 
     Parameters
     ----------
     features : Features, DataFrame or array_like, shape (n, f) or (n,)
-        A row for each vertex. NaN has no weight.
+        A row for each vertex; NaN is left out.
     labels : array_like of int, shape (n,)
         The domain of each vertex, -1 for none.
     weights : array_like, shape (n,), optional
-        Such as `Mesh.vertex_areas`; without, and for domains of weight 0, all vertices have the
-        same.
+        Such as `Mesh.vertex_areas`; equal by default, and in domains of weight 0.
 
     Examples
     --------
@@ -155,7 +154,7 @@ def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike)
 def condense_mesh_to_graph(
     mesh: MeshLike, labels: npt.ArrayLike, nuc_point: npt.ArrayLike | None = None
 ) -> tuple[DataFrame, DataFrame]:
-    """Make the graph of domains: a node for each, an edge for each two that touch.
+    """Make the graph of domains: a node for each domain, an edge for each adjacent pair.
 
     `InputError` is raised if labels do not match the mesh, or no vertex is in a domain.
 
@@ -165,13 +164,13 @@ def condense_mesh_to_graph(
     Returns
     -------
     nodes : DataFrame
-        Row i is domain i: its mean position over the area ``x, y, z``, ``area`` and ``n_vertices``,
-        area and vertices of its component ``component_area`` and ``component_n_vertices``, and
-        ``distance_to_nucleus``. The area of a vertex is a third of that of its faces.
+        Row i is domain i: its area-weighted mean position ``x, y, z``, its ``area`` and
+        ``n_vertices``, ``component_area`` and ``component_n_vertices`` of its connected component,
+        and ``distance_to_nucleus``. The area of a vertex is a third of that of its faces.
     edges : DataFrame
-        ``source`` < ``target``, ``boundary_length``, ``count`` of mesh edges between both, and
-        ``edge_length``, the distance of the two positions. A mesh edge between two domains has for
-        boundary length the sum of the incircle radii of its faces.
+        ``source`` < ``target``, ``boundary_length``, ``count`` of mesh edges between both domains,
+        and ``edge_length``, the distance of the two positions. A mesh edge between two domains adds
+        the sum of the incircle radii of its faces to the boundary length.
 
     Examples
     --------
@@ -191,7 +190,7 @@ def condense_mesh_to_graph(
     positions = domain_means(surface.vertices, known, areas)[1:]
     inside, used = np.flatnonzero(known >= 0), component >= 0
     of_domain = np.full(k, -1)
-    of_domain[known[inside[::-1]]] = component[inside[::-1]]  # that of its lowest vertex
+    of_domain[known[inside[::-1]]] = component[inside[::-1]]  # component of the lowest vertex
     values = [
         *positions.T,
         np.bincount(known[inside], areas[inside], k),
@@ -210,7 +209,7 @@ def condense_mesh_to_graph(
 
 
 def _boundaries(mesh: Mesh, labels: IntArray, k: int) -> tuple[IntArray, FloatArray, IntArray]:
-    """Return pairs of domains that touch as ``low * k + high``, lengths and numbers of edges."""
+    """Return adjacent domains as ``low * k + high``, boundary lengths, and numbers of edges."""
     at = np.flatnonzero(mesh.distinct_corners)
     faces = mesh.faces[at]
     corners = mesh.vertices[faces]

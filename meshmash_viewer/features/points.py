@@ -32,20 +32,20 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from scipy.spatial import cKDTree
 
-#: Default of the largest distance from a vertex, as a share of the diagonal of the mesh.
+#: Default of the largest distance from a vertex, relative to the diagonal of the mesh.
 NEAR = 0.01
-#: Names of columns whose values are identifiers, of which sums mean nothing.
+#: Names of columns of identifiers, which are not summed.
 _IDENTIFIER = re.compile(
     "(.*[^a-z])?((pre|post)?(root|body|seg|segment|supervoxel|synapse|cell)_?)?ids?", re.IGNORECASE
 )
-#: Voxels that volumes of electron microscopy often have, in nm.
+#: Usual voxel sizes of electron microscopy, in nm.
 _VOXELS = ((4, 4, 40), (8, 8, 40), (16, 16, 40), (32, 32, 40), (4, 4, 30), (8, 8, 8), (16, 16, 16))
-#: Points that are looked at to find their likely unit.
+#: Number of points from which their likely unit is found.
 _SAMPLE = 300
 
 
 class FarPointsError(InputError):
-    """No point is near the mesh; `unit` is the one in which most would be, "" for none."""
+    """No point is near the mesh; in `unit` most points would be near, "" if there is none."""
 
     def __init__(self, said: str, unit: str) -> None:
         super().__init__(said)
@@ -54,7 +54,7 @@ class FarPointsError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points with their other columns, as a file has them; see `read_points`.
+    """Points with the other columns of their table; see `read_points`.
 
     `InputError` is raised if there is no point, or a coordinate is not finite.
 
@@ -62,15 +62,15 @@ class Points:
     ----------
     positions : array_like, shape (k, 3)
     columns : dict of str to ndarray, shape (k,)
-        Numbers, or objects: text, and whole numbers of which some are missing, as None.
+        Numbers, or objects: text, and whole numbers with None where one is missing.
     unit : str
-        Such as "µm", or "4 × 4 × 40 nm" for coordinates that count voxels; "" for that of the mesh.
+        Such as "µm", or "4 × 4 × 40 nm" for coordinates that count voxels; "": as the mesh.
     id : str
-        The column that identifies them; "" for none.
+        The column of identifiers; "" for none.
     name, path : str
-        Of the file; "" if they are from a script.
+        Of the file; "" for points from memory.
     remarks : tuple of str
-        What was left out.
+        Sentences on rows that were left out.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class Points:
 
     @cached_property
     def summed(self) -> tuple[str, ...]:
-        """Names of the columns that have sums: those of numbers, but no identifiers."""
+        """Names of the columns that can be summed: numbers, except identifiers."""
         return tuple(
             name
             for name, values in self.columns.items()
@@ -131,9 +131,9 @@ class ProjectedPoints:
     vertices : ndarray of int64, shape (k,)
         Nearest vertex of the mesh, -1 for points that are farther than `max_distance`.
     distances : ndarray of float64, shape (k,)
-        From that vertex; NaN for those.
+        Distance from that vertex; NaN without a vertex.
     remarks : tuple of str
-        What was left out, and whether the points may be in another unit.
+        Sentences on rows that were left out, and on a likely other unit.
 
     Examples
     --------
@@ -156,12 +156,12 @@ class ProjectedPoints:
 
     @cached_property
     def near(self) -> npt.NDArray[np.bool_]:
-        """Which points have a vertex, shape (k,)."""
+        """Mask of the points that have a vertex, shape (k,)."""
         return np.asarray(self.vertices >= 0)
 
     @property
     def n_near(self) -> int:
-        """How many points have a vertex."""
+        """Number of points that have a vertex."""
         return int(np.count_nonzero(self.near))
 
     @property
@@ -170,7 +170,7 @@ class ProjectedPoints:
         return np.where(self.near, self.mesh.file_indices[self.vertices], -1)
 
     def at(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Values of shape (n, ...) at the vertex of each point; NaN, or None, without one."""
+        """Return values of shape (n, ...) at the vertex of each point; NaN or None without one."""
         found = values[self.vertices]
         if not self.near.all():
             kind = found.dtype if found.dtype.kind in "fO" else np.float64
@@ -179,11 +179,11 @@ class ProjectedPoints:
         return found
 
     def sums(self, groups: npt.NDArray[np.integer], n_groups: int) -> dict[str, npt.NDArray[Any]]:
-        """Count the points of each group, and sum their columns without rounding between.
+        """Count the points of each group, and sum their columns exactly.
 
         `groups`, shape (n,), is the group of each vertex from 0, -1 for none. The result has
-        ``points``, and ``sum NAME`` of each column of `Points.summed` without missing values, both
-        of shape (n_groups,).
+        ``points``, and ``sum NAME`` for each column of `Points.summed`, all of shape (n_groups,).
+        Missing values are left out.
         """
         of_point = np.where(self.near, groups[self.vertices], -1)
         inside = np.flatnonzero(of_point >= 0)
@@ -199,7 +199,7 @@ class ProjectedPoints:
     def per_label(self, labels: VertexMap | npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
         """Count the points of each label or domain, and sum their columns, as `sums` does.
 
-        Of `labels`, shape (n,), without names each number is a ``label``, also 0 and -1.
+        If `labels`, shape (n,), have no names, each number is a ``label``, also 0 and -1.
 
         Examples
         --------
@@ -226,9 +226,10 @@ class ProjectedPoints:
     def table(self, *features: Features | VertexMap) -> dict[str, npt.NDArray[Any]]:
         """Return all columns by name, one row a point, with features or maps at its vertex.
 
-        After those of `Points` come ``x``, ``y``, ``z`` in the unit of the mesh, ``vertex``, the
-        index in the mesh file, and ``distance``. Points without a vertex have None as that, and NaN
-        or None after it. Of a map with labels, names are given. A name that is taken gets a number.
+        The columns of `Points` are followed by ``x``, ``y``, ``z`` in the unit of the mesh,
+        ``vertex``, the index in the mesh file, ``distance``, and the features. Without a vertex,
+        ``vertex`` is None, and later columns are NaN or None. A map with labels gives their names.
+        A number is added to repeated names.
         """
         vertex = self.at(self.mesh.file_indices.astype(object))
         vertex = vertex.astype(np.int64) if self.near.all() else vertex
@@ -265,11 +266,11 @@ class ProjectedPoints:
             raise InputError(f"The column {self.points.id} is not a whole number in each row.")
         if len(ids) and int(ids.max()) >= 2**63:
             raise InputError(f"The {self.points.id} {ids.max()} is not below 2**63, as in a map.")
-        # numbers of 64 bits with and without a sign would become floating-point ones
+        # int64 and uint64 together would be converted to float64
         return np.column_stack([ids.astype(np.int64), self.file_vertices])[self.near]
 
     def describe(self, point: int) -> str:
-        """Write what a point is: its identifier or row, and its distance from the vertex."""
+        """Return the identifier or row of a point, and its distance from the vertex, as text."""
         ids = self.points.columns.get(self.points.id)
         named = f"point {point:,}" if ids is None else f"{self.points.id} {ids[point]}"
         return f"{named}, {format_quantity(float(self.distances[point]), self.mesh.unit)} away"
@@ -278,7 +279,7 @@ class ProjectedPoints:
 def project_points(
     mesh: MeshLike, points: Points | npt.ArrayLike, max_distance: float | None = None
 ) -> ProjectedPoints:
-    """Find the nearest vertex of each point; vertices of no face are not taken.
+    """Find the nearest vertex of each point, among the vertices of faces.
 
     `InputError` is raised if no point is within the distance; the message names the likely unit.
 
@@ -287,8 +288,8 @@ def project_points(
     points : Points or array_like, shape (k, 3)
         Positions alone are in the unit of the mesh.
     max_distance : float, optional
-        Distance up to which a point has a vertex, in the unit of the mesh; by default a hundredth
-        of the diagonal of the mesh, at least two edges of a typical triangle.
+        Maximum distance of a point from its vertex, in the unit of the mesh. By default a hundredth
+        of the diagonal of the mesh, but at least two edges of a typical triangle.
 
     Examples
     --------
@@ -332,7 +333,10 @@ def project_points(
 def _elsewhere(
     mesh: Mesh, points: Points, tree: cKDTree, limit: float, outside: int, near: float
 ) -> tuple[str, str]:
-    """Say that all but a share are far from a mesh, and return the unit in which most are near."""
+    """Return a sentence on points far from the mesh, and the unit in which most would be near.
+
+    `near` is the share of points that are near in the given unit.
+    """
     sample = Points(points.positions[:: max(1, len(points) // _SAMPLE)])
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.rint(mesh.bounds.mean(axis=0) / np.median(points.positions, axis=0))
@@ -361,13 +365,13 @@ def _is_numeric(values: npt.NDArray[Any]) -> bool:
 
 
 def _sum(values: npt.NDArray[Any]) -> float | int:
-    """The sum without missing values: exact of whole numbers, else rounded once."""
+    """Return the sum without missing values: exact for whole numbers, else rounded once."""
     known = [each for each in values.tolist() if each is not None and each == each]
     return sum(known) if values.dtype.kind in "biuO" else math.fsum(known)
 
 
 def _named_values(known: VertexMap) -> npt.NDArray[Any]:
-    """Values of a map, or the names of its labels, None without one."""
+    """Return the values of a map, or the names of its labels, None without a label."""
     if not known.labels:
         return known.values
     names = np.array([*(each.name for each in known.labels), None], dtype=object)

@@ -1,4 +1,4 @@
-"""Files of condensed features, of graphs of domains, and of objects at vertices, as meshmash has.
+"""Files of condensed features, of graphs of domains, and of objects at vertices, as in meshmash.
 
 A file of features has the arrays ``X``, float32, whose row 0 belongs to label -1 and row i + 1 to
 domain i, and ``labels``, int32, one for each vertex of the raw mesh. One of a graph has ``nodes``
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 #: Files of column names.
 HEADER, NODES_HEADER, EDGES_HEADER = "header.txt", "nodes_header.txt", "edges_header.txt"
-#: Columns of edges with the nodes that they connect.
+#: Columns with the nodes of an edge.
 _ENDS = EDGE_COLUMNS[:2]
 #: Map of the domain of each vertex, which becomes a label set.
 DOMAINS = "domains"
@@ -47,8 +47,8 @@ ID_MAP = "id_to_mesh_map"
 def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.ArrayLike) -> None:
     """Write features of domains to ``NAME.npz``, and the names of their columns to ``header.txt``.
 
-    Both are written as a whole or not at all. `InputError` is raised if the numbers of domains
-    differ, or the folder has a header of other columns.
+    Either both are written or none. `InputError` is raised if the numbers of domains differ, or the
+    folder has a header of other columns.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
 def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
     """Read features of domains and the domain of each vertex; see `write_condensed_features`.
 
-    The index of the features is the domain from -1 on. `InputError` is raised if the file is none,
-    or does not match ``header.txt`` next to it.
+    The index of the features is the domain from -1 on. `InputError` is raised if the file is
+    invalid, or does not match ``header.txt`` next to it.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) 
 def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
     """Read the nodes and edges of a graph of domains; see `write_condensed_graph`.
 
-    Row i of the nodes is domain i. `InputError` is raised if the file is none, or does not match
+    Row i of the nodes is domain i. `InputError` is raised if the file is invalid, or does not match
     its headers.
 
     Examples
@@ -167,9 +167,9 @@ def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
 
 
 def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) -> None:
-    """Write which vertex of the raw mesh each object, such as a synapse, is at, -1 for none.
+    """Write the vertex of the raw mesh for each object, such as a synapse; -1 for none.
 
-    Both are whole numbers of shape (k,), or `InputError` is raised.
+    `InputError` is raised unless both are whole numbers of shape (k,).
 
     Examples
     --------
@@ -193,7 +193,7 @@ def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) 
 def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
     """Read objects and the vertex of each, both of shape (k,); see `write_id_map`.
 
-    `InputError` is raised if the file is none.
+    `InputError` is raised if the file is invalid.
 
     Examples
     --------
@@ -211,7 +211,7 @@ def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
 
 
 def holds(path: str | Path, *names: str) -> bool:
-    """Whether a file is an archive that has some arrays."""
+    """Whether a file is an NPZ archive with the named arrays."""
     try:
         with zipfile.ZipFile(path) as archive:
             return {f"{name}.npy" for name in names} <= set(archive.namelist())
@@ -222,10 +222,10 @@ def holds(path: str | Path, *names: str) -> bool:
 def labelled_domains(
     maps: Sequence[VertexMap], mesh: Mesh
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Replace the map of domains by a label set, the last; return all, and a clause on groups.
+    """Replace the map of domains by a label set, and return all maps and a remark on groups.
 
-    Domains that touch have different colours. Where there are more than labels can be, a label is a
-    group of domains that do not touch, and the map of their numbers stays.
+    Adjacent domains have different colours. If domains outnumber the possible labels, a label is a
+    group of domains that are not adjacent, and the map of their numbers stays.
     """
     given = next((each for each in maps if each.name == DOMAINS), None)
     if given is None:
@@ -255,7 +255,7 @@ def labelled_domains(
 
 
 def _distinct(corners: IntArray, count: int) -> list[int]:
-    """Give each domain the lowest number that no lower domain has which shares a face with it."""
+    """Return a number for each domain, different from those of adjacent domains (greedy)."""
     pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     pairs = np.sort(pairs[(pairs[:, 0] != pairs[:, 1]) & (pairs >= 0).all(axis=1)], axis=1)
     lower: list[set[int]] = [set() for _ in range(count)]
@@ -269,7 +269,7 @@ def _distinct(corners: IntArray, count: int) -> list[int]:
 
 
 def _check_graph(nodes: DataFrame, edges: DataFrame, subject: str) -> None:
-    """Raise `InputError` if a graph lacks columns, or an edge ends at no node."""
+    """Raise `InputError` if a graph lacks columns, or an edge has an end that is no node."""
     for table, needed in ((nodes, NODE_COLUMNS[:3]), (edges, _ENDS)):
         if missing := [name for name in needed if name not in table.columns]:
             raise InputError(f"{subject} no column {missing[0]}")
@@ -307,7 +307,7 @@ def _write(
 def _header(
     path: Path, name: str, count: int, usual: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
-    """Return the names of columns, `usual` ones if there is no file of them."""
+    """Return the names of columns in a header file, `usual` ones if there is no such file."""
     header = path.with_name(name)
     if not header.exists():
         if usual is not None and count <= len(usual):
@@ -324,7 +324,7 @@ def _header(
 
 @contextlib.contextmanager
 def _reading(path: str | Path, *names: str) -> Iterator[list[npt.NDArray[Any]]]:
-    """Yield arrays of a file; messages of `InputError` then begin with its name."""
+    """Yield arrays of a file; messages of `InputError` in the context begin with its name."""
     require("pandas")
     try:
         if not Path(path).exists():

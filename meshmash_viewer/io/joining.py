@@ -1,4 +1,4 @@
-"""Joining of vertices at one place, for formats that repeat a vertex in each of its faces."""
+"""Joining of coincident vertices, for formats that repeat a vertex in each of its faces."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from meshmash_viewer.surface.edges import connected
 #: Distance below which two vertices are one, relative to the longest side of the mesh: half the
 #: step between float32 numbers at its ends, if its middle is at the origin.
 _OF_EXTENT = 2.0**-26
-#: The same relative to the smallest face at either vertex, measured by its longest edge. A face
-#: smaller than the second, relative to the longest side of the mesh, is itself a residue.
+#: The same relative to the smallest face at either vertex, measured by its longest edge; and the
+#: size relative to the longest side of the mesh below which a face is a rounding residue.
 _OF_FACE, _LEAST_FACE = 2.0**-7, 2.0**-38
 #: Beyond it squared distances are not finite.
 _LARGEST = 1e150
 
 
 def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
-    """Join vertices at the same place, and drop the triangles that collapse by it.
+    """Join coincident vertices, and drop the triangles that collapse.
 
-    Exporters leave residues such as 1e-17 for 0. The same place therefore means closer than 2⁻²⁶ of
-    the longest side of the mesh, and than 2⁻⁷ of the smallest face at either vertex, wherever the
-    origin is. Vertices, shape (n, 3), are as they were written, before any transform; those that
-    are left keep their order, and their indices are returned, too. `InputError` is raised if a
-    coordinate is not finite, or is so large that most faces are residues next to it.
+    Exporters leave rounding residues such as 1e-17 for 0. Vertices are therefore coincident if they
+    are closer than 2⁻²⁶ of the longest side of the mesh and 2⁻⁷ of the smallest face at either
+    vertex, independently of the origin. `vertices`, shape (n, 3), are those of the file, before any
+    transform. The remaining vertices keep their order; their indices are the third result.
+    `InputError` is raised if a coordinate is not finite, or so large that most faces are residues.
     """
     if not len(vertices):
         return vertices, faces, np.arange(0)
     if not np.isfinite(vertices).all():
         raise InputError("has a vertex with a coordinate that is not finite")
-    points = vertices + 0.0  # -0.0 and 0.0 are the same place
+    points = vertices + 0.0  # makes -0.0 equal to 0.0 in bits
     representative = first_equal(points)
     faces = representative[faces]
     faces = faces[distinct_corners(faces)]
-    # joining exact copies first leaves a sixth of the points to the search for near copies
+    # joining exact copies first leaves a sixth of the points for the search of near copies
     used = np.zeros(len(points), dtype=np.bool_)
     used[faces] = True
     used_at, number = np.flatnonzero(used), np.cumsum(used) - 1
@@ -49,11 +49,11 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
 
 
 def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
-    """For each of the points, all of which are in faces, the first at its place."""
+    """Return for each point the first coincident one; all points are in faces."""
     from scipy.spatial import cKDTree
 
     first = np.arange(len(points))
-    if not len(points) or np.abs(points).max() > _LARGEST:  # the mesh itself refuses larger ones
+    if not len(points) or np.abs(points).max() > _LARGEST:  # refused when the mesh is made
         return first
     reach = _reach(points, faces)
     while True:
@@ -61,18 +61,18 @@ def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
         tree: Any = cKDTree(points[left])
         most = float(reach[left].max())
         distances, nearest = tree.query(tree.data, k=2, distance_upper_bound=most)
-        other = np.minimum(nearest[:, 1], len(left) - 1)  # where there is none, the distance is inf
+        other = np.minimum(nearest[:, 1], len(left) - 1)  # without a neighbour the distance is inf
         near = np.flatnonzero(distances[:, 1] <= np.minimum(reach[left], reach[left[other]]))
         if not len(near):
             return first
-        # the nearest of the joined points may be near, too: points of one place are many
+        # more than two points may be coincident: repeat until none is near
         labels = connected(near, other[near], len(left))
         _, lowest = np.unique(labels, return_index=True)
         first = left[lowest[labels]][np.searchsorted(left, first)]
 
 
 def _reach(points: FloatArray, faces: IntArray) -> FloatArray:
-    """How near another vertex must be to be the same, shape (n,)."""
+    """Return the distance within which another vertex is coincident, shape (n,)."""
     a, b, c = (points[faces[:, corner]] for corner in range(3))
     edges = [np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))]
     longest = np.max(edges, axis=0)

@@ -1,4 +1,4 @@
-"""Links to the meshes of segments: layers of Neuroglancer, its URLs, and files of one link."""
+"""Links to the meshes of segments: sources of layers, URLs of Neuroglancer, and link files."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _SCHEME = re.compile(r"[a-z][a-z0-9+]+://", re.IGNORECASE)
 _LAYER = re.compile(
     r"(?:(precomputed|graphene)://)?((?:gs|s3|file|(?:middleauth\+)?https?)://\S.*)", re.IGNORECASE
 )
-#: How Neuroglancer writes the same since 2025: "gs://bucket/layer/|neuroglancer-precomputed:".
+#: Form of sources in Neuroglancer since 2025: "gs://bucket/layer/|neuroglancer-precomputed:".
 _PIPED = re.compile(r"(.*)\|(neuroglancer-precomputed|graphene):?/?", re.IGNORECASE)
 #: The segment and the level of detail at the end of a `MeshLink`.
 _CHOSEN = re.compile(r"#segment=(\d+)(?:&lod=(\d+))?$")
-#: Bytes of the largest file of a link.
+#: Bytes that are read of a link file.
 _LARGEST = 10_000
 
 
@@ -39,7 +39,7 @@ class MeshLink:
 
     source: str
     segment: int
-    #: Level of detail, 0 for the finest; None for that, unless it has too many vertices.
+    #: Level of detail, 0 for the finest; None is 0, but refused if it has too many vertices.
     lod: int | None = None
 
     def __str__(self) -> str:
@@ -49,7 +49,7 @@ class MeshLink:
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer that a link names, with the segments that it names of it."""
+    """A layer in a link, with the segments of the layer that the link selects."""
 
     source: str
     segments: tuple[int, ...] = ()
@@ -58,14 +58,14 @@ class Layer:
 
 
 def is_link(text: object) -> TypeGuard[str]:
-    """Whether an argument is a link, not the path of a file."""
+    """Whether an argument is a link rather than the path of a file."""
     return isinstance(text, str) and _SCHEME.match(text.strip()) is not None
 
 
 def parse_link(text: str, segment: int | str | None = None, lod: int | None = None) -> MeshLink:
-    """Return the link that a text names, with a segment where it names none or several.
+    """Return the link in a text; `segment` is needed unless the text selects exactly one.
 
-    `InputError` is raised if it is no link, names no segment or several, or holds a secret.
+    `InputError` is raised if the text is no link or holds a secret, or the segment is ambiguous.
     """
     layers = layers_of(text)
     if lod is not None and lod < 0:
@@ -97,7 +97,7 @@ def parse_link(text: str, segment: int | str | None = None, lod: int | None = No
 
 
 def segment_id(text: int | str) -> int:
-    """Return the id of a segment; `InputError` is raised if it is none."""
+    """Return the id of a segment; `InputError` is raised if it is no id."""
     written = str(text).strip()
     if not re.fullmatch(r"[0-9]{1,20}", written) or not 0 < int(written) < 2**64:
         raise InputError(
@@ -108,9 +108,9 @@ def segment_id(text: int | str) -> int:
 
 
 def layers_of(text: str) -> tuple[Layer, ...]:
-    """Return the layers with meshes that a link names: one, or those of a URL of Neuroglancer.
+    """Return the layers of a link: one, or all segmentation layers of a URL of Neuroglancer.
 
-    `InputError` is raised if there is none, or the link holds a secret.
+    `InputError` is raised if there is no layer, or the link holds a secret.
     """
     text = text.strip()
     _, mark, state = text.partition("#!")
@@ -150,20 +150,20 @@ def _layers_of_state(state: str) -> tuple[Layer, ...]:
 
 
 def _layer_of_entry(entry: dict[str, Any]) -> Layer | None:
-    """Return the layer of an entry of the state, if it is one of segments."""
+    """Return the layer of an entry of the state, None if it is no segmentation."""
     sources = entry.get("source", [])
     for given in sources if isinstance(sources, list) else [sources]:
         url = str(given.get("url", "") if isinstance(given, dict) else given)
         kind = entry.get("type", "segmentation").removesuffix("_with_graph")
         if kind == "segmentation" and (_LAYER.fullmatch(url) or _PIPED.fullmatch(url)):
-            # a "!" is before those that are not shown
+            # hidden segments begin with "!"
             ids = (str(each).lstrip("!") for each in entry.get("segments", []))
             return Layer(_source(url), tuple(map(segment_id, ids)), name=str(entry.get("name", "")))
     return None
 
 
 def _source(text: str) -> str:
-    """Return the source of a layer as it is stored and shown."""
+    """Return the source of a layer in the form that is stored and shown."""
     piped = _PIPED.fullmatch(text)
     if piped:
         text = f"{piped[2].lower().removeprefix('neuroglancer-')}://{piped[1]}"
@@ -195,7 +195,7 @@ def _short(layers: tuple[Layer, ...] | list[Layer]) -> str:
 
 
 def link_file(link: MeshLink) -> Path:
-    """Return the file of a link in the folder of links, by which lists and sessions know it.
+    """Write a link to the folder of links, and return the file, which sessions refer to.
 
     `InputError` is raised if it cannot be written.
     """
@@ -207,7 +207,7 @@ def link_file(link: MeshLink) -> Path:
 
 
 def read_link(path: Path) -> MeshLink:
-    """Return the link in a file; `InputError` is raised if there is none."""
+    """Return the link in a file; `InputError` is raised if the file holds no link."""
     try:
         text = path.read_bytes()[:_LARGEST].decode("utf-8").strip()
     except (OSError, UnicodeDecodeError):
@@ -218,7 +218,7 @@ def read_link(path: Path) -> MeshLink:
 
 
 def shown_path(path: Path) -> str:
-    """Return the path of a file as it is shown; for a file in the folder of links, the link."""
+    """Return the text that shows a file: its path, or the link in a file of the link folder."""
     link = _known_link(path)
     return str(path) if link is None else str(link)
 
@@ -231,11 +231,11 @@ def name_and_place(path: Path) -> tuple[str, str]:
 
 def _known_link(path: Path) -> MeshLink | None:
     if path.suffix == LINK_ENDING and path.parent.parent == link_folder():
-        with contextlib.suppress(InputError):  # reading the mesh says what is wrong with it
+        with contextlib.suppress(InputError):  # reading the mesh reports the fault
             return read_link(path)
     return None
 
 
 def folder_of(path: Path | None) -> Path:
-    """Return the folder in which results are suggested for a mesh; empty for links and None."""
+    """Return the default folder for results of a mesh; empty for links and None."""
     return Path() if path is None or path.suffix == LINK_ENDING else path.parent

@@ -33,18 +33,18 @@ _AXES = ("x", "y", "z")
 #: The name of a column of one coordinate: "x", "ctr_pt_x", "pre_pt_position_x".
 _AXIS = re.compile(r"(?:(?P<stem>.+)[_ .])?(?P<axis>[xyz])", re.IGNORECASE)
 _NUMBER = r"(?:np\.\w+\()?([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\)?"
-#: Three numbers in one field: "[1 2 3]", "(1.5, 2, 3)".
+#: A field with three numbers: "[1 2 3]", "(1.5, 2, 3)".
 _TRIPLE = re.compile(rf"\s*[\[(]\s*{_NUMBER}[\s,;]+{_NUMBER}[\s,;]+{_NUMBER}\s*[\])]\s*")
-#: Names of the column that identifies a point, in lower case.
+#: Names of a column of identifiers, in lower case.
 _IDS = ("id", "synapse_id", "point_id", "object_id")
-#: Bytes of a text from which its columns are known.
+#: Bytes of a text file that are read to recognize its columns.
 _BEGINNING = 20_000
 
 Columns = dict[str, npt.NDArray[Any]]
 
 
 class SeveralPositionsError(InputError):
-    """A table has several positions in a row, of which one has to be named."""
+    """A table has several positions in a row; the caller has to name one of `stems`."""
 
     def __init__(self, name: str, stems: Iterable[str]) -> None:
         self.stems = tuple(stem or "x" for stem in stems)
@@ -57,21 +57,21 @@ def read_points(
 ) -> Points:
     """Read points with the other columns of their table, which keep their types.
 
-    Positions are three columns ``x``, ``y``, ``z``, or such as ``ctr_pt_x``, ``ctr_pt_y``,
-    ``ctr_pt_z``; or one of three numbers such as ``ctr_pt_position``, in text as "[1 2 3]". Rows
-    without one are left out, with a remark. A column ``id`` or ``synapse_id`` identifies the
-    points. `InputError` is raised if it cannot be read, has no rows or no positions, or several of
-    which none is named.
+    Positions are three columns such as ``x``, ``y``, ``z`` or ``ctr_pt_x``, ``ctr_pt_y``,
+    ``ctr_pt_z``, or one column of three numbers such as ``ctr_pt_position``, in text as "[1 2 3]".
+    Rows without a position are left out, with a remark. A column ``id`` or ``synapse_id``
+    identifies the points. `InputError` is raised if the table cannot be read, has no rows or no
+    positions, or has several positions and `position` is empty.
 
     Parameters
     ----------
     table : str, Path or mapping of str to array_like
         CSV, Parquet or Feather file, or a table in memory such as a pandas ``DataFrame``.
     unit : str
-        Unit of the positions: "nm", or "4 x 4 x 40 nm" if they count voxels; "" for that of the
-        mesh that they will be projected onto.
+        Unit of the positions: "nm", or "4 x 4 x 40 nm" if they count voxels; "" for the unit of the
+        mesh that they are projected onto.
     position : str
-        Which position, where there are several: "pre_pt_position".
+        Name of one position if the table has several: "pre_pt_position".
 
     Examples
     --------
@@ -120,7 +120,7 @@ def read_points(
 
 
 def has_positions(path: Path) -> bool:
-    """Whether a file is a table of points: with a position in each row, for no named vertices."""
+    """Whether a file is a table with positions and without a column ``vertex``."""
     try:
         columns = _read(path, beginning=True)
     except InputError:
@@ -170,7 +170,7 @@ def write_points(
 
 
 def _read(path: Path, *, beginning: bool = False) -> Columns:
-    """Read the columns of a file; of its `beginning` some rows."""
+    """Read the columns of a file; with `beginning` its first rows only."""
     ending = path.suffix.lower()
     if ending not in POINT_ENDINGS:
         raise InputError(
@@ -195,7 +195,7 @@ def _read(path: Path, *, beginning: bool = False) -> Columns:
 
 
 def _held(given: Any) -> npt.NDArray[Any]:
-    """A column in memory; text, and lists such as three numbers, as objects."""
+    """Return a column of a table in memory; text and lists have dtype object."""
     made = np.asarray(given)
     if made.ndim == 1 and made.dtype.kind not in "US":
         return made
@@ -205,7 +205,7 @@ def _held(given: Any) -> npt.NDArray[Any]:
 
 
 def _counts_rows(name: str, values: npt.NDArray[Any]) -> bool:
-    """Whether a column is the number of each row, as pandas adds it."""
+    """Whether a column holds row numbers, as pandas writes them."""
     whole = name in ROW_NUMBERS and values.dtype.kind in "iu"
     return whole and np.array_equal(values, np.arange(len(values)))
 
@@ -243,7 +243,7 @@ def _from_arrow(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
 
 
 def _positions(columns: Columns) -> dict[str, tuple[str, ...]]:
-    """The names of the columns of each position, by what they have in common."""
+    """Return the names of the columns of each position, by their common stem."""
     stems: dict[str, dict[str, str]] = {}
     for name in columns:
         if match := _AXIS.fullmatch(name):
@@ -255,7 +255,7 @@ def _positions(columns: Columns) -> dict[str, tuple[str, ...]]:
 
 
 def _is_triple(values: npt.NDArray[Any]) -> bool:
-    """Whether a column holds three numbers in a field."""
+    """Whether the first value of a column is three numbers."""
     if values.dtype.kind != "O":
         return False
     first = next((each for each in values if each is not None), None)
@@ -265,7 +265,7 @@ def _is_triple(values: npt.NDArray[Any]) -> bool:
 
 
 def _coordinates(name: str, columns: Columns, names: tuple[str, ...]) -> FloatArray:
-    """The positions in some columns, shape (k, 3); NaN where there is none."""
+    """Return the positions in columns, shape (k, 3); missing ones are NaN."""
     axes = len(names) == 3
     parse, wanted = (_number, "a number") if axes else (_three_numbers, "three numbers")
     found = []

@@ -1,4 +1,4 @@
-"""Meshes of segments, read by cloud-volume in a child process, with progress and Cancel."""
+"""Meshes of segments, read by cloud-volume in a child process that can be cancelled."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback,
 from meshmash_viewer.units import counted
 from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child
 
-#: Called in the child process with the share that is done and the expected number of vertices.
+#: Called in the child process with the completed share and the expected number of vertices.
 _Note: TypeAlias = Callable[[float, float], None]
 
-#: Vertices that are read without being asked for by a level of detail.
+#: Maximum number of vertices unless a level of detail is given.
 MOST_VERTICES = 20_000_000
-#: Bytes of a vertex with its two faces in a mesh that is not packed, and the fewest in one that is.
+#: Bytes of a vertex with its two faces, and the minimum in a compressed mesh.
 _BYTES, _PACKED_BYTES = 36, 0.5
-#: Fragments that are fetched at a time.
+#: Number of fragments fetched at a time.
 _AT_ONCE = 64
-#: Seconds without any sign after which a download is given up, and until a server must answer.
+#: Timeouts in seconds: of a download without progress, and of a connection.
 _SILENCE, _ANSWER = 300.0, 8.0
-#: Statuses of HTTP for lacking credentials.
+#: HTTP status codes of missing credentials.
 _REFUSED = (401, 403)
 _MISSING = "has no mesh; check the id, or open another segment."
 _ONE_LEVEL = "has one level of detail; leave it out, or give 0."
 #: Hosts of the cloud storages.
 _HOSTS = {"gs": "storage.googleapis.com", "s3": "s3.amazonaws.com"}
-#: Parts of the names of exceptions of cloud libraries, and what they mean.
+#: Parts of the names of exceptions of cloud libraries, and the clauses that explain them.
 _FAULTS = {
     ("Credential", "Authenti", "Forbidden", "Unauthorized", "Permission", "RefreshError"): (
         "may not be read with your permissions or credentials; give cloud-volume those that it"
@@ -66,7 +66,7 @@ _FAULTS = {
 
 
 class SegmentFault(InputError):
-    """A segment cannot be read: a clause with its remedy and a full stop."""
+    """Fault of reading a segment; the message is a clause with a remedy and a full stop."""
 
 
 def read_linked(path: Path) -> RawMesh:
@@ -81,7 +81,7 @@ def read_segment(
 ) -> RawMesh:
     """Read the mesh of a segment, in nm.
 
-    `SegmentFault` is raised if that is not possible, and `Cancelled` if `cancel` returns True.
+    `SegmentFault` is raised if it cannot be read, and `Cancelled` if `cancel` returns True.
     """
     if importlib.util.find_spec("cloudvolume") is None:
         raise SegmentFault(f"is read by {not_installed('cloudvolume', 'neuro')}.")
@@ -101,7 +101,7 @@ def read_segment(
 
 
 class _Follower:
-    """Reports what the child process notes, and raises where it has to end."""
+    """Reports the progress of the child process, and raises to end it."""
 
     def __init__(
         self, notes: Path, progress: ProgressCallback | None, cancel: CancelCallback | None
@@ -114,7 +114,7 @@ class _Follower:
         check_cancelled(self._cancel)
         seconds, memory = tree.measured()
         note = self._notes.read_text() if self._notes.exists() else ""
-        # the last line may not be whole yet
+        # the last line may be incomplete
         note = note.rpartition("\n")[0].rpartition("\n")[2]
         sign = note, int(seconds)
         if sign != self._sign:
@@ -134,7 +134,7 @@ class _Follower:
 
 
 def fetch(link: MeshLink, notes: Path) -> RawMesh:
-    """Read the mesh of a segment in this process, and note the progress in a file."""
+    """Read the mesh of a segment in this process, and append the progress to a file."""
 
     def note(share: float, n_vertices: float) -> None:
         with notes.open("a") as file:
@@ -151,7 +151,7 @@ def fetch(link: MeshLink, notes: Path) -> RawMesh:
 
 
 def _explained(fault: BaseException | None) -> SegmentFault:
-    """Say what an exception of a cloud library means, without its text."""
+    """Explain an exception of a cloud library without its text, which may hold a secret."""
     seen: list[BaseException] = []
     while fault is not None and fault not in seen:
         seen.append(fault)
@@ -171,14 +171,14 @@ def _explained(fault: BaseException | None) -> SegmentFault:
 
 
 def _check_place(source: str) -> None:
-    """Raise `SegmentFault` at once where a library would try for minutes."""
+    """Raise `SegmentFault` if the server is unreachable; libraries would retry for minutes."""
     protocol, _, rest = source.partition("://")[2].partition("://")
     if protocol == "file":
         if os.name == "posix" and not os.path.isdir(rest):
             raise SegmentFault("belongs to no layer; check the link, whose folder does not exist.")
         return
     if {"http", "https", "all"} & set(getproxies()):
-        return  # a proxy finds the host
+        return  # the proxy resolves the host
     place = urlsplit(f"{protocol.removeprefix('middleauth+')}://{rest}")
     host = _HOSTS.get(protocol, place.hostname or "")
     port = None if protocol in _HOSTS else place.port
@@ -213,7 +213,7 @@ def _check_info(place: str) -> None:
     from cloudfiles import CloudFiles
 
     info = CloudFiles(place).get_json("info")
-    if info is None and place.startswith("http"):  # where a refusal looks as if it were missing
+    if info is None and place.startswith("http"):  # cloud-files reports a refusal as missing
         answer = requests.get(f"{place}/info", timeout=_ANSWER)
         if answer.status_code in _REFUSED:
             answer.raise_for_status()
@@ -227,9 +227,9 @@ def _check_info(place: str) -> None:
 
 
 def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
-    """Read fragments that a manifest lists, packed by Draco or not; cloud-volume takes the latter.
+    """Read the fragments in a manifest, also those compressed by Draco, unlike cloud-volume.
 
-    They come in the order of their names, so that the mesh is the same each time.
+    They are sorted by name, so that the mesh is the same each time.
     """
     from cloudfiles import CloudFiles
     from cloudvolume import Mesh
@@ -248,7 +248,7 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
         what = f"lacks {counted(len(lacking), 'fragment')}" if lacking else "lists no fragments"
         raise SegmentFault(f"{what}; report it to those who host the layer.")
     total, done, n_vertices, meshes = sum(sizes.values()), 0, 0, []
-    # the first alone, by which the size of all is estimated
+    # the size of all is estimated from the first, which is fetched alone
     starts = [0, *range(1, len(names), _AT_ONCE), len(names)]
     for batch in (names[start:end] for start, end in itertools.pairwise(starts)):
         found = {each["path"]: each["content"] for each in folder.get(batch)}
@@ -265,13 +265,13 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
 
 
 def _decoded(kind: Any, name: str, content: bytes) -> Any:
-    """Decode a fragment as cloud-volume does."""
+    """Decode a fragment by cloud-volume."""
     try:
         packed = content[:5] == b"DRACO"
         mesh = kind.from_draco(content) if packed else kind.from_precomputed(content)
         if len(mesh.faces) and int(mesh.faces.max()) >= len(mesh.vertices):
             raise ValueError
-    except Exception:  # noqa: BLE001  libraries raise any
+    except Exception:  # noqa: BLE001  decoders raise various types
         raise SegmentFault(
             f"has a broken fragment, {printable(name, 80)}; report it to those who host the layer,"
             " or open another segment."
@@ -291,7 +291,7 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     sizes = [int(each.sum()) for each in manifest.fragment_offsets]
     n_vertices = sizes[lod] / _PACKED_BYTES
     if link.lod is None and n_vertices > MOST_VERTICES * limit_factor():
-        # the coarsest level shows how tightly they are packed
+        # the coarsest level shows the bytes per vertex
         n_coarse = len(source.get(link.segment, lod=n_levels - 1)[link.segment].vertices)
         expected = [n_coarse * size / max(sizes[-1], 1) for size in sizes]
         _check_size(expected)
@@ -304,7 +304,7 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
 
 
 def _check_size(expected: Sequence[float]) -> None:
-    """Raise `SegmentFault` if the first level has too many vertices, and name one that fits."""
+    """Raise `SegmentFault` if the first level has too many vertices; name a level that fits."""
     most = MOST_VERTICES * limit_factor()
     if expected[0] <= most:
         return
@@ -326,7 +326,7 @@ def _millions(n: float) -> str:
 
 
 def _joined(vertices: Any, faces: Any, n_fragments: int) -> RawMesh:
-    """Join fragments where two open edges lie on one another."""
+    """Join fragments at coincident boundary edges."""
     from meshmash_viewer.health import repair_mesh
     from meshmash_viewer.mesh import Mesh
 

@@ -1,4 +1,4 @@
-"""Points next to the open mesh, such as synapses, and how they are drawn."""
+"""Points near the open mesh, such as synapses, and their appearance."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ DEFAULT_SIZE, LARGEST_SIZE = 7, 40
 
 @dataclass(frozen=True, eq=False)
 class PointSet:
-    """A table of points with the choices of a user."""
+    """A table of points with the user's choices."""
 
     table: Points
-    #: Which position of the table, "" for the only one.
+    #: Name of the position in the table; "" if there is only one.
     position: str = ""
     #: Hash of the content of its file.
     hash: str = ""
@@ -31,7 +31,7 @@ class PointSet:
     size: int = DEFAULT_SIZE
 
     def plain(self) -> dict[str, Any]:
-        """What a session holds of it; empty if it is from no file."""
+        """Return the entry of a session; empty for points from memory."""
         if not self.table.path:
             return {}
         known: dict[str, Any] = {"path": self.table.path, "hash": self.hash}
@@ -41,24 +41,24 @@ class PointSet:
 
 
 class DocumentPoints:
-    """The points of the open mesh; what a user changes of them is recorded."""
+    """The points of the open mesh; the history records changes by the user."""
 
-    #: Others are shown, they are drawn otherwise, or their vertices have been found.
+    #: Emitted when other points are shown, or their appearance or their vertices change.
     changed = Signal()
-    #: Those of a session (`PointSet.plain`) are to be read.
+    #: Requests to read the points of a session (`PointSet.plain`).
     requested = Signal(object)
 
     def __init__(self, opened: OpenMesh, history: History) -> None:
         self._opened, self._history = opened, history
         self.shown: PointSet | None = None
-        #: Where they are on the mesh, once that is computed.
+        #: The points projected onto the mesh; None until that is computed.
         self.projected: ProjectedPoints | None = None
-        #: What a session holds of points that are still to be read.
+        #: Entry of a session whose points have not been read yet.
         self._awaited: dict[str, Any] = {}
         history.keep("points", lambda: self.shown, self.put)
 
     def put(self, points: PointSet | None, found: ProjectedPoints | None = None) -> None:
-        """Replace the points without a record; `found` is where they are on the mesh, if known."""
+        """Replace the points without a record in the history; `found` is their projection."""
         before, self.shown, self._awaited = self.shown, points, {}
         projections = [each and (each.table, each.max_distance) for each in (before, points)]
         if found is not None or points is None or projections[0] != projections[1]:
@@ -68,33 +68,33 @@ class DocumentPoints:
     def set(
         self, points: PointSet | None, label: str = "points", found: ProjectedPoints | None = None
     ) -> None:
-        """Replace the points as one change, whose label completes "Undo …"."""
+        """Replace the points as one step of the history; the label completes "Undo …"."""
         self._history.record(label, "points")
         self.put(points, found)
 
     def change(self, label: str, **attributes: Any) -> None:
-        """Change how they are drawn, or projected, as one change."""
+        """Change attributes of the points as one step of the history."""
         if self.shown is not None:
             after = replace(self.shown, **attributes)
             if after.plain() != self.shown.plain() or not after.table.path:
                 self.set(after, label)
 
     def accept(self, found: ProjectedPoints | None) -> None:
-        """Take where the shown points are on the mesh."""
+        """Set the projection of the shown points."""
         if found is not self.projected:
             self.projected = found
             self.changed.emit()
 
     def drop(self) -> None:
-        """Forget the points of another mesh; the caller emits `changed`."""
+        """Remove the points of the previous mesh; the caller emits `changed`."""
         self._awaited, self.shown, self.projected = {}, None, None
 
     def plain(self) -> dict[str, Any]:
-        """What a session holds of the points."""
+        """Return the entry of a session."""
         return self._awaited if self.shown is None else self.shown.plain()
 
     def restore(self, known: dict[str, Any]) -> None:
-        """Request the points of a session; until they are read, `plain` returns that."""
+        """Request the points of a session; until they are read, `plain` returns `known`."""
         if known.get("path"):
             self._awaited = known
             self.requested.emit(known)

@@ -22,11 +22,11 @@ _LEVELS = {
 
 
 class LinkDialog(QDialog):
-    """Asks for a link, and a segment of those that a URL of Neuroglancer names, or any other.
+    """Asks for a link and a segment; segments of a URL of Neuroglancer are listed.
 
-    It stays open until the link can be read. Once it is accepted, `path` is the file of the link,
-    and `compares` whether it is for the second mesh, which `can_compare` offers. `source` is the
-    layer to begin with.
+    It stays open until the link is valid. After it is accepted, `path` is the file of the link, and
+    `compares` is True for the second mesh, which `can_compare` offers. `source` is the layer at
+    first.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class LinkDialog(QDialog):
         self.segment_combo.clear()
         try:
             layers = layers_of(self.link_edit.text())
-        except InputError:  # said when it is to be opened
+        except InputError:  # reported by Open
             layers = ()
         named = len({layer.name for layer in layers}) > 1
         for layer in layers:

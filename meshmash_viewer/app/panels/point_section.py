@@ -1,4 +1,4 @@
-"""Section of the Labels panel: the points over the mesh, and how they are drawn."""
+"""Section of the Labels panel: points near the mesh, and their appearance."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HINT = "Open a table of synapses or other points; Measure then counts them in e
 
 
 class PointSection(QWidget):
-    """Opens and removes points; colour, size and distance of those that are shown."""
+    """Opens and removes points, and sets their colour, size and largest distance."""
 
     open_requested = Signal()
     remove_requested = Signal()
@@ -75,7 +75,7 @@ class PointSection(QWidget):
         self._document.points.change("colour of points", column=name)
 
     def refresh(self) -> None:
-        """Show what the model holds."""
+        """Show the points of the model."""
         points, mesh = self._document.points, self._document.mesh
         shown, found = points.shown, points.projected
         self.open_button.setEnabled(mesh is not None)

@@ -1,4 +1,4 @@
-"""Draco files, and the fragments of meshes that Neuroglancer shows, which are the same."""
+"""Draco files, and mesh fragments of Neuroglancer in the same format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FIRST = b"DRACO"
 
 
 def is_draco(path: Path) -> bool:
-    """Whether a file begins as a Draco file does."""
+    """Whether a file begins with "DRACO"."""
     try:
         with path.open("rb") as file:
             return file.read(len(_FIRST)) == _FIRST
@@ -28,7 +28,7 @@ def read_draco(path: Path) -> RawMesh:
 
 
 def decode_draco(data: bytes) -> RawMesh:
-    """Decode a mesh packed by Draco; `InputError` is raised if it is damaged."""
+    """Decode a mesh compressed by Draco; `InputError` is raised if it is damaged."""
     try:
         import DracoPy
     except ImportError:
