@@ -157,18 +157,22 @@ def refuse_others(
 def chosen_family(
     options: argparse.Namespace, table: Mapping[str, type[Family]], least: int = 1
 ) -> Family:
-    """Return the requested family of a table, and check its parameters.
-
-    `options` is a result of `in_unit`. For `least` see `usual_count`.
-    """
+    """Return `family_of` for the requested family of a table; options of others are refused."""
     chosen = table[options.kind]
-    own = {name: each.option for name, each in options_of(chosen).items()}
-    refuse_others(options, table, own.values())
+    refuse_others(options, table, [each.option for each in options_of(chosen).values()])
+    return family_of(options, chosen, least)
+
+
+def family_of(options: argparse.Namespace, chosen: type[Family], least: int = 1) -> Family:
+    """Return a family with the parameters in the options, a result of `in_unit`, and check them.
+
+    For `least` see `usual_count`.
+    """
     if getattr(options, "tail", None) is not None:
         from meshmash_viewer.features.truncation import check_tail
 
         check_tail(options.tail, chosen.export)
-    given = {name: getattr(options, option) for name, option in own.items()}
+    given = {name: getattr(options, each.option) for name, each in options_of(chosen).items()}
     parameters = {name: value for name, value in given.items() if value is not None}
     count = options.n_components
     if count is None and chosen.counted:

@@ -1,15 +1,16 @@
 """The command ``meshmash-viewer``: the window, and commands without it.
 
-`parsed_command` reads the options; a command (in ``features``, ``commands`` or ``pictures``)
-checks them and calls `for_each` (in ``batch``), which reads each mesh and prints its report.
-Large modules are imported after the arguments are checked. A fault that the user can correct is
-reported in one line on stderr with exit status 2. A defect of the program has status 1, and its
-message names a file with details. Neither stops the other meshes of a batch.
+`parsed_command` reads the options. The command, a function in the module of its name or that in
+`_MODULES`, checks them and calls `for_each` (in ``batch``), which reads each mesh and prints its
+report. Large modules are imported after the arguments are checked. A fault that the user can
+correct is reported in one line on stderr with exit status 2. A defect of the program has status 1,
+and its message names a file with details. Neither stops the other meshes of a batch.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import os
 import sys
@@ -27,6 +28,12 @@ from meshmash_viewer.spectral.engine.compiler import check_compiler, limit_accel
 from meshmash_viewer.work import closed_pipe_errors
 
 _INTERRUPTED = 130
+#: Modules of the commands that are not named as the command.
+_MODULES = {
+    **dict.fromkeys(("info", "compare", "reconstruct", "regions"), "commands"),
+    **dict.fromkeys(("train", "predict"), "classes"),
+    **dict.fromkeys(("render", "gallery", "movie"), "pictures"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -101,24 +108,9 @@ def _run_command(options: Namespace) -> int:
         takes = "one mesh" if options.n_meshes == 1 else "two meshes"
         files = ", ".join(map(str, options.mesh[:3])) + (", …" if len(options.mesh) > 3 else "")
         raise InputError(f"{options.command} takes {takes}, not {len(options.mesh)}: {files}.")
-    from meshmash_viewer.cli import carry, classes, commands, condense, features, pictures, points
-
-    named = {
-        "info": commands.info,
-        "features": features.features,
-        "condense": condense.condense,
-        "compare": commands.compare,
-        "reconstruct": commands.reconstruct,
-        "regions": commands.regions,
-        "points": points.points,
-        "carry": carry.carry,
-        "train": classes.train,
-        "predict": classes.predict,
-        "render": pictures.render,
-        "gallery": pictures.gallery,
-        "movie": pictures.movie,
-    }
-    return named[options.command](options)
+    module = _MODULES.get(options.command, options.command)
+    run = getattr(importlib.import_module(f"meshmash_viewer.cli.{module}"), options.command)
+    return int(run(options))
 
 
 def _open_window(options: Namespace) -> int:

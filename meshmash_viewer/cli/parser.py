@@ -179,6 +179,7 @@ def command_parser() -> ArgumentParser:
     _value(placed, *_LABELS, "the label at each point, and counts of each label")
     about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
     _value(placed, "--id-map", Path, "OUT.npz", about)
+    placed.set_defaults(tail=None, component_column=False)
     _add_output(placed, "OUT", "table to write: .csv .parquet")
     _add_shared(placed, "--map", "--drop-first", *_CLUSTER)
 

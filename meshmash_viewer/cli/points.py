@@ -6,7 +6,7 @@ from argparse import Namespace
 from dataclasses import replace
 from typing import Any
 
-from meshmash_viewer.cli.arguments import chosen_family, options_of, refuse_others
+from meshmash_viewer.cli.arguments import family_of, options_of, refuse_others
 from meshmash_viewer.cli.batch import Report, for_each, with_maps
 from meshmash_viewer.cli.features import computed_features, solved_target
 from meshmash_viewer.errors import InputError
@@ -83,13 +83,8 @@ def _write(mesh: Mesh, options: Namespace) -> Report:
 
 
 def _features(mesh: Mesh, kind: str, options: Namespace, remarks: list[str]) -> Features:
-    """Compute the features of a kind; options of other kinds are ignored."""
-    known = {each.option for each in options_of(EXPORTS[kind]).values()}
-    others = (each.option for family in EXPORTS.values() for each in options_of(family).values())
-    without = dict.fromkeys(option for option in others if option not in known)
-    options = Namespace(**{**vars(options), **without, "kind": kind, "tail": None})
-    options.component_column = False
-    family = chosen_family(options, EXPORTS).at_vertices(mesh.vertex_of)
+    """Compute the features of a kind, and add its remarks."""
+    family = family_of(options, EXPORTS[kind]).at_vertices(mesh.vertex_of)
     family.check_mesh(mesh)
     said: list[str] = []
     mesh = mesh.with_only_maps()
