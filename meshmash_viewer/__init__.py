@@ -1,8 +1,8 @@
 """MeshMash Viewer: Laplacian eigenfunctions, heat kernel signatures and spectral bands of meshes.
 
-The public API is what `__init__.pyi` lists, each name loaded from its module when it is first used,
-so that importing the package costs nothing and loads neither Qt nor VTK. A mesh is
-``(vertices, faces)``, any object with these two attributes, a pyvista ``PolyData`` or a `Mesh`.
+`__init__.pyi` lists the public names. Each is imported from its module at its first use, so that
+importing the package loads neither Qt nor VTK. A mesh is ``(vertices, faces)``, any object with
+these two attributes, a pyvista ``PolyData`` or a `Mesh`.
 
 >>> import meshmash_viewer as mv
 >>> mesh = mv.read_mesh("neuron.ply", unit="nm")

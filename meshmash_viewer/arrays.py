@@ -17,27 +17,28 @@ from meshmash_viewer.units import NO_VOXEL, Voxel
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
-#: How many offenders a message names before it only counts.
+#: Number of invalid vertices or faces that a message lists.
 _NAMED_OFFENDERS = 5
-#: Largest coordinate, whose fourth power and its inverse are still numbers.
+#: Largest coordinate; its fourth power and the inverse of that do not overflow.
 _LARGEST = 1e75
 
 
 def blocks(stop: int, size: int, start: int = 0) -> Iterator[slice]:
-    """Yield slices of at most `size` indices that cover those from `start` to `stop`."""
+    """Yield consecutive slices of at most `size` indices, from `start` to `stop`."""
     return (slice(at, min(at + size, stop)) for at in range(start, stop, size))
 
 
 def distinct_corners(faces: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-    """Which faces have three different corners, shape (m,); the others are no triangles."""
+    """Return a mask of the faces with three different corners, shape (m,)."""
     a, b, c = faces.T
     return np.asarray((a != b) & (b != c) & (c != a))
 
 
 def scaled_vertices(vertices: FloatArray, factors: Voxel, divisors: Voxel = NO_VOXEL) -> FloatArray:
-    """Coordinates by a divisor, times a factor for each axis; what overflows is as large as can be.
+    """Divide coordinates by one number for each axis, then multiply them by another.
 
-    Only a vertex that no face uses can be so far away: others are refused by `Mesh`.
+    Overflows are clipped to the largest float. Only unreferenced vertices can be that far away:
+    `Mesh` refuses such faces.
     """
     largest = np.finfo(np.float64).max
     with np.errstate(over="ignore"):
@@ -46,7 +47,7 @@ def scaled_vertices(vertices: FloatArray, factors: Voxel, divisors: Voxel = NO_V
 
 
 def first_equal(rows: npt.NDArray[Any]) -> IntArray:
-    """For each row of an array, the lowest index of those that are equal to it, shape (n,)."""
+    """Return, for each row of an array, the lowest index of an equal row, shape (n,)."""
     order = np.lexsort(rows.T[::-1])  # stable: equal rows keep their order
     ordered = rows[order]
     starts = np.ones(len(rows), dtype=np.bool_)
@@ -57,14 +58,14 @@ def first_equal(rows: npt.NDArray[Any]) -> IntArray:
 
 
 def _offenders(indices: IntArray) -> str:
-    """Name the first few of a list of offenders: "3, 17, 21 and 40 more"."""
+    """Write the first indices of a list: "3, 17, 21 and 40 more"."""
     named = ", ".join(str(index) for index in indices[:_NAMED_OFFENDERS])
     rest = len(indices) - _NAMED_OFFENDERS
     return f"{named} and {rest} more" if rest > 0 else named
 
 
 def checked_vertices(given: Any) -> FloatArray:
-    """Copy coordinates, and raise an `InputError` unless they are finite, shape (n, 3)."""
+    """Copy coordinates; raise an `InputError` unless they are finite and of shape (n, 3)."""
     try:
         if np.iscomplexobj(given):
             raise TypeError  # a cast would drop the imaginary parts
@@ -85,10 +86,10 @@ def checked_vertices(given: Any) -> FloatArray:
 
 
 def check_size(vertices: FloatArray, faces: IntArray) -> None:
-    """Refuse coordinates of faces whose fourth power or its inverse is no number."""
+    """Raise an `InputError` if the fourth power of coordinates, or its inverse, overflows."""
     largest = float(np.abs(vertices).max(initial=0.0))
     if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
-        # vertices that no face uses may be anywhere
+        # unreferenced vertices may be anywhere
         largest = float(np.abs(vertices[faces[distinct_corners(faces)]]).max(initial=0.0))
     if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
         raise InputError(
@@ -99,7 +100,7 @@ def check_size(vertices: FloatArray, faces: IntArray) -> None:
 
 
 def checked_faces(given: Any, n_vertices: int) -> IntArray:
-    """Copy indices, and raise an `InputError` unless they are those of triangles, shape (m, 3)."""
+    """Copy vertex indices of triangles; raise an `InputError` unless valid, shape (m, 3)."""
     array = np.asarray(given)
     if array.size == 0:
         raise InputError("The mesh has no faces: a surface is needed, not a cloud of points.")
@@ -143,8 +144,8 @@ class FileNumbering:
     (array([1, 2]), array([ nan, 0.5 , 0.25, 0.5 ]))
     """
 
-    #: Shape (n_file,): For each vertex of the file its vertex in the mesh, the same one for merged
-    #: vertices; -1 for removed ones.
+    #: Shape (n_file,): Vertex of the mesh for each vertex of the file, -1 for removed ones. Merged
+    #: vertices have the same one.
     here: npt.NDArray[np.int64]
 
     @property
@@ -154,15 +155,12 @@ class FileNumbering:
 
     @cached_property
     def in_file(self) -> npt.NDArray[np.int64]:
-        """For each vertex of the mesh its index in the file, the lowest of merged ones, (n,)."""
-        indices = np.flatnonzero(self.here >= 0)[::-1]
-        result = np.zeros(int(self.here.max(initial=-1)) + 1, dtype=np.int64)
-        # for merged vertices the last assignment remains, that of the lowest index
-        result[self.here[indices]] = indices
-        return result
+        """Index in the file of each vertex of the mesh, the lowest one of merged ones, (n,)."""
+        vertices, first = np.unique(self.here, return_index=True)
+        return first[vertices >= 0].astype(np.int64)
 
     def then(self, here: npt.NDArray[np.int64]) -> FileNumbering:
-        """Compose with another repair, given by its map from the mesh before it."""
+        """Compose with a further repair, given by its map from the vertices before it."""
         return FileNumbering(np.where(self.here >= 0, here[self.here], -1))
 
     def whole(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -177,18 +175,17 @@ class FileNumbering:
         return result
 
 
-#: A component with less than this share of the area of the largest one is small, see
-#: `Triangles.small_components`.
+#: Area of a small component relative to the largest one, see `Triangles.small_components`.
 SMALL = 0.05
-#: A face whose height is below this share of its longest edge is numerically degenerate.
+#: Height of a degenerate face relative to its longest edge.
 _FLAT = 1e-12
-#: Faces processed at a time, so that what is derived of them fits into the cache.
+#: Faces processed at a time, so that their arrays fit into the cache.
 _FACES = 16384
 
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """What follows from vertices, shape (n, 3), and faces, shape (m, 3): the base of `Mesh`."""
+    """Vertices, shape (n, 3), and faces, shape (m, 3), with their geometry: the base of `Mesh`."""
 
     vertices: FloatArray
     faces: IntArray
@@ -205,9 +202,9 @@ class Triangles:
 
     @cached_property
     def bounds(self) -> FloatArray:
-        """Lowest and highest coordinates of the surface, shape (2, 3), in `unit`.
+        """Lowest and highest coordinates, shape (2, 3), in `unit`, without unreferenced vertices.
 
-        Vertices that no face uses are not on it: one far away would set the size of everything.
+        A single one of these, far away, would determine the size of the whole view.
         """
         points = self.vertices[self.referenced] if len(self.unreferenced) else self.vertices
         return np.stack([points.min(axis=0), points.max(axis=0)])
@@ -231,12 +228,11 @@ class Triangles:
         return self._sums_at_vertices(self.face_areas / 3.0)
 
     def area_sample(self, count: int = 10_000) -> IntArray:
-        """Vertices spread over the surface in proportion to its area.
+        """Return vertices spread over the surface in proportion to its area, shape (count,).
 
-        Statistics over them are those of the surface: many vertices on little area weigh as little
-        as they look. `small_components` are left out: debris has values of its own, as heat that
-        cannot flow away. The indices, shape (count,), ascend, so that values are read in order; a
-        vertex may occur many times. They are the same for the same mesh.
+        Statistics over them are weighted by area. `small_components` are left out, since values on
+        debris differ (heat cannot flow away). The indices ascend, a vertex may occur several times,
+        and the result is the same for the same mesh.
         """
         large = ~self.small_components[self.faces[:, 0]]
         filled = np.cumsum(self.face_areas * large)
@@ -246,18 +242,18 @@ class Triangles:
 
     @cached_property
     def referenced(self) -> npt.NDArray[np.bool_]:
-        """Which vertices a face with three different corners uses, shape (n,)."""
+        """Mask of the vertices of faces with three different corners, shape (n,)."""
         used = np.zeros(self.n_vertices, dtype=np.bool_)
         used[self.faces[self.distinct_corners]] = True
         return used
 
     @cached_property
     def unreferenced(self) -> IntArray:
-        """Indices of the other vertices, which are no part of the surface."""
+        """Indices of the vertices that are not `referenced`."""
         return np.flatnonzero(~self.referenced)
 
     def on_surface(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Values of shape (n,), with 0 at unreferenced vertices: what is NaN then can be seen."""
+        """Replace values of shape (n, ...) by 0 at unreferenced vertices, where NaN is no fault."""
         if len(self.unreferenced):
             values = values.copy()
             values[self.unreferenced] = 0.0
@@ -265,29 +261,29 @@ class Triangles:
 
     @cached_property
     def distinct_corners(self) -> npt.NDArray[np.bool_]:
-        """Which faces have three different corners, shape (m,); the others are no triangles."""
+        """Mask of the faces with three different corners, shape (m,)."""
         return distinct_corners(self.faces)
 
     @property
     def proper_faces(self) -> IntArray:
-        """The faces with three different corners; not a copy if all are."""
+        """The faces with three different corners; not a copy if these are all faces."""
         distinct = self.distinct_corners
         return self.faces if distinct.all() else self.faces[distinct]
 
     @cached_property
     def degenerate_faces(self) -> npt.NDArray[np.bool_]:
-        """Which faces have a corner twice, or no area but for rounding, shape (m,)."""
+        """Mask of the faces with a repeated corner, or without area but for rounding, (m,)."""
         a, b, c = self._corners(slice(None))
         squares = [np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
         longest = np.sqrt(np.max(squares, axis=0))
-        # The height over the longest edge is known no better than the coordinates themselves.
+        # The height over the longest edge is as inaccurate as the coordinates.
         rounding = 4.0 * np.finfo(np.float64).eps * np.abs(self.bounds).max()
         flat = 2.0 * self.face_areas <= (_FLAT * longest + rounding) * longest
         return np.asarray(~self.distinct_corners | flat)
 
     @cached_property
     def duplicate_faces(self) -> npt.NDArray[np.bool_]:
-        """Which faces have the three vertices of an earlier one, shape (m,)."""
+        """Mask of the faces with the three vertices of an earlier face, shape (m,)."""
         return np.asarray(first_equal(np.sort(self.faces, axis=1)) != np.arange(self.n_faces))
 
     @cached_property
@@ -307,13 +303,13 @@ class Triangles:
         )
         _, labels = connected_components(joined, directed=False)
         result = np.full(self.n_vertices, -1, dtype=np.int64)
-        # SciPy numbers in that order, and counts what is in no face too
+        # SciPy numbers in that order, but counts unreferenced vertices too
         result[self.referenced] = np.unique(labels[self.referenced], return_inverse=True)[1]
         return result
 
     @cached_property
     def small_components(self) -> npt.NDArray[np.bool_]:
-        """Vertices of components with less than `SMALL` of the area of the largest, shape (n,)."""
+        """Mask of vertices of components smaller than `SMALL` of the largest area, shape (n,)."""
         labels = self.component_labels
         areas = np.bincount(
             np.maximum(labels[self.faces[:, 0]], 0), self.face_areas, int(labels.max()) + 1
@@ -329,15 +325,14 @@ class Triangles:
     def vertex_normals(self) -> npt.NDArray[np.float32]:
         """Unit normals, shape (n, 3): the area-weighted mean over the faces around a vertex.
 
-        Where it vanishes (unreferenced vertices, faces that cancel) the normal is (0, 0, 1), so
-        that nothing drawn with it is ever NaN.
+        (0, 0, 1) where the mean vanishes: at unreferenced vertices, and where normals cancel.
         """
         crosses = np.empty((self.n_faces, 3))
         for part in blocks(self.n_faces, _FACES):
             crosses[part] = self._crosses(part)
         total = np.column_stack([self._sums_at_vertices(axis) for axis in crosses.T])
         length = np.linalg.norm(total, axis=1, keepdims=True)
-        # sums below rounding, relative to the largest possible one, have no direction
+        # sums within rounding of zero have no direction
         vanishing = length[:, 0] <= 1e-12 * self.area / self.n_faces
         total[vanishing] = (0.0, 0.0, 1.0)
         length[vanishing] = 1.0
@@ -353,22 +348,22 @@ class Triangles:
         return digest.hexdigest()
 
     def _sums_at_vertices(self, of_faces: FloatArray) -> FloatArray:
-        """Sum of a value over the faces around each vertex, shape (n,)."""
+        """Sum values of faces, shape (m,), at their vertices, shape (n,)."""
         repeated = np.repeat(of_faces, 3)
         return np.bincount(self.faces.ravel(), repeated, self.n_vertices).astype(np.float64)
 
     def _crosses(self, part: slice) -> FloatArray:
-        """Cross product of two edges of some faces, shape (p, 3): twice the area, along the normal.
+        """Return the cross products of two edges of some faces, shape (p, 3).
 
-        An edge is a difference, so a far-away origin costs no digits here.
+        Their length is twice the area, their direction the normal.
         """
         a, b, c = self._corners(part)
         return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
 
     def _corners(self, part: slice) -> tuple[FloatArray, ...]:
-        """Coordinates of the three corners of some faces, shape (p, 3) each.
+        """Return coordinates of the three corners of some faces, shape (p, 3) each.
 
-        Those of faces with a corner twice are all at one: the other may be anywhere.
+        Faces with a repeated corner are reduced to one point.
         """
         faces, distinct = self.faces[part], self.distinct_corners[part]
         if not distinct.all():

@@ -1,8 +1,8 @@
 """Eigenpairs of a mesh, and features computed from them.
 
-Eigenvalues are per squared unit of the mesh (1e-8 is a wavelength of 63 µm for coordinates in
-nm, and below every eigenvalue but zero for a mesh of size 1), times are in squared unit, and all
-features of this module have the unit of φ², one over squared unit.
+Eigenvalues are per squared unit of the mesh: 1e-8 is a wavelength of 63 µm for coordinates in nm,
+but below all nonzero eigenvalues of a mesh of size 1. Times are in squared unit, and features have
+the unit of φ², one over squared unit.
 
 The eigenvectors are orthonormal with respect to `M`, so a function `f` is projected on them by
 ``eigenvectors.T @ (M @ f)``. `meshmash_viewer.spectral_coefficients` does so with unreferenced
@@ -47,7 +47,7 @@ __all__ = [
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
-#: The documented default of `sigma`, which means "just below zero" in any unit.
+#: Default of `sigma`, which means "just below zero" in any unit.
 _BELOW_ZERO = -1e-10
 
 

@@ -46,7 +46,7 @@ class MeshWarning(UserWarning):
 
 
 class MissingValuesWarning(UserWarning):
-    """A map has no value at some vertices: they have no weight in what is computed from it.
+    """A map has no value at some vertices, which have no weight in results.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class TruncationWarning(UserWarning):
 
 
 def of_mesh(name: str) -> str:
-    """Beginning of a warning that concerns one mesh, "neuron: "; empty if it has no name."""
+    """Return the beginning of a warning about a mesh, "neuron: "; empty if it has no name."""
     return f"{printable(name)}: " if name else ""
 
 

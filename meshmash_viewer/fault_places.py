@@ -1,4 +1,4 @@
-"""Places of the faults that `Health` counts, and what a repair would change."""
+"""Places of the faults that `Health` counts, and changes made by repairs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,7 @@ import numpy as np
 
 from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.health import (
-    Health,
-    ambiguous_edges,
-    first_at_place,
-    repair_mesh,
-)
+from meshmash_viewer.health import Health, ambiguous_edges, first_at_place, repair_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.edges import (
     Edges,
@@ -29,11 +24,11 @@ from meshmash_viewer.units import counted
 
 @dataclass(frozen=True, eq=False)
 class FaultPlaces:
-    """Places of the faults of one kind, in groups of those that are connected."""
+    """Points, edges or faces with a fault of one kind, in connected groups."""
 
     #: Vertices of each point, edge or face, shape (k, 1), (k, 2) or (k, 3).
     parts: IntArray
-    #: Group of each, shape (k,); the largest is 0.
+    #: Index of the group of each part, shape (k,), in descending order of size.
     groups: IntArray
 
     @property
@@ -54,8 +49,8 @@ class FaultPlaces:
 def fault_places(mesh: Mesh, fault: str) -> FaultPlaces:
     """Find the places of faults, given by the name of a count of `Health`.
 
-    Of ``n_components`` these are the faces outside of the largest one, of coincident vertices and
-    seams all vertices at these places.
+    For ``n_components`` these are the faces outside of the largest component, for coincident and
+    seam vertices all vertices at the same places.
 
     Examples
     --------
@@ -89,7 +84,7 @@ def fault_places(mesh: Mesh, fault: str) -> FaultPlaces:
 def repair_effect(mesh: Mesh, name: str, health: Health) -> str:
     """Describe what a repair would change: "drops 3 faces, opens 9 edges".
 
-    `health` is that of the mesh. Nothing is said of maps.
+    `health` is that of the mesh. Maps are not considered.
     """
     try:
         repaired = repair_mesh(mesh.with_only_maps(), name)
@@ -125,13 +120,13 @@ def _edges(mesh: Mesh) -> Edges:
 
 
 def _open(mesh: Mesh) -> IntArray:
-    """Keys of the edges of one face only."""
+    """Return the keys of boundary edges."""
     edges = _edges(mesh)
     return np.asarray(edges.keys[edges.counts == 1])
 
 
 def _ends(keys: IntArray, mesh: Mesh) -> IntArray:
-    """The two vertices of edges, by their keys."""
+    """Return the two vertices of edges, shape (k, 2), from their keys."""
     return np.stack(np.divmod(keys, np.int64(mesh.n_vertices)), axis=1)
 
 
@@ -150,12 +145,12 @@ def _ambiguous(mesh: Mesh) -> IntArray:
 
 
 def _together(onto: IntArray) -> IntArray:
-    """The vertices that are at the place of another, and that other one, shape (k, 1)."""
+    """Return all vertices that share their place with another one, shape (k, 1)."""
     moved = onto != np.arange(len(onto))
     return np.unique(np.append(np.flatnonzero(moved), onto[moved]))[:, np.newaxis]
 
 
-#: The vertices of each point, edge or face, by the count of `Health`.
+#: Function that returns the parts of `FaultPlaces`, by count of `Health`.
 _PARTS: dict[str, Callable[[Mesh], IntArray]] = {
     "n_components": _outside_largest,
     "boundary_edges": lambda mesh: _ends(_open(mesh), mesh),

@@ -15,43 +15,41 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, join_seams, side_codes, winding_of
 from meshmash_viewer.vertex_map import VertexMap
 
-#: Angle below which two faces leave an edge in one direction, above the rounding of coordinates.
+#: Angle (rad) below which two faces at an edge have the same direction, above rounding.
 _SAME_DIRECTION = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The state of a mesh; plain numbers, so that ``dataclasses.asdict`` gives JSON."""
+    """Sizes and counts of faults of a mesh; plain numbers, so ``dataclasses.asdict`` gives JSON."""
 
-    #: Sizes of the mesh.
     n_vertices: int
     n_faces: int
     #: Connected components; faces that share a vertex are connected.
     n_components: int
-    #: Number of vertices of the largest.
+    #: Number of vertices of the largest component.
     largest_component: int
     #: Edges of one face only.
     boundary_edges: int
     #: Edges of more than two faces.
     nonmanifold_edges: int
-    #: Those of them at which two faces leave in one direction, as duplicates do and faces folded
-    #: flat onto others, or one has no area: the robust Laplacian depends on the order of the faces
-    #: there.
+    #: Non-manifold edges with two faces in the same direction (duplicate or folded faces) or a face
+    #: without area. There the robust Laplacian depends on the order of the faces.
     ambiguous_edges: int
-    #: Faces with a corner twice, or without area but for rounding.
+    #: Faces with a repeated corner, or without area but for rounding.
     degenerate_faces: int
-    #: Faces that join the same three vertices as an earlier one, in any order.
+    #: Faces with the three vertices of an earlier face, in any order.
     duplicate_faces: int
-    #: Edges of two faces that do not agree on which side of the surface is outside.
+    #: Edges of two faces with inconsistent orientation.
     disagreeing_edges: int
-    #: Faces that the repair orient_faces turns so that all agree; a surface with one side only,
-    #: such as a Möbius strip, has disagreeing edges and none of these.
+    #: Faces that the repair orient_faces flips to make orientations consistent. A one-sided surface
+    #: such as a Möbius strip has disagreeing edges, but no reversed faces.
     reversed_faces: int
     #: Vertices that no face with three different corners uses.
     unreferenced_vertices: int
-    #: Vertices at exactly the place of an earlier one.
+    #: Vertices with exactly the coordinates of an earlier one.
     coincident_vertices: int
-    #: Those of them that lie on seams: the repair merge_seams joins them.
+    #: Coincident vertices on seams, which the repair merge_seams joins.
     seam_vertices: int
     #: Area of the surface, in squared unit of the mesh.
     area: float
@@ -65,24 +63,14 @@ class Repair:
     name: str
     #: Label of its button.
     label: str
-    #: Takes a `Health`, returns the number of faults that the repair would correct.
+    #: Number of faults that it would correct.
     count: Callable[[Health], int]
-    #: Takes a `Mesh`, returns the repaired one.
+    #: Function that returns the repaired mesh.
     apply: Callable[[Mesh], Mesh]
 
 
 def mesh_health(mesh: MeshLike) -> Health:
-    """Count the faults of a mesh.
-
-    Parameters
-    ----------
-    mesh : MeshLike
-        The mesh.
-
-    Returns
-    -------
-    Health
-        The counts. Edges are counted over the faces with three different corners.
+    """Count the faults of a mesh; edges are those of faces with three different corners.
 
     Examples
     --------
@@ -118,7 +106,7 @@ def mesh_health(mesh: MeshLike) -> Health:
 
 
 def listed_repairs(names: Sequence[str]) -> str:
-    """What repairs of these names are called: "Merge coincident vertices, Drop …"."""
+    """Return the labels of repairs: "Merge coincident vertices, Drop …"."""
     return ", ".join(REPAIRS[name].label if name in REPAIRS else name for name in names)
 
 
@@ -155,7 +143,7 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
 
 
 def largest_component(mesh: MeshLike) -> Mesh:
-    """The connected component of a mesh that has the most vertices, as a mesh of its own.
+    """Return the connected component with the most vertices as a mesh.
 
     Examples
     --------
@@ -168,9 +156,9 @@ def largest_component(mesh: MeshLike) -> Mesh:
 
 
 def median_edge_length(mesh: MeshLike) -> float:
-    """Median length of the edges of the triangles, in unit of the mesh.
+    """Return the median length of the edges of the triangles, in unit of the mesh.
 
-    Waves shorter than two edges cannot be on a mesh: it has no vertices between.
+    The shortest wavelength that a mesh resolves is two edges long.
     """
     mesh = as_mesh(mesh)
     corners = mesh.vertices[mesh.faces[mesh.distinct_corners]]
@@ -180,16 +168,15 @@ def median_edge_length(mesh: MeshLike) -> float:
 def ambiguous_edges(
     vertices: FloatArray, faces: IntArray, keys: IntArray, edges: IntArray
 ) -> IntArray:
-    """Return those of some edges around which the faces have no order but that of the list.
+    """Return the `edges`, sorted keys, around which the faces have no unique order by angle.
 
-    `keys` names the edge of each side of each face, sides 01, 12 and 20 one after the other;
-    `edges`, sorted, are those to look at.
+    `keys` are the edges of sides 01, 12 and 20 of each face, shape (3 m,).
     """
     sides = np.flatnonzero(np.isin(keys, edges))
     face, side = np.divmod(sides, 3)
     tail, tip = np.divmod(keys[sides], np.int64(len(vertices)))
     along = _unit(vertices[tip] - vertices[tail])
-    # perpendicular to the edge: the axis that is least along it, and the third direction
+    # two directions perpendicular to the edge
     least = np.eye(3)[np.abs(along).argmin(axis=1)]
     first = _unit(np.cross(along, least))
     second = np.cross(along, first)
@@ -208,18 +195,18 @@ def ambiguous_edges(
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    """Vectors of length one; those of length zero as they are."""
+    """Normalise vectors in place, except those of length zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(np.divide(vectors, length, out=vectors, where=length > 0.0))
 
 
 def first_at_place(mesh: Mesh) -> IntArray:
-    """For each vertex, the lowest index of those at exactly the same place, shape (n,)."""
-    return first_equal(mesh.vertices + 0.0)  # so that -0.0 and 0.0 are one place
+    """Return, for each vertex, the lowest index of a vertex with its coordinates, shape (n,)."""
+    return first_equal(mesh.vertices + 0.0)  # + 0.0 makes -0.0 equal to 0.0
 
 
 def _moved(onto: IntArray) -> int:
-    """Count the vertices that are not the first at their place."""
+    """Count the vertices that would be merged into another one."""
     return int((onto != np.arange(len(onto))).sum())
 
 
@@ -230,10 +217,9 @@ def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
 
 
 def _without_vertices(mesh: Mesh, onto: IntArray, faces: IntArray) -> Mesh:
-    """A mesh of fewer vertices, in the same order, whose faces are given by the vertices before.
+    """Remove vertices of a mesh, and renumber the remaining ones and `faces`.
 
-    `onto`, shape (n,), is for each vertex itself, the one that it is merged into, or -1 where it is
-    left out.
+    `onto`, shape (n,), is the vertex itself, the one that it is merged into, or -1 if removed.
     """
     kept = onto == np.arange(mesh.n_vertices)
     if kept.all():
@@ -251,7 +237,7 @@ def _without_vertices(mesh: Mesh, onto: IntArray, faces: IntArray) -> Mesh:
 
 
 def _maps_left(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> tuple[VertexMap, ...]:
-    """The maps at some vertices; one that has no value there is left out, with a warning."""
+    """Return the maps at some vertices, without those that have no value there; warn of these."""
     maps, lost = list[VertexMap](), list[str]()
     for each in mesh.maps:
         try:
@@ -284,7 +270,7 @@ def _orient_faces(mesh: Mesh) -> Mesh:
 
 
 def _drop_unreferenced_vertices(mesh: Mesh) -> Mesh:
-    # Faces with a corner twice are no triangles, and may use vertices that nothing else does.
+    # Faces with a repeated corner may use unreferenced vertices.
     return _keep(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners])
 
 
@@ -296,7 +282,7 @@ def _keep_largest_component(mesh: Mesh) -> Mesh:
 
 
 def _keep(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
-    """The vertices of a mask, with faces that use no others."""
+    """Return the mesh with the vertices of a mask, and faces between these."""
     return _without_vertices(mesh, np.where(kept, np.arange(mesh.n_vertices), -1), faces)
 
 

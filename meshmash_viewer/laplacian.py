@@ -29,8 +29,8 @@ class OperatorOptions:
     #: True: the operator of Sharp and Crane, for any triangle soup; False: the cotangent Laplacian,
     #: for clean manifold meshes.
     robust: bool = True
-    #: Length added to edges by the robust operator, relative to their mean, so that no triangle is
-    #: degenerate; not used otherwise.
+    #: Length that the robust operator adds to edges, relative to their mean, so that no triangle is
+    #: degenerate.
     mollify_factor: float = 1e-5
 
 
@@ -47,9 +47,9 @@ def cotangent_laplacian(
     mesh : MeshLike
         The mesh, n vertices.
     robust : bool
-        False: cotangent weights and a third of the adjacent areas, straight from the triangles.
-        True: the same on the intrinsic Delaunay triangulation of the mollified tufted cover,
-        which allows non-manifold edges, slivers, zero-area and duplicate faces [1]_.
+        False: cotangent weights and a third of the adjacent areas of the triangles. True: the same
+        on the intrinsic Delaunay triangulation of the mollified tufted cover, which allows
+        non-manifold edges, slivers, zero-area and duplicate faces [1]_.
     mollify_factor : float
         See `OperatorOptions`; only with `robust`.
 
@@ -149,7 +149,7 @@ def compute_vertex_areas(
 
 
 def _renumbered(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> IntArray:
-    """Return kept faces, in order, with vertices numbered among the referenced ones."""
+    """Return the faces of a mask, with vertices numbered among the referenced ones."""
     number = np.cumsum(mesh.referenced) - 1
     return np.asarray(number[mesh.faces[kept]], dtype=np.int64)
 

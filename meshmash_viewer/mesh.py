@@ -51,36 +51,35 @@ _CONVERSIONS: tuple[tuple[Callable[[object], bool], str], ...] = (
 
 @dataclass(frozen=True, eq=False)
 class Mesh(Triangles):
-    """A triangle mesh; neither array is changed after construction.
+    """A triangle mesh with read-only arrays.
 
     It unpacks and indexes like the pair ``(vertices, faces)``. Two meshes are equal if vertices,
-    faces and unit are: name, maps and what a file's numbers were multiplied by do not matter.
+    faces and unit are equal; name, voxel size and maps are not compared.
 
     `InputError` is raised if an array has the wrong shape, a coordinate is not finite, an index is
-    out of range, there is no face, the faces have no area at all, the unit is unknown, the voxel
-    has not three positive sizes, or a map is of another number of vertices.
+    out of range, there is no face, the faces have no area, the unit is unknown, the voxel
+    does not have three positive sizes, or a map has another number of values.
 
     Parameters
     ----------
     vertices : ndarray of float64, shape (n, 3)
-        Coordinates in `unit`. Copied, and read-only from then on.
+        Coordinates in `unit`, copied.
     faces : ndarray of int64, shape (m, 3)
-        Vertex indices of each triangle. Copied, and read-only from then on.
+        Vertex indices of each triangle, copied.
     unit : str
         One of `meshmash_viewer.units.LENGTH_UNITS`.
     name : str
-        What people call it, usually the file's stem.
+        Displayed name, usually the stem of the file.
     voxel : tuple of three floats
-        What the coordinates of its file were multiplied by to be `vertices`, see
+        Factors by which the coordinates of the file were multiplied to give `vertices`, see
         `meshmash_viewer.quantities.parse_unit`.
     maps : tuple of VertexMap
-        Values per vertex that came with it or were added, see `with_maps`. They make no other mesh
-        of it: `content_hash` does not know them.
+        Values per vertex, from the file or added with `with_maps`; not part of `content_hash`.
     numbering : FileNumbering, optional
-        What the vertices of its file have become, where a repair has left some out or merged some;
-        None where both have the same. See `file_index`.
+        Map from the vertices of the file to these, if a repair has removed or merged some. See
+        `file_index`.
     structure : str
-        The part of a brain it is, such as "CortexLeft"; "" for none, or not stated. See
+        Brain structure, such as "CortexLeft"; "" for none, or not stated. See
         `meshmash_viewer.structures`.
 
     Examples
@@ -103,7 +102,6 @@ class Mesh(Triangles):
     structure: str = ""
 
     def __repr__(self) -> str:
-        """Write it in one line, without its arrays."""
         unit = f", {written_unit(self.unit, self.voxel)}" if self.unit else ""
         size = f"{counted(self.n_vertices, 'vertex')}, {counted(self.n_faces, 'face')}"
         return f"<Mesh {self.name or 'without a name'}: {size}{unit}>"
@@ -152,24 +150,21 @@ class Mesh(Triangles):
         return hash((self.unit, self.vertices.shape, int(self.faces.sum())))
 
     def in_unit(self, unit: str) -> Mesh:
-        """The same numbers said to be in another unit; what was derived from them is kept."""
+        """Return the mesh with the same coordinates in another unit; derived arrays are kept."""
         return self._with(unit=_length_unit(unit))
 
     def with_maps(self, *maps: VertexMap) -> Mesh:
-        """The same mesh with more maps; one whose name is taken gets a number after it.
+        """Return the mesh with more maps; a number is appended to names in use.
 
-        `InputError` is raised if one has neither a value for each vertex nor for each that was
-        read.
+        `InputError` is raised if a map has a value neither for each vertex nor for each vertex of
+        the file.
         """
         taken = [each.name for each in self.maps]
         more = named_apart([self._fitted(each) for each in maps], taken)
         return self._with(maps=self.maps + more)
 
     def map_named(self, name: str) -> VertexMap:
-        """The map of a name.
-
-        `InputError` is raised if there is none.
-        """
+        """Return the map of a name; `InputError` is raised if there is none."""
         named = {each.name: each for each in self.maps}
         if name not in named:
             names = ", ".join(map(repr, named)) or "none"
@@ -178,24 +173,24 @@ class Mesh(Triangles):
 
     @cached_property
     def derived(self) -> dict[Any, Any]:
-        """What others have derived from vertices and faces, and keep with them."""
+        """Cache of results that other modules derive from vertices and faces."""
         return {}
 
     def without_map(self, name: str) -> Mesh:
-        """The same mesh without the map of a name."""
+        """Return the mesh without the map of a name."""
         return self._with(maps=tuple(each for each in self.maps if each.name != name))
 
     def with_only_maps(self, *maps: VertexMap) -> Mesh:
-        """The same mesh with these maps instead of its own."""
+        """Return the mesh with these maps instead of its own."""
         return self._with(maps=()).with_maps(*maps)
 
     def with_changed_map(self, changed: VertexMap) -> Mesh:
-        """The same mesh with another map in the place of the one of its name."""
+        """Return the mesh with a map that replaces the one of the same name."""
         maps = (changed if each.name == changed.name else each for each in self.maps)
         return self._with(maps=tuple(maps))
 
     def _fitted(self, given: VertexMap) -> VertexMap:
-        """A map of these vertices, of one of these or of all that were read."""
+        """Return a map at the vertices of this mesh, from one of these or of the file's."""
         if given.n_vertices == self.n_vertices:
             return given
         if self.numbering is not None and given.n_vertices == self.n_file_vertices:
@@ -205,26 +200,26 @@ class Mesh(Triangles):
             f" {self.n_vertices:,} vertices: give the one that was made for this surface."
         )
 
-    # -- the file's numbers ------------------------------------------------------------------
+    # -- indices in the file -----------------------------------------------------------------
 
     @property
     def n_file_vertices(self) -> int:
-        """Number of vertices of the mesh as it was read, before any repair."""
+        """Number of vertices in the file, before any repair."""
         return self.n_vertices if self.numbering is None else self.numbering.n_file
 
     @property
     def file_indices(self) -> IntArray:
-        """Index of each vertex in the mesh file, before all repairs, shape (n,)."""
+        """Index of each vertex in the file, shape (n,)."""
         return np.arange(self.n_vertices) if self.numbering is None else self.numbering.in_file
 
     def file_index(self, vertex: int) -> int:
-        """The index in the file of one vertex: what is shown and exported of it."""
+        """Return the index of a vertex in the file, which is displayed and exported."""
         return int(vertex if self.numbering is None else self.numbering.in_file[vertex])
 
     def vertex_of(self, file_index: int) -> int:
-        """The vertex that one of the file is here, itself or the one that it was merged into.
+        """Return the vertex of an index in the file; for a merged vertex the remaining one.
 
-        `InputError` is raised if the file has no such vertex, or a repair has left it out.
+        `InputError` is raised if the file has no such vertex, or a repair has removed it.
 
         Examples
         --------
@@ -247,24 +242,23 @@ class Mesh(Triangles):
         return here
 
     def named_vertex(self, vertex: int) -> str:
-        """Write which vertex one is, by its index in the file: "vertex 22,351"."""
+        """Return the displayed name of a vertex, with its index in the file: "vertex 22,351"."""
         return named_vertex(self.file_index(vertex))
 
     def on_file(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Values of shape (n, ...) at all vertices of the file, shape (n_file, ...).
+        """Expand values of shape (n, ...) to all vertices of the file, shape (n_file, ...).
 
-        NaN where a repair has left a vertex out; a vertex that was merged into another has the
-        value of that one.
+        Vertices that a repair has removed have NaN, merged vertices the same value.
         """
         values = np.asarray(values)
         return values if self.numbering is None else self.numbering.whole(values)
 
     def masked(self, mask: npt.ArrayLike) -> Mesh:
-        """The same vertices, with those faces only whose corners are all in a mask.
+        """Return the mesh with only the faces whose corners are all in a mask.
 
-        The others are in no face then: results are NaN there, and the boundary of the mask is free.
+        Its vertices are the same; results are NaN at those outside, and the boundary is free.
 
-        `InputError` is raised if it is not one bool a vertex, or has no whole face.
+        `InputError` is raised if the mask is not one bool per vertex, or contains no whole face.
 
         Parameters
         ----------
@@ -293,27 +287,27 @@ class Mesh(Triangles):
         return self if len(faces) == self.n_faces else replace(self, faces=faces)
 
     def like(self, whole: Mesh) -> Mesh:
-        """The same part of a mesh (`masked`) with its present maps, unit and name."""
+        """Return this part of a mesh (see `masked`) with the present maps, unit and name of it."""
         return self._with(maps=whole.maps, unit=whole.unit, name=whole.name)
 
     def _with(self, **attributes: Any) -> Mesh:
-        """Another one with some attributes that nothing is derived from."""
+        """Copy the mesh, its derived arrays included, with changed attributes."""
         mesh = object.__new__(Mesh)
         mesh.__dict__.update(self.__dict__, **attributes)
         return mesh
 
     def in_voxels(self, voxel: Voxel, unit: str) -> Mesh:
-        """The mesh of the same file whose voxels are of another size, given in `unit`."""
+        """Return the mesh of the same file with another voxel size, in `unit`."""
         if voxel == self.voxel:
             return self.in_unit(unit)
-        # divided first: the numbers of the file come back, and with them what is stored for them
+        # divided first, which restores the coordinates of the file, and so their hash
         vertices = scaled_vertices(self.vertices, voxel, self.voxel)
         return replace(self, vertices=vertices, unit=unit, voxel=voxel)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What goes to another process: derived arrays that are large are derived there.
+        """Return the attributes to pickle; large derived arrays are computed again.
 
-        Components are sent: computing them holds the interpreter lock for a fifth of a second.
+        Components are pickled: computing them blocks the window for a fifth of a second.
         """
         sent = [*(each.name for each in fields(self)), "content_hash", "area", "bounds"]
         labels = self.__dict__.get("component_labels")
@@ -328,13 +322,13 @@ class Mesh(Triangles):
 
 
 def as_mesh(mesh: MeshLike) -> Mesh:
-    """Take a mesh in any of the accepted forms.
+    """Convert any accepted form of a mesh.
 
-    These are a `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
+    These are a `Mesh` (returned unchanged), a pair ``(vertices, faces)``, an object with attributes
     `vertices` and `faces` such as a ``trimesh.Trimesh``, `vertices` and `triangles` such as an
     Open3D ``TriangleMesh``, or `v` and `t` such as a LaPy ``TriaMesh``, and a pyvista ``PolyData``,
-    whose polygons are triangulated. `InputError` is raised if it is none of these, or not a valid
-    mesh (see `Mesh`).
+    whose polygons are triangulated. `InputError` is raised for other objects and invalid meshes
+    (see `Mesh`).
     """
     if isinstance(mesh, Mesh):
         return mesh
@@ -362,7 +356,7 @@ def as_mesh(mesh: MeshLike) -> Mesh:
 
 
 def masked(mesh: MeshLike, mask: npt.ArrayLike | None) -> MeshLike:
-    """Return `Mesh.masked` of a mesh in any of the accepted forms; without a mask as it is."""
+    """Return `Mesh.masked` of any form of a mesh, or the mesh unchanged without a mask."""
     return mesh if mask is None else as_mesh(mesh).masked(mask)
 
 

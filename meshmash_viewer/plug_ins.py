@@ -1,4 +1,4 @@
-"""Plug-ins: what other installed packages add by entry points, and which of it cannot be used."""
+"""Plug-ins: functions that other installed packages provide through entry points."""
 
 from __future__ import annotations
 
@@ -13,23 +13,22 @@ Check: TypeAlias = Callable[[str, Any], None]
 
 
 class PlugInWarning(UserWarning):
-    """A plug-in cannot be used; all else works as it does without it."""
+    """A plug-in cannot be used, and is left out."""
 
 
 class PlugIn:
-    """What a package adds, loaded when it is first used.
+    """A function of another package, imported when it is first called.
 
-    Called, it does what the function does that it stands for. It is of a group, "fields", "readers"
-    or "writers"; `check` raises for a name and what was loaded, if it cannot be used. `name` is
-    that of a family of fields, or the ending of a file, and `package` name and version of the
-    package; `fault` says in one sentence why it cannot be used, and is empty as far as is known.
+    `group` is "fields", "readers" or "writers"; `name` is that of a family of fields, or the ending
+    of a file; `package` is name and version of the package. ``check(name, loaded)`` raises if the
+    function cannot be used. `fault` is a sentence on why the plug-in cannot be used, or empty.
     """
 
     def __init__(self, group: str, entry: EntryPoint, check: Check) -> None:
         self.group, self.name, self.fault = group, entry.name, ""
         self.package = f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.module
         self._entry, self._check = entry, check
-        # where another process finds the function
+        # for pickling
         self.__module__, self.__qualname__ = entry.module, entry.attr
 
     def __call__(self, *given: Any) -> Any:

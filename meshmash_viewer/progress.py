@@ -19,7 +19,7 @@ class Progress:
 
     #: Present stage, a short noun phrase ("factorization", "eigenpairs").
     stage: str
-    #: Share that is done, 0 to 1; None if unknown.
+    #: Completed share, 0 to 1; None if unknown.
     fraction: float | None = None
     #: Estimated seconds to the end; None if unknown.
     remaining: float | None = None
@@ -41,14 +41,13 @@ def check_cancelled(cancel: CancelCallback | None) -> None:
         raise Cancelled
 
 
-#: The bar shows the share of the work, since pairs converge in batches.
 _FORMAT = "{desc}: {percentage:3.0f}%|{bar}|{postfix} [{elapsed}]"
 
 
 class ProgressBar:
-    """A progress bar on stderr, with a name.
+    """A progress bar on stderr.
 
-    `then` receives every report too; `leave` is whether the bar remains visible at the end.
+    `then` receives every report too; with `leave` the bar remains visible at the end.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class ProgressBar:
         self._bar.close()
 
     def hidden(self) -> AbstractContextManager[None]:
-        """Return a context in which the bar is not drawn, for what is printed."""
+        """Return a context without the bar, in which text can be printed."""
         hidden: AbstractContextManager[None] = self._bar.external_write_mode()
         return hidden
 

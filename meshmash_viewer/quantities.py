@@ -95,11 +95,11 @@ class Quantity:
 def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool = False) -> float:
     """Read a number in a unit.
 
-    `unit` is that of the result: a power of a length as written by `units.power_unit` ("nm", "nm²",
-    "nm⁻²"), into which others are converted, or any text, such as "mV", that may follow the number;
-    empty if none is known. With `share` the number may be in percent: "0.1 %" is 0.001. With
-    `whole` a comma before three digits separates groups. `InputError` is raised if it is not a
-    number, is ambiguous, too large or too small, or in another unit.
+    `unit` is the unit of the result: a power of a length as written by `units.power_unit` ("nm",
+    "nm²", "nm⁻²"), to which other lengths are converted, or any text, such as "mV", that may follow
+    the number; empty if unknown. With `share` the number may be in percent: "0.1 %" is 0.001. With
+    `whole` a comma before three digits separates groups. `InputError` is raised if the text is not
+    a number, is ambiguous, out of the range of floats, or in another unit.
 
     Examples
     --------
@@ -123,9 +123,9 @@ def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool 
 
 
 def parse_quantity(text: str, power: int = 1) -> Quantity:
-    """Read a number whose unit is a power of a length that is known later.
+    """Read a number whose unit, a power of a length, is converted later.
 
-    `InputError` is raised if it is not a number, is ambiguous, or in a unit of another power.
+    `InputError` is raised if the text is not a number, is ambiguous, or in a unit of another power.
 
     Examples
     --------
@@ -139,11 +139,10 @@ def parse_quantity(text: str, power: int = 1) -> Quantity:
 
 
 def parse_whole(text: str, least: int, most: int, noun: str) -> int:
-    """Read a whole number between bounds, both included.
+    """Read a whole number from `least` to `most`.
 
-    Messages begin with `noun`: "The number of times".
-
-    `InputError` is raised if it is not a whole number, out of bounds, or ambiguous.
+    `InputError` is raised if the text is not a whole number, out of bounds, or ambiguous. Its
+    message begins with `noun`: "The number of times".
 
     Examples
     --------
@@ -165,10 +164,10 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
 def parse_unit(text: str) -> tuple[Voxel, str]:
     """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
 
-    The size of a voxel is one number, or three along x, y and z with "×", "x" or "," between them.
-    Returned are the factors that convert coordinates to the unit, `NO_VOXEL` without a voxel size,
-    and the unit, one of `LENGTH_UNITS`; "cm" is a voxel of 10 mm. `InputError` is raised if the
-    text is not a unit, or the size is ambiguous or not positive.
+    The voxel size is one number, or three along x, y and z separated by "×", "x" or ",". Returns
+    the factors that convert coordinates to the unit (`NO_VOXEL` without a voxel size) and the unit,
+    one of `LENGTH_UNITS`; "cm" is a voxel of 10 mm. `InputError` is raised if the text is not a
+    unit, or the size is ambiguous or not positive.
 
     Examples
     --------
@@ -215,11 +214,10 @@ def _split(text: str, *, whole: bool = False) -> tuple[Decimal, str]:
     digits, sign = match["digits"] or "1", match["sign"]
     power = int(match["alone"] or match["exponent"] or match["times"] or 0)
     scale = f"e{power}" if power else ""
-    if whole and _EITHER.fullmatch(digits) and "." in digits:
+    either = _EITHER.fullmatch(digits)
+    if either and ("." if whole else ",") in digits:
         raise _ambiguous(text, sign, digits, scale)
-    if not whole and _EITHER.fullmatch(digits) and "," in digits:
-        raise _ambiguous(text, sign, digits, scale)
-    mantissa = _with_point(digits, "" if whole and _EITHER.fullmatch(digits) else _mark(digits))
+    mantissa = _with_point(digits, "" if whole and either else _mark(digits))
     if mantissa is None:
         raise _no_number(text)
     if abs(power) > _LARGEST_POWER:

@@ -24,7 +24,7 @@ _KNOWN = {name.lower(): name for name in STRUCTURES} | _SHORT
 
 
 def named_structure(text: str) -> str:
-    """Find one of `STRUCTURES` by its name in any spelling, or "left", "right", "lh", "rh".
+    """Return one of `STRUCTURES` for its name in any spelling, or "left", "right", "lh", "rh".
 
     `InputError` is raised if there is no such structure.
 
@@ -63,17 +63,17 @@ def unstated_structure(file: str, structure: str) -> str:
     return f"{file} states no brain structure, which Connectome Workbench needs"
 
 
-#: Parts of file names that say that a surface is one of a brain.
+#: Words in file names of brain surfaces.
 _BRAIN_WORDS = frozenset(
     ["pial", "white", "inflated", "midthickness", "cortex", "hemi", "hemisphere", "brain"]
 )
 
 
 def brain_side(structure: str, name: str) -> str | None:
-    """Return the side of a brain surface, "left", "right", or "" for both; None if it is none.
+    """Return the side of a brain surface, "left", "right", or "" for both; None for other meshes.
 
-    `structure` is one of `STRUCTURES`, "" where it is not known. In the `name` of the file "lh" and
-    "rh" mean a hemisphere, and so do "left", "right", "L" and "R" next to a word such as "pial".
+    `structure` is one of `STRUCTURES`, or "" if unknown. In the `name` of the file "lh" and "rh"
+    denote a hemisphere, and so do "left", "right", "L" and "R" next to a word such as "pial".
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Polygons, fans and strips to triangles, the same for every reader and for the library."""
+"""Triangulation of polygons, fans and strips, for all readers and for `as_mesh`."""
 
 from __future__ import annotations
 
@@ -11,39 +11,40 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
 from meshmash_viewer.errors import InputError, MeshWarning
 
-#: Triangles of polygons, as many less two for each, and which of these intersect themselves.
+#: Triangles of polygons, two fewer than the corners of each, and a mask of polygons that intersect
+#: themselves.
 _Cut: TypeAlias = tuple[IntArray, npt.NDArray[np.bool_]]
 _NONE = np.zeros(0, dtype=np.bool_)
-#: VTK's time grows with the square of the number of corners: 0.3 s for so many, a minute for ten
-#: times as many.
+#: Maximum number of corners for VTK, whose time grows with their square: 0.3 s for this number.
 _MOST_CORNERS = 10_000
-#: Share of the area of a polygon that is rounding.
+#: Rounding error of an area, relative to that of the polygon.
 _ROUNDING = 1e-9
-#: Share of its edges by which a polygon is shrunk where its outline touches itself.
+#: Distance, relative to its edges, by which a polygon whose outline touches itself is shrunk.
 _SHRINKING = 1e-4
 _TINY = 1e-300
-#: What is shown to VTK has so many steps: the last digits that a file has do not decide.
+#: Coordinates for VTK, from -1 to 1, are rounded to this fraction, so that the last digits in a
+#: file do not change the triangles.
 _STEPS = 2.0**24
 #: Corners of the triangles of a quadrilateral, by its diagonal.
 _ALONG_DIAGONAL = np.array([[0, 1, 2, 0, 2, 3], [0, 1, 3, 1, 2, 3]])
-#: Cosine between the sides of the halves of a quadrilateral from which it is called flat.
+#: Cosine between the normals of two triangles below which, negated, they face opposite sides.
 _FLAT = 0.9
-#: Diagonals whose squared lengths differ by less are equal in coordinates of single precision.
+#: Relative difference of squared lengths below which diagonals are equal in single precision.
 _EQUAL = 1e-6
 
 
 def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> IntArray:
-    """Cut polygons, concave ones too, into triangles that have all their corners.
+    """Cut polygons, also concave ones, into triangles without new vertices.
 
-    The triangles of a polygon do not depend on the corner at which it starts. A quadrilateral is
-    cut along the shorter diagonal that lies inside, the one at its lowest index if they are equal;
-    VTK cuts what has more corners. A polygon that intersects itself has no such triangles: it gets
-    triangles of at least its area. Triangles stay as they are, corners repeated one after the other
-    are left out, and so are polygons of fewer than three.
+    The triangles do not depend on the corner at which a polygon starts. A quadrilateral is cut
+    along its shorter inner diagonal, for equal ones the diagonal at the lowest index; VTK cuts
+    polygons with more corners. A polygon that intersects itself gets triangles of at least its
+    area. Triangles are unchanged. Consecutive equal corners are merged, and polygons with fewer
+    than three corners are left out.
 
-    `indices` are the corners of all polygons, one polygon after the other, and `counts` the corners
-    of each. The triangles, shape (m, 3), are in the order of the polygons. Where an index is out of
-    range or a coordinate is not finite, for the caller to say, they are fans. `InputError` is
+    `indices` are the corners of all polygons, one polygon after the other, and `counts` the numbers
+    of corners. The triangles, shape (m, 3), are in the order of the polygons. If an index is out of
+    range or a coordinate not finite, which the caller reports, they are fans. `InputError` is
     raised if a polygon of more than 10,000 corners is not convex, and a `MeshWarning` issued if
     polygons intersect themselves.
     """
@@ -59,7 +60,7 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
     many = np.maximum(counts - 2, 0)
     triangles = np.empty((int(many.sum()), 3), dtype=np.int64)
     crossing = 0
-    with np.errstate(over="ignore", invalid="ignore"):  # of coordinates that `Mesh` refuses
+    with np.errstate(over="ignore", invalid="ignore"):  # `Mesh` refuses such coordinates
         for least, most, cut in (
             (3, 3, _unchanged),
             (4, 4, _halves),
@@ -79,17 +80,17 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
 
 
 def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
-    """Cut polygons into triangles that share each polygon's first corner, see `triangulate`."""
+    """Cut polygons into triangles at their first corner; for arguments see `triangulate`."""
     start, step = _runs_of_three(counts)
     places = np.column_stack([start, start + step + 1, start + step + 2])
     return indices[places].astype(np.int64)
 
 
 def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
-    """Unroll triangle strips, keeping the orientation of each one's first triangle.
+    """Return the triangles of strips, each oriented as the first triangle of its strip.
 
-    Triangles that name a vertex twice are the joints of a strip and are left out. `indices` are the
-    corners of all strips, one strip after the other, `counts` how many each has.
+    Triangles with a repeated vertex, which join parts of a strip, are left out. For arguments see
+    `triangulate`.
     """
     start, step = _runs_of_three(counts)
     first, odd = start + step, step % 2
@@ -98,7 +99,7 @@ def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
 
 
 def _runs_of_three(counts: IntArray) -> tuple[IntArray, IntArray]:
-    """For each three consecutive corners of a polygon, its first corner and the step from it."""
+    """Return, for three consecutive corners of a polygon, its first corner and the step from it."""
     many = np.maximum(counts - 2, 0)
     start = np.repeat(np.cumsum(counts) - counts, many)
     step = np.arange(len(start)) - np.repeat(np.cumsum(many) - many, many)
@@ -106,7 +107,7 @@ def _runs_of_three(counts: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def polydata_triangles(poly: Any) -> tuple[FloatArray, IntArray]:
-    """Vertices of a ``vtkPolyData``, and the triangles of its polygons and strips.
+    """Return the vertices of a ``vtkPolyData``, and the triangles of its polygons and strips.
 
     `InputError` is raised as by `triangulate`, and if the corners of its cells overlap.
     """
@@ -141,7 +142,7 @@ def _unchanged(_: FloatArray, indices: IntArray, __: IntArray) -> _Cut:
 
 
 def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> _Cut:
-    """Two triangles of each quadrilateral."""
+    """Cut each quadrilateral into two triangles."""
     corners = indices.reshape(-1, 4)
     order = (corners.argmin(axis=1)[:, None] + np.arange(4)) % 4
     corners = np.take_along_axis(corners, order, axis=1)
@@ -157,7 +158,7 @@ def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> _Cut:
     is_shorter = _dot(other, other) < (1.0 - _EQUAL) * _dot(two, two)
     takes_other = np.where(both_inside, is_shorter, flatter_other > flatter + rounding)
     cut = _ALONG_DIAGONAL[takes_other.astype(np.int64)]
-    # of an outline that crosses itself, the halves face opposite sides along either diagonal
+    # if the outline crosses itself, the halves face opposite sides along both diagonals
     crosses = _opposite(np.cross(one, two), np.cross(two, three)) & _opposite(
         np.cross(one, three), np.cross(two - one, other)
     )
@@ -171,7 +172,7 @@ def _opposite(one: FloatArray, other: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _Cut:
-    """Fans of polygons that are too large for anything else."""
+    """Cut convex polygons with too many corners for VTK into fans."""
     indices = _from_lowest(indices, counts)
     triangles = fan_triangles(np.arange(len(indices)), counts)
     _, overlap = _areas(_own_coordinates(vertices[indices], counts), triangles, counts)
@@ -185,13 +186,13 @@ def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _
 
 
 def _pieces(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _Cut:
-    """Triangles of polygons with more than four corners, as many less two for each."""
+    """Cut polygons with more than four corners."""
     indices = _from_lowest(indices, counts)
     points = _own_coordinates(vertices[indices], counts)
     triangles, areas, overlap = _tried(points, counts, 0.0)
     crosses = overlap.copy()
-    # An outline that touches itself, as at the cut that leads to a hole, does not once shrunk, and
-    # one that is cut in two at a corner is not once grown.
+    # An outline that touches itself, as at the cut to a hole, no longer does so when shrunk, or
+    # when grown if it touches itself at a single corner.
     for shrinking in (_SHRINKING, -_SHRINKING):
         if overlap.any():
             corners = np.flatnonzero(np.repeat(overlap, counts))
@@ -208,7 +209,7 @@ def _pieces(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _Cut:
 def _tried(
     points: FloatArray, counts: IntArray, shrinking: float
 ) -> tuple[IntArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Triangles as VTK cuts the shrunk outline, or fans, and what `_areas` says of them."""
+    """Cut shrunk outlines with VTK, or into fans if it fails; return triangles and `_areas`."""
     triangles = fan_triangles(np.arange(len(points)), counts)
     outline = np.round(_shrunk(points, counts, shrinking) * _STEPS) / _STEPS
     cut, is_whole = _cut_by_vtk(outline, counts)
@@ -217,7 +218,7 @@ def _tried(
 
 
 def _own_coordinates(points: FloatArray, counts: IntArray) -> FloatArray:
-    """Corners of polygons between -1 and 1: neither place nor size play a part in VTK then."""
+    """Move and scale the corners of each polygon to between -1 and 1."""
     starts = np.cumsum(counts) - counts
     points = points - np.repeat(points[starts], counts, axis=0)
     size = np.maximum.reduceat(np.abs(points).max(axis=1), starts)
@@ -226,7 +227,7 @@ def _own_coordinates(points: FloatArray, counts: IntArray) -> FloatArray:
 
 
 def _outline_normals(points: FloatArray, counts: IntArray) -> FloatArray:
-    """Twice the area of each polygon, along its normal, shape (p, 3)."""
+    """Return the normal of each polygon, twice its area long, shape (p, 3)."""
     starts = np.cumsum(counts) - counts
     return np.add.reduceat(np.cross(points, points[_next_corners(counts)]), starts, axis=0)
 
@@ -234,7 +235,7 @@ def _outline_normals(points: FloatArray, counts: IntArray) -> FloatArray:
 def _areas(
     points: FloatArray, triangles: IntArray, counts: IntArray
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Area of the triangles of each polygon, and whether some of them lie on others."""
+    """Return twice the area of the triangles of each polygon, and whether these overlap, (p,)."""
     which = np.repeat(np.arange(len(counts)), counts - 2)
     outlines = _outline_normals(points, counts)
     a, b, c = (points[corners] for corners in triangles.T)
@@ -246,7 +247,7 @@ def _areas(
 
 
 def _shrunk(points: FloatArray, counts: IntArray, share: float) -> FloatArray:
-    """The same corners moved inwards by a share of the shorter edge there."""
+    """Move each corner inwards by a share of its shorter edge."""
     if not share:
         return points
     following = _next_corners(counts)
@@ -262,14 +263,14 @@ def _shrunk(points: FloatArray, counts: IntArray, share: float) -> FloatArray:
 
 
 def _cut_by_vtk(points: FloatArray, counts: IntArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Triangles of those polygons of which VTK makes any that are complete, and which these are."""
+    """Cut polygons with VTK; return triangles of those that it cuts completely, and their mask."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
     vtk: Any = numpy_support
-    # VTK does not copy these: they have to last until it is done.
+    # VTK does not copy these arrays: they have to exist until it ends.
     offsets, corners = np.append(0, np.cumsum(counts)), np.arange(len(points))
     number = np.arange(len(counts))
     places, cells, poly, cutter = vtkPoints(), vtkCellArray(), vtkPolyData(), vtkTriangleFilter()
@@ -290,7 +291,7 @@ def _cut_by_vtk(points: FloatArray, counts: IntArray) -> tuple[IntArray, npt.NDA
 
 
 def _without_repeats(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
-    """Polygons, those of more than three corners without any that is the next one too."""
+    """Merge consecutive equal corners of polygons with more than three corners."""
     repeats = (indices == indices[_next_corners(counts)]) & np.repeat(counts > 3, counts)
     if not repeats.any():
         return indices, counts
@@ -299,7 +300,7 @@ def _without_repeats(indices: IntArray, counts: IntArray) -> tuple[IntArray, Int
 
 
 def _from_lowest(indices: IntArray, counts: IntArray) -> IntArray:
-    """The same polygons, each starting at its lowest index, by the next one if that is twice."""
+    """Rotate each polygon to start at its lowest index, if repeated by the lowest next one."""
     starts = np.cumsum(counts) - counts
     rank = indices * (int(indices.max()) + 1) + indices[_next_corners(counts)]
     is_lowest = rank == np.repeat(np.minimum.reduceat(rank, starts), counts)
@@ -312,7 +313,7 @@ def _from_lowest(indices: IntArray, counts: IntArray) -> IntArray:
 
 
 def _next_corners(counts: IntArray) -> IntArray:
-    """Where in a list of all corners the next one of the same polygon is."""
+    """Return the place of the next corner of the same polygon, for each corner."""
     following = np.arange(1, int(counts.sum()) + 1)
     some = counts[counts > 0]
     ends = np.cumsum(some)

@@ -1,4 +1,4 @@
-"""Length units of mesh coordinates, the voxels that count them, and numbers written with them."""
+"""Length units of mesh coordinates, voxel sizes, and formatting of numbers with units."""
 
 from __future__ import annotations
 
@@ -9,20 +9,19 @@ from typing import TypeAlias
 
 from meshmash_viewer.errors import InputError
 
-#: Size of a voxel along x, y and z, by which coordinates that count voxels are multiplied.
+#: Size of a voxel along x, y and z, by which voxel coordinates are multiplied.
 Voxel: TypeAlias = tuple[float, float, float]
 
-#: Voxel of coordinates that are lengths already.
+#: Voxel size of coordinates that are lengths.
 NO_VOXEL: Voxel = (1.0, 1.0, 1.0)
 
-#: Length units that coordinates can carry; the empty unit means "none stated".
+#: Length units of coordinates; "" if the unit is not stated.
 LENGTH_UNITS: tuple[str, ...] = ("", "nm", "µm", "mm", "m")
 
 #: Forms that `parse_unit` accepts, for messages and help.
 UNIT_FORMS = 'nm, µm, mm, m, none, or a voxel such as "8 nm" or "4 x 4 x 40 nm"'
 
-#: Units of length that may follow a number, and their size in metres as a power of ten. The micro
-#: sign and the Greek letter mean the same.
+#: Units of length that are read, and their size as a power of ten of a metre.
 METRES: dict[str, int] = {
     "pm": -12,
     **dict.fromkeys(("Å", "\N{ANGSTROM SIGN}", "angstrom"), -10),
@@ -52,22 +51,22 @@ MESH_UNITS: dict[str, tuple[float, str]] = {
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FROM_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-#: The blank before a unit, at which no line is broken.
+#: Space between number and unit.
 NO_BREAK = "\N{NO-BREAK SPACE}"
 _POWER_OF_LENGTH = re.compile("(nm|µm|mm|m)([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]*)")
-#: From where to where numbers of a length and of an area, and of their inverses, are short.
+#: Range of short numbers by absolute power of the length: 1 for a length, 2 for an area.
 _SHORT = {1: (0.1, 1e3), 2: (0.01, 1e4)}
 #: Numbers below this are written without an exponent.
 _LONG = 1e6
 
 
 def is_voxel(voxel: tuple[float, ...]) -> bool:
-    """Whether these are three positive, finite sizes."""
+    """Whether a tuple is three positive, finite sizes."""
     return len(voxel) == 3 and all(0.0 < size < math.inf for size in voxel)
 
 
 def written_unit(unit: str, voxel: Voxel = NO_VOXEL) -> str:
-    """Write what `parse_unit` reads: "nm", "none", "8 nm", "4 × 4 × 40 nm"."""
+    """Write unit and voxel size as `parse_unit` reads them: "nm", "none", "4 × 4 × 40 nm"."""
     if voxel == NO_VOXEL:
         return unit or "none"
     sizes = voxel[:1] if len(set(voxel)) == 1 else voxel
@@ -84,8 +83,8 @@ def power_unit(unit: str, power: int) -> str:
 def engineering(size: float, unit: str) -> tuple[int, str]:
     """Choose the unit in which a quantity is a short number.
 
-    `size` is the largest magnitude that is written, `unit` as written by `power_unit`; any other
-    text, such as "mV", is kept. The power of ten by which numbers are multiplied comes first.
+    `size` is the largest magnitude to write, `unit` a result of `power_unit`; any other text, such
+    as "mV", is kept. Returns the power of ten by which numbers are multiplied, and their unit.
 
     Examples
     --------
@@ -97,7 +96,7 @@ def engineering(size: float, unit: str) -> tuple[int, str]:
     if match is None or abs(power) not in _SHORT or not 0.0 < size < math.inf:
         return 0, unit
     low, high = _SHORT[abs(power)]
-    # square metres and their inverse are too far from the next unit to be read at a glance
+    # a square metre is not used for smaller areas: it is 10⁶ mm²
     lengths = LENGTH_UNITS[1:] if abs(power) == 1 or match[1] == "m" else LENGTH_UNITS[1:-1]
     at = lengths.index(match[1])
     step = 1 if (size >= high) == (power > 0) else -1
@@ -122,7 +121,7 @@ def format_quantity(
 
 
 def plain_number(value: float, digits: int = 4) -> str:
-    """Write a number as it is typed into a field, as 1.2e-08 only where it would be long."""
+    """Write a number for a field; with an exponent, 1.2e-08, only if it would be long."""
     text = f"{value:.{digits}g}"
     if "e+" in text and abs(float(text)) < _LONG:
         text = f"{float(text):.0f}"
@@ -130,16 +129,13 @@ def plain_number(value: float, digits: int = 4) -> str:
 
 
 def format_number(value: float, digits: int = 4) -> str:
-    """Write a number to be read: "1.2×10⁻⁸", "−0.5"."""
+    """Write a number for display: "1.2×10⁻⁸", "−0.5"."""
     text, _, exponent = plain_number(value, digits).partition("e")
     return text + (f"×10{superscript(int(exponent))}" if exponent else "")
 
 
 def grouped(value: float, digits: int = 4) -> str:
-    """Write a number as `format_number` does, with a comma after thousands: "98,100".
-
-    For tables: in a field it could be read as 98.1 as well.
-    """
+    """Write a number like `format_number`, with a comma after thousands, for tables: "98,100"."""
     whole, point, fraction = format_number(value, digits).partition(".")
     if len(whole) > len("1234"):
         whole = re.sub(r"(?<=\d)(?=(\d{3})+$)", ",", whole)
@@ -147,12 +143,12 @@ def grouped(value: float, digits: int = 4) -> str:
 
 
 def minus(text: str) -> str:
-    """Write the minus signs of numbers as such."""
+    """Replace hyphens by minus signs."""
     return text.replace("-", "\N{MINUS SIGN}")
 
 
 def plain_text(text: str) -> str:
-    """Write text for files and terminals: with plain blanks and minus signs."""
+    """Replace no-break spaces and minus signs by ASCII, for files and terminals."""
     return text.replace(NO_BREAK, " ").replace("\N{MINUS SIGN}", "-")
 
 
@@ -162,7 +158,7 @@ def format_share(share: float, digits: int = 3) -> str:
 
 
 def format_position(position: Iterable[float], digits: int = 9) -> str:
-    """Write a position as the dialog of Ctrl+G reads it: "612400.2, 418900, 287300"."""
+    """Write a position for the dialog *Go to* (Ctrl+G): "612400.2, 418900, 287300"."""
     return ", ".join(f"{value:.{digits}g}" for value in position)
 
 
@@ -176,10 +172,7 @@ def format_range(
     digits: int = 3,
     like: float | None = None,
 ) -> str:
-    """Write two numbers with a power of a unit that suits the larger one: "0 – 12 µm⁻²".
-
-    `like` is as in `format_quantity`.
-    """
+    """Write two numbers in the same unit: "0 – 12 µm⁻²"; for `like` see `format_quantity`."""
     like = max(abs(low), abs(high)) if like is None else like
     exponent, _ = engineering(like, power_unit(unit, power))
     first = format_number(low * 10.0**exponent, digits)
@@ -187,7 +180,7 @@ def format_range(
 
 
 def distinct_digits(low: float, high: float, least: int = 4) -> int:
-    """Return how many digits show the difference of two numbers, to three of its own."""
+    """Return the digits needed to write two numbers so that their difference has three digits."""
     size, gap = max(abs(low), abs(high)), abs(high - low)
     if not 0.0 < gap < math.inf:
         return least
@@ -222,7 +215,7 @@ def subscript(number: int) -> str:
 
 
 def whole_number(count: float, name: str) -> int:
-    """Check a count from 1; `name` is its name in the message: "The number of bands"."""
+    """Return a count as int; raise `InputError`, naming it by `name`, unless whole and positive."""
     if not (math.isfinite(count) and count >= 1 and count == int(count)):
         raise InputError(f"{name} is {count}: give a whole number from 1.")
     return int(count)
@@ -235,7 +228,7 @@ def named_quantity(name: str, unit: str, power: int = 1) -> str:
 
 
 def power_text(exponent: int, factor: int = 1) -> str:
-    """Write a power of ten, ``10⁻⁸`` or ``2×10⁻⁸``; powers near one are written out."""
+    """Write a power of ten, "10⁻⁸" or "2×10⁻⁸", as a decimal from 10⁻³ to 10³."""
     if -3 <= exponent <= 3:
         return f"{factor * 10.0**exponent:.10g}"
     power = "10" + superscript(exponent)

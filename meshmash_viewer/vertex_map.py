@@ -1,4 +1,4 @@
-"""Maps: a value at every vertex given by the user, such as a thickness or a parcellation."""
+"""Vertex maps: values at every vertex from the user, such as a thickness or a parcellation."""
 
 from __future__ import annotations
 
@@ -15,31 +15,30 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import counted
 
-#: Most labels of a map, as the colour table of the surface has that many entries.
+#: Maximum number of labels of a map, the size of the colour table.
 MOST_LABELS = 512
-#: Colours of labels that have none of their own.
+#: Default colours of labels.
 LABEL_COLORS = ("#4477aa", "#ccbb44", "#228833", "#ee6677", "#66ccee", "#aa3377", "#ee7733",
                 "#999933", "#88ccee", "#332288", "#ddcc77", "#117733")  # fmt: skip
-#: A colour of a label.
 COLOR = re.compile("#[0-9a-fA-F]{6}")
-#: Largest range of numbers of labels for which a table of all of them is made.
+#: Largest range of label numbers for which a lookup table is used.
 _TABLE = 2**16
-#: Numbers of labels below this are kept with four bytes, as each stroke of a brush keeps them all.
+#: Label numbers below this are stored as int32, since undo keeps a copy of them for each stroke.
 _SMALL = 2**30
-#: Characters of a name.
+#: Maximum number of characters of a name.
 _LONGEST = 100
-#: Labels that a message names.
+#: Maximum number of labels that a message lists.
 _NAMED = 12
-#: Share of the largest magnitude that signed values pass on both sides of zero, at this share of
-#: the vertices where they pass it.
+#: Signed values exceed this share of the largest magnitude on each side of zero, at this share of
+#: the vertices where they exceed it at all.
 _WITHIN = 0.01
 
 
 @dataclass(frozen=True)
 class Label:
-    """A part of a surface: its number in the values, its name, its colour as "#rrggbb".
+    """A label: its number in the values, its name, and its colour as "#rrggbb".
 
-    The window gives no vertex of a `locked` one to another label.
+    The window does not change vertices of a `locked` label.
 
     Examples
     --------
@@ -56,22 +55,21 @@ class Label:
 
 @dataclass(frozen=True, eq=False)
 class VertexMap:
-    """A value at every vertex; none of it is changed after construction.
+    """An immutable map with a value at every vertex.
 
-    `InputError` is raised if the values are text, complex, infinite, none at all, or not one a
-    vertex; or if there are more than `MOST_LABELS` labels.
+    `InputError` is raised if the values are text, complex, infinite, all NaN, or not of shape (n,);
+    or if there are more than `MOST_LABELS` labels.
 
     Parameters
     ----------
     name : str
         Name of the map.
     values : array_like, shape (n,)
-        Real numbers, or with `labels` whole ones. NaN where a vertex has none. Kept as float32 or
-        float64, with `labels` as int32, or int64 where a number needs that, and read-only.
+        Real numbers, NaN where a vertex has none; with `labels` whole numbers. Stored read-only as
+        float32 or float64, with `labels` as int32, or int64 for large numbers.
     labels : tuple of Label
-        Names of the numbers, if these are labels of parts of the surface. A vertex whose number
-        has no label, such as 0, has no value. There may be labels without a vertex; repeated ones
-        of a number are removed.
+        Labels of the numbers. A vertex whose number has no label, such as 0, has no value. Labels
+        may have no vertex; of several labels of a number the first is kept.
     unit : str
         Unit of the values; "" for none, or not stated.
     path : str
@@ -110,7 +108,7 @@ class VertexMap:
 
     @property
     def n_vertices(self) -> int:
-        """Number of vertices that it is for."""
+        """Number of vertices of its mesh."""
         return len(self.values)
 
     @cached_property
@@ -125,9 +123,9 @@ class VertexMap:
 
     @cached_property
     def signed(self) -> bool:
-        """Whether zero is within the values rather than at their end.
+        """Whether values lie on both sides of zero.
 
-        A few values below zero, such as those of an interpolated thickness, are at their end.
+        A few negative values, such as those of an interpolated thickness, do not count.
         """
         if self.labels:
             return False
@@ -137,12 +135,12 @@ class VertexMap:
 
     @cached_property
     def shown(self) -> npt.NDArray[np.float32]:
-        """Values to be coloured, shape (n,): of labels the place among them, NaN without one."""
+        """Values to be coloured, shape (n,): with labels their indices, NaN without a label."""
         if not self.labels:
             return np.asarray(self.values, dtype=np.float32)
         keys = np.array([label.key for label in self.labels])
         low, n_keys = int(keys.min()), int(np.ptp(keys)) + 1
-        if n_keys <= _TABLE:  # ten times faster, with a place for what is below and one for above
+        if n_keys <= _TABLE:  # ten times faster; its first and last entry are for other numbers
             table = np.full(n_keys + 2, np.nan, dtype=np.float32)
             table[keys - low + 1] = np.arange(len(keys))
             places = np.clip(self.values, low - 1, low + n_keys) - (low - 1)
@@ -153,15 +151,15 @@ class VertexMap:
         return np.where(known, places, np.nan).astype(np.float32)
 
     def mask(self, named: str = "") -> npt.NDArray[np.bool_]:
-        """Return which vertices have one of some labels, or without labels a value but zero.
+        """Return a mask of the vertices of some labels or, without labels, of nonzero values.
 
-        `InputError` is raised if there is no such label, or one has to be named.
+        `InputError` is raised if there is no such label, or `named` is empty for several labels.
 
         Parameters
         ----------
         named : str
-            Names or numbers of labels, separated by commas; after "-" all other vertices. May be ""
-            for a map of one label, and of values.
+            Names or numbers of labels, separated by commas; with "-" before them all other
+            vertices. May be "" for a map with one label or none.
 
         Returns
         -------
@@ -192,15 +190,15 @@ class VertexMap:
 
     @property
     def no_label(self) -> int:
-        """The number of vertices without a label: 0, or where that is a label, -1 and so on."""
+        """The number of vertices without a label: 0, or if that is a label, -1 and so on."""
         return unused_number(self.labels)
 
     def at(self, kept: npt.NDArray[Any]) -> VertexMap:
-        """The same for some of the vertices, by a mask or indices."""
+        """Return the map at some of the vertices, given by a mask or indices."""
         return VertexMap(self.name, self.values[kept], self.labels, self.unit, self.path)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What goes to another process."""
+        """Return the attributes to pickle, without derived arrays."""
         return {name: self.__dict__[name] for name in ("name", "values", "labels", "unit", "path")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -209,7 +207,7 @@ class VertexMap:
 
 
 def named_apart(maps: Sequence[VertexMap], taken: Sequence[str] = ()) -> tuple[VertexMap, ...]:
-    """The maps, those whose name is taken with a number after it."""
+    """Return the maps with unique names: a number is appended to names in use."""
     names, result = set(taken), []
     for each in maps:
         name, number = each.name, 2
@@ -223,13 +221,13 @@ def named_apart(maps: Sequence[VertexMap], taken: Sequence[str] = ()) -> tuple[V
 
 
 def unused_number(labels: Sequence[Label]) -> int:
-    """Return the first of 0, -1 and so on that no label has."""
+    """Return the first of 0, -1, -2, … that is not the number of a label."""
     keys = {label.key for label in labels}
     return next(number for number in count(0, -1) if number not in keys)
 
 
 def numbered_labels(numbers: npt.NDArray[Any]) -> tuple[Label, ...]:
-    """Return labels for the whole numbers of vertices, named after these; 0 is no label."""
+    """Return a label for each whole number but 0 among values of vertices, named by its number."""
     used = [int(number) for number in np.unique(numbers) if number != 0]
     n_colors = len(LABEL_COLORS)
     return tuple(
@@ -238,13 +236,13 @@ def numbered_labels(numbers: npt.NDArray[Any]) -> tuple[Label, ...]:
 
 
 def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[Label, ...]:
-    """Return the labels that some vertex has, as tables of files have many others."""
+    """Return the labels that occur among values of vertices."""
     used = set(np.unique(values).tolist())
     return tuple(label for label in labels if label.key in used)
 
 
 def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> npt.NDArray[Any]:
-    """The values in a type that is kept."""
+    """Return values as they are stored; raise `InputError` if they are invalid."""
     if values.dtype.kind == "c":
         raise InputError(
             f"Map {name!r} has complex numbers: give real ones, such as their absolute values."
@@ -256,7 +254,7 @@ def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> np
     if labels:
         if values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
             raise InputError(f"Map {name!r} has labels that are no whole numbers: export it again.")
-        # an array of another map, with other names, is shared
+        # a read-only array, such as that of another map, is shared
         keys = [label.key for label in labels]
         largest = max(abs(int(each)) for each in (values.min(), values.max(), min(keys), max(keys)))
         kind = np.dtype(np.int32 if largest < _SMALL else np.int64)

@@ -1,7 +1,7 @@
-"""Work in other processes: how they start, what they exchange, and how they end.
+"""Child processes: start, exchange of objects, and end.
 
-A child is an interpreter that calls one function of the package. It gets two pipes, which a stray
-print or the processes that it starts cannot use: standard output goes to standard error.
+A child is an interpreter that calls one function of the package with two pipes. Its standard output
+goes to standard error, so that stray prints and its own children cannot write to the pipes.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 
-# the child imports this package from where its parent did
+# with the parent's path, so that the child imports the same package
 _CHILD = """
 import json, sys
 sys.path[:], *given = json.loads(sys.argv[1])
 from meshmash_viewer.work import run_child
 run_child(*given)
 """
-#: Seconds until `call_in_child` looks at the child for the first time, and between the next ones.
+#: Seconds until `call_in_child` calls `look` first, and between further calls.
 _START, _LOOK = 0.2, 0.02
-#: Exit status of a child without memory for its answer.
+#: Exit status of a child that ran out of memory when it sent its result.
 _NO_MEMORY = 65
-#: Seconds between two searches for new processes, which read the table of all processes.
+#: Seconds between two searches for new processes, which read the whole process table.
 _SEARCH = 0.5
 
 
@@ -54,9 +54,8 @@ def start_child(
 ) -> subprocess.Popen[bytes]:
     """Start a process that calls ``main(source, sink, *arguments)``.
 
-    `main` is a function of a module; `source` and `sink` are the two pipes as binary files. The
-    messages of libraries go to `stderr`. For `options` see `subprocess.Popen`; `env` holds
-    additional environment variables.
+    `main` is a module-level function; `source` and `sink` are the two pipes as binary files.
+    `options` are those of `subprocess.Popen`, where `env` holds additional variables.
     """
     environment = {**os.environ, **options.pop("env", {})}
     limit_accelerate(environment)
@@ -73,7 +72,7 @@ def start_child(
 
 
 def run_child(module: str, function: str, *arguments: str) -> None:
-    """Call a function with the pipes of this process, which is a child."""
+    """Call a function with the pipes of this child process."""
     source, sink = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     with open(os.devnull, "rb") as nothing:
@@ -93,15 +92,15 @@ def call_in_child(
 ) -> Result:
     """Call a function in a child process, and return its result.
 
-    Arguments and result are pickled; what the function raises is raised here, and `ChildEnded` if
-    the child crashed. `look` is called every 20 ms; what it raises ends the child with all its
-    descendants. `env` holds additional environment variables.
+    Arguments and result are pickled. Exceptions of the function are raised here, `ChildEnded` if
+    the child crashed. `look` is called every 20 ms; an exception that it raises ends the child with
+    its descendants. `env` holds additional environment variables.
     """
     given = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
     pause = _START
     with start_child(answer, env=env or {}) as child:
         tree = ProcessTree(child.pid)
-        # by a thread, as `communicate` writes nothing more after its first timeout
+        # in a thread, since `communicate` stops writing after its first timeout
         sink, child.stdin = cast(BinaryIO, child.stdin), None
         threading.Thread(target=_write, args=(sink, given), daemon=True).start()
         try:
@@ -132,13 +131,13 @@ def _write(sink: BinaryIO, given: bytes) -> None:
 
 
 def answer(source: BinaryIO, sink: BinaryIO) -> None:
-    """Call the function that comes through a pipe; the main function of `call_in_child`."""
+    """Call the function received from `source`; the main function of `call_in_child`."""
     function, arguments = pickle.load(source)
     outcome: tuple[Exception | None, Any]
     try:
         outcome = (None, function(*arguments))
     except Exception as fault:  # noqa: BLE001  raised in the parent
-        fault.add_note(traceback.format_exc())  # which does not get there otherwise
+        fault.add_note(traceback.format_exc())  # tracebacks are not pickled
         outcome = (fault, None)
     try:
         with sink:
@@ -151,11 +150,10 @@ def answer(source: BinaryIO, sink: BinaryIO) -> None:
 
 
 class ProcessTree:
-    """A process and its descendants, which are remembered when their parent ends.
+    """A process and its descendants, including those whose parent has ended.
 
-    The process that was started need not be the one that works: in a virtual environment of
-    Windows ``python.exe`` starts the real interpreter and waits for it, and so do other launchers.
-
+    The started process may only be a launcher: in a virtual environment on Windows ``python.exe``
+    starts the real interpreter and waits for it.
     """
 
     def __init__(self, root: int) -> None:
@@ -164,12 +162,12 @@ class ProcessTree:
         self._processes: list[psutil.Process] = []
         with contextlib.suppress(psutil.Error):  # it has just ended
             self._processes.append(psutil.Process(root))
-        #: Processor time of each, those that have ended included.
+        #: Processor time of each process, also of ended ones.
         self._seconds: dict[psutil.Process, float] = {}
         self._searched = -_SEARCH
 
     def measured(self) -> tuple[float, float]:
-        """Processor time that all have taken (s), and memory that they have in use (bytes)."""
+        """Return the processor time of all processes (s) and the memory in use (bytes)."""
         import psutil
 
         if time.monotonic() - self._searched >= _SEARCH:
@@ -184,7 +182,7 @@ class ProcessTree:
         return max(sum(self._seconds.values()), with_children), memory
 
     def end(self) -> None:
-        """Kill all of them, this process last if it is among them."""
+        """Kill all processes, the calling one last."""
         import psutil
 
         self._search()
@@ -193,7 +191,7 @@ class ProcessTree:
                 process.kill()
 
     def _search(self) -> None:
-        """Add processes that have been started since."""
+        """Add new descendants."""
         import psutil
 
         for process in list(self._processes):
@@ -206,9 +204,8 @@ class ProcessTree:
 def end_group(leader: int, patience: float = 0.0) -> None:
     """End the leader of a process group, with its descendants.
 
-    They get SIGTERM, which ends them at once; only the resource trackers of multiprocessing ignore
-    it, delete temporary files and then exit. Descendants are killed after `patience` seconds.
-    Windows has neither groups nor SIGTERM: all are killed there.
+    They get SIGTERM, which the resource trackers of multiprocessing ignore, to delete temporary
+    files before they exit. Descendants are killed after `patience` seconds, on Windows at once.
     """
     if sys.platform == "win32":
         ProcessTree(leader).end()
@@ -229,14 +226,13 @@ def _lives(leader: int) -> bool:
     if sys.platform != "win32":
         import psutil
 
-        try:
-            os.killpg(leader, 0)
-        except ProcessLookupError:
-            return False
-        for process in psutil.process_iter():
-            with contextlib.suppress(psutil.Error, ProcessLookupError):
-                if os.getpgid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
-                    return True
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(leader, 0)  # faster than a search if the group has ended
+            for process in psutil.process_iter():
+                with contextlib.suppress(psutil.Error, ProcessLookupError):
+                    alive = process.status() != psutil.STATUS_ZOMBIE
+                    if alive and os.getpgid(process.pid) == leader:
+                        return True
     return False
 
 
@@ -247,9 +243,8 @@ _CLOSED = (errno.EPIPE, errno.EINVAL)
 class Wire:
     """One end of a connection: Python objects over two byte streams.
 
-    Pickling an array into a pipe would copy it several times while holding the interpreter lock,
-    which blocks the window. Its memory is written as it is instead (PEP 574), with the lock
-    released.
+    Pickling an array would copy it several times with the interpreter lock held, which blocks the
+    window. Its memory is written directly instead (PEP 574), with the lock released.
     """
 
     def __init__(self, source: BinaryIO, sink: BinaryIO) -> None:
@@ -259,7 +254,7 @@ class Wire:
     def send(self, message: object) -> None:
         """Send a picklable object, from any thread.
 
-        `BrokenPipeError` is raised if the other end is gone.
+        `BrokenPipeError` is raised if the other end is closed.
         """
         arrays: list[memoryview] = []
         pickled = pickle.dumps(
@@ -275,7 +270,7 @@ class Wire:
     def receive(self) -> Any:
         """Wait for the next object, in one thread only.
 
-        `EOFError` or `BrokenPipeError` is raised if the other end is gone.
+        `EOFError` or `BrokenPipeError` is raised if the other end is closed.
         """
         sizes = json.loads(bytes(self._read(int.from_bytes(self._read(8), "little"))))
         pickled, *arrays = [self._read(size) for size in sizes]
@@ -284,11 +279,11 @@ class Wire:
     def close(self) -> None:
         """Close both streams; the other end then raises `EOFError`."""
         for stream in (self._sink, self._source):
-            with contextlib.suppress(OSError):  # unsent bytes of a dead connection: nothing is lost
+            with contextlib.suppress(OSError):  # unsent bytes, if the other end is closed
                 stream.close()
 
     def _read(self, size: int) -> memoryview:
-        import numpy as np  # which the command line need not load
+        import numpy as np  # not loaded by the command line's help
 
         memory = np.empty(size, dtype=np.uint8).data
         with closed_pipe_errors():
@@ -298,9 +293,9 @@ class Wire:
 
 
 def is_closed_pipe(fault: BaseException) -> bool:
-    """Whether writing to a pipe, flushing or closing it failed because its other end is closed.
+    """Whether an error of writing, flushing or closing a pipe means that its other end is closed.
 
-    On Windows that is ``EINVAL``, which means other things where it comes with a file name.
+    Windows raises ``EINVAL``, which has other meanings if the error has a file name.
     """
     if isinstance(fault, BrokenPipeError):
         return True
@@ -309,9 +304,9 @@ def is_closed_pipe(fault: BaseException) -> bool:
 
 @contextlib.contextmanager
 def closed_pipe_errors() -> Iterator[None]:
-    """Raise `BrokenPipeError` where the other end of a pipe is closed, on every system.
+    """Raise `BrokenPipeError` on every system if the other end of a pipe is closed.
 
-    Only what writes to a pipe, flushes it or closes it belongs into the body.
+    The body may only write to a pipe, flush it or close it.
     """
     try:
         yield

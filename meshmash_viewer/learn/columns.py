@@ -18,12 +18,7 @@ from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
 from meshmash_viewer.learn import KINDS
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.progress import (
-    CancelCallback,
-    Progress,
-    ProgressCallback,
-    check_cancelled,
-)
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Rows
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.surface.curvature import gaussian_curvature, mean_curvature

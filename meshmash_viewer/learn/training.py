@@ -16,12 +16,7 @@ from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.learn.columns import ClassColumns, diffused
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.progress import (
-    CancelCallback,
-    Progress,
-    ProgressCallback,
-    check_cancelled,
-)
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
 from meshmash_viewer.surface.edges import connected
 from meshmash_viewer.units import counted
 

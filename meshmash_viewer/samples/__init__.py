@@ -6,7 +6,7 @@ from pathlib import Path
 
 from meshmash_viewer.errors import InputError
 
-#: Name and what it is.
+#: Names and descriptions.
 SAMPLES: dict[str, str] = {
     "dendrite": "a forking piece of spiny dendrite, one closed surface, in nm",
     "neuron": "a small neuron with soma, dendrites, spines and axon, one closed surface, in nm",
@@ -17,9 +17,9 @@ SAMPLES: dict[str, str] = {
 
 
 def sample_path(name: str = "dendrite") -> Path:
-    """Where one of `SAMPLES` lies on disk, as an NPZ file that states its unit, if it has one.
+    """Return the path of a sample, an NPZ file with its unit, if it has one.
 
-    `InputError` is raised if there is no sample of this name.
+    `InputError` is raised if `name` is not in `SAMPLES`.
     """
     if name not in SAMPLES:
         raise InputError(f"There is no sample {name!r}: choose one of {', '.join(SAMPLES)}.")
@@ -27,9 +27,9 @@ def sample_path(name: str = "dendrite") -> Path:
 
 
 def labels_path(name: str = "dendrite") -> Path:
-    """Where the labels of a sample lie on disk: shaft and spine, and soma and axon of the neuron.
+    """Return the path of the labels of a sample: shaft and spine; of the neuron soma and axon too.
 
-    `InputError` is raised if it has none.
+    `InputError` is raised if the sample has none.
     """
     path = sample_path(name).with_name(f"{name}_labels.npz")
     if not path.exists():

@@ -14,12 +14,7 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
-from meshmash_viewer.spectral.cost import (
-    can_be_dense,
-    core_count,
-    is_dense,
-    worker_count,
-)
+from meshmash_viewer.spectral.cost import can_be_dense, core_count, is_dense, worker_count
 from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.basis import orthonormalise
 from meshmash_viewer.spectral.engine.dense import DenseSpectrum, dense_residuals

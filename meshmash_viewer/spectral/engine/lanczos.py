@@ -17,12 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.spectral.engine.basis import (
-    BLOCK,
-    KrylovBasis,
-    orthonormalise,
-    project_out,
-)
+from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis, orthonormalise, project_out
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.refinement import refine_pairs, rotate_to_pairs
 
