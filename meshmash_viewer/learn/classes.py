@@ -1,4 +1,4 @@
-"""Classes of vertices: trained from labels of some, predicted at all, on any mesh with a unit."""
+"""Training of classes from labels of some vertices, and prediction at all vertices of meshes."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-#: Fewest labelled vertices of a class.
+#: Minimum number of labelled vertices of a class.
 _LEAST = 5
-#: Eigenpairs of the first mesh, where columns are chosen from none.
+#: Number of eigenpairs computed to choose the times of columns.
 _PAIRS = 200
 
 
 @dataclass(frozen=True, eq=False)
 class ClassModel:
-    """A trained classifier, with all that is needed to apply it to another mesh.
+    """A trained classifier with its columns and classes, applicable to other meshes.
 
     Parameters
     ----------
@@ -47,23 +47,23 @@ class ClassModel:
     kind : str
         "ensemble", "forest" or "logistic".
     columns : ClassColumns
-        What it is applied to.
+        Columns that it classifies.
     classes : tuple of Label
-        With their colours, in the order of the classifier.
+        Classes with colours, in the order of the classifier.
     importance : ndarray, shape (f,)
-        Share of each column in the decisions, of sum 1: the decrease of impurity in a forest, the
-        mean magnitude of the coefficients of a regression, or the mean of both. Of columns that
-        say the same, each has a part.
+        Share of each column in the decisions, with sum 1: the decrease of impurity in a forest, the
+        mean magnitude of the coefficients of a regression, or the mean of both. Correlated columns
+        share their importance.
     smoothing : float
         Length over which probabilities are smoothed, in the unit of the columns.
     meshes : tuple of dict
-        Name, content hash, and numbers of vertices and of labelled ones of each training mesh.
+        Name, content hash, and numbers of vertices and of labelled vertices of each training mesh.
     scores : ClassScores, optional
-        Of the cross-validation; None without one.
+        Result of the cross-validation, if there was one.
     unscored : str
-        Why there are no scores, a sentence.
+        Sentence on why there are no scores.
     about : dict
-        Further entries of the card in the file, for JSON.
+        Additional JSON entries of the card in the file.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class ClassModel:
         return tuple(each.name for each in self.classes)
 
     def check_mesh(self, mesh: Mesh) -> None:
-        """Raise `InputError` for a mesh whose unit is not known, unless it was trained on it."""
+        """Raise `InputError` for a mesh without unit, unless it is one of the training."""
         hashes = {each.get("hash") for each in self.meshes}
         if mesh.unit or self.columns.unit or mesh.content_hash not in hashes:
             self.columns.check_unit(mesh)
@@ -105,11 +105,11 @@ class ClassPrediction:
     Parameters
     ----------
     labels : VertexMap
-        The most probable class; no label at vertices without faces.
+        Most probable class; no label at vertices without faces.
     probabilities : tuple of VertexMap
-        That of each class, in the order of the model; of sum 1.
+        Probability of each class, in the order of the model; their sum is 1.
     uncertainty : VertexMap
-        One minus the largest probability: where another label would help most.
+        One minus the largest probability. Further labels help most where it is high.
 
     Examples
     --------
@@ -127,7 +127,7 @@ class ClassPrediction:
 
     @property
     def maps(self) -> tuple[VertexMap, ...]:
-        """All of them, for `Mesh.with_maps`."""
+        """All maps, for `Mesh.with_maps`."""
         return (self.labels, *self.probabilities, self.uncertainty)
 
 
@@ -149,12 +149,12 @@ def train_classes(
     Parameters
     ----------
     meshes : MeshLike or sequence of them
-        All with a unit of length, unless it is one mesh.
+        Meshes to learn from; several ones need a unit of length.
     labels : VertexMap or sequence of them
-        Labels of each mesh. Classes are the same where their names are; without names, where
-        their numbers are, and 0 is no label.
+        Labels of each mesh. Labels with the same name are one class; without names, those with the
+        same number, where 0 is no label.
     columns : ClassColumns or str
-        What to learn from. Kinds alone, such as "hks" or "hks,curvature", are computed at the times
+        Columns to learn from. Kinds alone, such as "hks" or "hks,curvature", are computed at times
         that `ClassColumns.chosen` finds for the first mesh.
     classifier : {"ensemble", "forest", "logistic"}
         100 extremely randomized trees [1]_, logistic regression of standardized columns, or by
@@ -162,14 +162,13 @@ def train_classes(
     smoothing : float
         Length over which probabilities are smoothed by diffusion, in the unit of the columns.
     pairs : Eigenpairs or sequence, optional
-        Eigenpairs of each mesh, if they are known.
+        Known eigenpairs of each mesh.
     features : Features or sequence, optional
-        Results of `ClassColumns.compute` for each mesh, if they are known: with them an interactive
-        program trains again after each stroke.
+        Known results of `ClassColumns.compute` for each mesh, for training after each stroke.
     scored : bool
-        Whether to cross-validate, which trains up to five times more. Whole meshes are left out
-        where the others have all classes, else whole strokes, which are connected parts of a
-        class: neighbouring vertices are nearly equal, so that single ones would show nothing.
+        Whether to cross-validate, which trains up to five more times. Whole meshes are left out
+        if the others have all classes, else whole strokes (connected parts of a class). Single
+        vertices would give useless scores, as their neighbours are nearly equal.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -180,9 +179,9 @@ def train_classes(
     Raises
     ------
     InputError
-        If scikit-learn is not installed, labels are of another mesh or are no whole numbers, there
-        are fewer than two classes or fewer than five labelled vertices of one, all columns are
-        constant there, or one of several meshes has no unit of length.
+        If scikit-learn is not installed, labels do not fit the mesh or are not whole numbers, there
+        are fewer than two classes or fewer than five labelled vertices of a class, all columns are
+        constant at these, or one of several meshes has no unit of length.
 
     Warns
     -----
@@ -191,7 +190,7 @@ def train_classes(
 
     Notes
     -----
-    Of more than 20,000 labelled vertices so many are used, drawn evenly.
+    Of more than 20,000 labelled vertices an evenly drawn subset of that size is used.
 
     References
     ----------
@@ -245,13 +244,11 @@ def train_classes(
     training = Training(given, places, tables, columns, of_classes, classifier, smoothing, cancel)
     fitted = training.fitted(np.arange(len(training.places)), progress)
     importance = importance_of(fitted, classifier)
-    model = ClassModel(
-        fitted, classifier, columns, classes, importance, smoothing, training.described()
-    )
-    if not scored:
-        return model
-    scores, unscored = training.scores(progress)
-    return replace(model, scores=scores, unscored=unscored)
+    scores, unscored = training.scores(progress) if scored else (None, "")
+    return ClassModel(
+        fitted, classifier, columns, classes, importance, smoothing, training.described(),
+        scores, unscored,
+    )  # fmt: skip
 
 
 def predict_classes(
@@ -269,16 +266,16 @@ def predict_classes(
     Parameters
     ----------
     mesh : MeshLike
-        In any unit of length, which is converted; without one only the mesh of the training.
+        Its unit of length is converted; only a mesh of the training may have none.
     model : ClassModel
     pairs : Eigenpairs, optional
-        Of this mesh; computed where they do not suffice.
+        Known eigenpairs of the mesh; more are computed if needed.
     features : Features, optional
-        Result of ``model.columns.compute`` for this mesh, if it is known, or others that have
+        Known result of ``model.columns.compute`` for the mesh, or other features that include
         columns of these names.
     domains : array_like of int, shape (n,), optional
-        The domain of each vertex, -1 for none, such as `CondensedHKS.labels`: the class is that of
-        the mean over the area of its domain, without smoothing.
+        Domain of each vertex, -1 for none, such as `CondensedHKS.labels`. Area-weighted means of
+        domains are classified, without smoothing.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -290,7 +287,7 @@ def predict_classes(
     ------
     InputError
         If the mesh or the model has no unit of length, a column of the model is missing in
-        `features`, or domains are those of another mesh.
+        `features`, or the number of domains is not that of vertices.
 
     Examples
     --------
@@ -315,7 +312,7 @@ def predict_classes(
         known = checked_labels(domains, mesh.n_vertices)
         means = domain_means(np.asarray(given, dtype=np.float64), known, mesh.vertex_areas)[1:]
         whole = np.isfinite(means).all(axis=1)
-        of_domains = np.full((len(means) + 1, len(model.classes)), np.nan)  # the last: of none
+        of_domains = np.full((len(means) + 1, len(model.classes)), np.nan)  # the last is no domain
         of_domains[:-1][whole] = probabilities(
             model.classifier, means[whole].astype(given.dtype), progress, cancel
         )
@@ -335,7 +332,7 @@ def predict_classes(
 
 
 def _matching(features: Features, model: ClassModel) -> npt.NDArray[Any]:
-    """Return the columns of a model, by their names."""
+    """Return the columns of a model from features, by name."""
     names = model.columns.names
     if features.columns == names:
         return features.values
@@ -349,10 +346,10 @@ def _matching(features: Features, model: ClassModel) -> npt.NDArray[Any]:
 
 
 def _classes_of(sets: Sequence[VertexMap]) -> tuple[tuple[Label, ...], list[IntArray]]:
-    """Return the classes of all sets that some vertex has, and that of each vertex, -1 for none.
+    """Return the classes in use, and the index of the class of each vertex, -1 for none.
 
-    Labels of one name are one class; one that is named by its number is that of the number in
-    another set.
+    Labels with the same name are one class. A label named by its number is the class of that number
+    in another set.
     """
     named = {
         each.key: each
@@ -395,7 +392,7 @@ def _check_classes(places: IntArray, classes: Sequence[Label]) -> None:
 
 
 def _listed(given: Any, many: bool, count: int) -> list[Any]:
-    """Return one entry a mesh."""
+    """Return a list with one entry for each mesh."""
     if given is None:
         return [None] * count
     found = list(given) if many else [given]

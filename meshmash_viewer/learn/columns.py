@@ -1,4 +1,4 @@
-"""Columns that mean the same on every mesh, from which classes are learned."""
+"""Feature columns for learning classes, comparable between meshes."""
 
 from __future__ import annotations
 
@@ -26,26 +26,25 @@ from meshmash_viewer.units import LENGTH_UNITS, METRES, format_quantity, whole_n
 
 #: Standard deviation of wave kernel bands, in steps between them.
 _WIDTH = 2.0
-#: Values below this share of those of a plane, or of the mean, have the logarithm of the share.
+#: Lower limit of values before the logarithm, relative to a plane, or to the mean on the surface.
 FLOOR = 1e-9
-#: Squared length times eigenvalue from which heat flow is summed from eigenpairs, as what is
-#: missing has decayed to less than 1 %.
+#: Squared length times largest eigenvalue from which heat flow is summed from eigenpairs: missing
+#: pairs have decayed to less than 1 %.
 _DECAYED = 5.0
-#: Of the lengths of curvature: the shortest as a share of √t_min, the longest of √t_max, so that
-#: the range of times determines all columns.
+#: Shortest length of curvature relative to √t_min, and longest relative to √t_max.
 _LENGTHS = (0.4, 0.45)
 #: Columns of curvature at each length.
 _CURVATURES = ("offset", "distance", "tilt", "agreement", "mean", "gaussian")
-#: Residual of diffusion relative to the right-hand side, and the largest number of steps to it.
+#: Residual of diffusion relative to the right-hand side, and maximum number of steps.
 _TOLERANCE, _STEPS = 1e-5, 3000
 
 
 @dataclass(frozen=True)
 class ClassColumns:
-    """Which columns classes are learned from, in a unit of length of its own.
+    """Columns to learn classes from, at fixed times and lengths in a unit of length.
 
-    All are fixed numbers and do not follow the spectrum of a mesh, so that a column means the same
-    on each. Use `chosen` for those that suit a mesh.
+    They do not depend on the spectrum of a mesh, so that columns of meshes are comparable. `chosen`
+    selects times for a mesh.
 
     Parameters
     ----------
@@ -113,7 +112,7 @@ class ClassColumns:
         t_max: float | None = None,
         **others: Any,
     ) -> Self:
-        """Choose the columns for a mesh: times of its spectrum, which are kept for all others."""
+        """Choose columns whose times, if not given, are those that the eigenpairs resolve."""
         exact = pairs.exact
         found = hks_time_range(exact.eigenvalues, as_mesh(mesh).area)
         low, high = t_min or found[0], t_max or found[1]
@@ -152,7 +151,7 @@ class ClassColumns:
 
     @property
     def time_of_each(self) -> FloatArray:
-        """Diffusion time of each column, in squared `unit`: of an energy 1/λ, of a length l²."""
+        """Diffusion time of each column, in squared `unit`: 1/λ for an energy, l² for a length."""
         times = {
             "hks": self.times,
             "wks": np.exp(-self._energies),
@@ -199,14 +198,14 @@ class ClassColumns:
         ----------
         mesh : MeshLike
         pairs : Eigenpairs, optional
-            Of this mesh; computed where they do not reach up to `max_eigenvalue`.
+            Known eigenpairs of the mesh; computed unless they reach `max_eigenvalue`.
         progress, cancel : callable, optional
             See `meshmash_viewer.progress`.
 
         Returns
         -------
         Features
-            Shape (n, f), in powers of `unit`; NaN at unreferenced vertices.
+            Values of shape (n, f), in powers of `unit`; NaN at unreferenced vertices.
         """
         mesh = as_mesh(mesh)
         if pairs is None or not self._reached(mesh, pairs):
@@ -230,7 +229,7 @@ class ClassColumns:
         return stiffness, mass.diagonal()
 
     def _reached(self, mesh: Mesh, pairs: Eigenpairs) -> bool:
-        """Whether pairs suffice."""
+        """Whether pairs reach `max_eigenvalue`, or are all pairs."""
         exact, limit = pairs.exact, self.limit(mesh) * (1.0 - 1e-9)
         n = mesh.n_vertices - len(mesh.unreferenced)
         reach = max(exact.known_to, float(exact.eigenvalues[-1])) if exact.n_components else 0.0
@@ -258,10 +257,10 @@ class ClassColumns:
         return wave_kernel_bank(eigenvalues, energies=energies, sigma=_WIDTH * abs(spacing))
 
     def _logarithms(self, kind: str, mesh: Mesh, eigenvalues: FloatArray, rows: Rows) -> FloatArray:
-        """Logarithms of squares of eigenvectors, summed; WKS relative to its mean on the surface.
+        """Compute logarithms of HKS, or of WKS relative to its mean on the surface.
 
-        HKS below a share of its value on a plane, as with the first pair dropped on debris, is that
-        share.
+        HKS is at least a share of its value on a plane: without the first pair it vanishes on
+        debris.
         """
         start = int(self.drop_first)
         bank = self._bank(kind, eigenvalues[start:])
@@ -282,17 +281,17 @@ class ClassColumns:
         progress: ProgressCallback | None,
         cancel: CancelCallback | None,
     ) -> FloatArray:
-        """Compare each vertex and its normal with the surface smoothed over each length.
+        """Compute position and normal of vertices relative to the smoothed surface, and curvature.
 
-        Short lengths are one implicit step, long ones heat flow by the eigenpairs.
-        The offset along the normal is the mean curvature times squared length where that is short.
+        Short lengths are smoothed by one implicit step, long ones by heat flow with eigenpairs. For
+        a short length the offset along the normal is mean curvature times squared length.
         """
         scale = self.scale(mesh)
         places = mesh.on_surface(mesh.vertices - _centroid(mesh)) / scale
         side = _outwards(mesh)
         normals = mesh.vertex_normals.astype(np.float64) * side
         bends = [mean_curvature(mesh) * side * scale, gaussian_curvature(mesh) * scale**2]
-        known = np.isfinite(bends[0])[:, None]  # not on the boundary
+        known = np.isfinite(bends[0])[:, None]  # curvature is NaN on the boundary
         given = np.concatenate([places, normals, np.nan_to_num(np.stack(bends, 1)), known], axis=1)
         if len(mesh.unreferenced):
             rows = np.nan_to_num(rows)
@@ -322,13 +321,13 @@ class ClassColumns:
         return np.stack(columns, axis=1)
 
     def plain(self) -> dict[str, Any]:
-        """Return the parameters as JSON has them."""
+        """Return the parameters as JSON values."""
         operator = {"robust": self.operator.robust, "mollify_factor": self.operator.mollify_factor}
         return {**self.__dict__, "kinds": list(self.kinds), "operator": operator}
 
     @classmethod
     def from_plain(cls, entries: dict[str, Any]) -> Self:
-        """Make them from the result of `plain`."""
+        """Create columns from the result of `plain`."""
         operator = OperatorOptions(**entries["operator"])
         return cls(**{**entries, "operator": operator})
 
@@ -351,12 +350,11 @@ def diffused(
     start: FloatArray | None = None,
     cancel: CancelCallback | None = None,
 ) -> FloatArray:
-    """Solve ``(M + t L) x = M f`` with t the square of a length: f smoothed over that length.
+    """Smooth functions f over a length: solve ``(M + t L) x = M f``, t its square, shape (n, d).
 
-    All functions f, shape (n, d), are solved for together, by conjugate gradients with the diagonal
-    as preconditioner, from `start` on: little memory, and more steps for longer lengths. A vertex
-    without mass keeps its value. Results are between the smallest and the largest value where L has
-    no positive entry off its diagonal.
+    All functions are solved together, by conjugate gradients with the diagonal as preconditioner,
+    from `start` on; longer lengths take more steps. Values at vertices without mass are unchanged.
+    Results are within the range of f if L has no positive entry off its diagonal.
     """
     weights = np.where(mass > 0.0, mass, 1.0)[:, None]
     system = (sparse.diags_array(weights[:, 0]) + length**2 * stiffness).tocsr()

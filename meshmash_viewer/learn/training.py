@@ -1,4 +1,4 @@
-"""Training of a classifier on labelled vertices, its probabilities, and honest scores."""
+"""Training of a classifier on labelled vertices, its probabilities and cross-validation."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback,
 from meshmash_viewer.surface.edges import connected
 from meshmash_viewer.units import counted
 
-#: Most labelled vertices that are used, which are drawn evenly, and fewest of a class with so many.
+#: Maximum number of labelled vertices used, and minimum number of a class if it has as many.
 _MOST, _FEWEST = 20_000, 100
-#: Trees, and labelled vertices times trees that are trained between two questions whether to go on.
+#: Trees, and labelled vertices times trees that are trained between two calls of `cancel`.
 _TREES, _AT_ONCE = 100, 500_000
-#: Trees in each training of the cross-validation, whose scores differ by some thousandths.
+#: Trees in each training of the cross-validation; 100 change scores by some thousandths only.
 _TREES_SCORED = 40
-#: Number of times that a part of the strokes is left out.
+#: Number of groups of strokes that are left out in turn.
 _FOLDS = 5
 #: Inverse of the penalty of the coefficients of the logistic regression.
 _PENALTY = 0.05
-#: Vertices that are predicted at a time.
+#: Vertices predicted at a time.
 _BLOCK = 25_000
-#: Range relative to the largest magnitude below which a column is constant.
+#: Range of a constant column relative to its largest magnitude.
 _SAME = 1e-6
 
 
@@ -48,7 +48,7 @@ class ClassScores:
         Area of the labelled vertices of each class (row) by predicted class (column), in squared
         unit of the model.
     left_out : str
-        What was left out of the training, and predicted: "meshes" or "strokes".
+        Test sets, left out of the training: "meshes" or "strokes".
     folds : int
         Number of trainings.
 
@@ -77,7 +77,7 @@ class ClassScores:
         return float(np.average(self.f1, weights=self.confusion.sum(axis=1)))
 
     def plain(self) -> dict[str, Any]:
-        """Return the scores as JSON has them."""
+        """Return the scores as JSON values."""
         return {
             "classes": list(self.classes),
             "confusion": self.confusion.tolist(),
@@ -156,7 +156,7 @@ class Training:
 
         both = self._forest(values, places, progress, n_trees), _regression(values, places)
         mean = VotingClassifier(list(zip(("forest", "logistic"), both, strict=True)), voting="soft")
-        mean.estimators_, mean.le_ = list(both), LabelEncoder().fit(places)  # trained already
+        mean.estimators_, mean.le_ = list(both), LabelEncoder().fit(places)  # instead of `fit`
         mean.classes_ = mean.le_.classes_
         return mean
 
@@ -177,12 +177,12 @@ class Training:
             check_cancelled(self.cancel)
             if progress is not None:
                 progress(Progress("training", part.start / n_trees, message="Training"))
-            with warnings.catch_warnings():  # which threads of the forest may leave changed
+            with warnings.catch_warnings():  # threads of the forest may change the filters
                 forest.set_params(n_estimators=part.stop).fit(values, places)
         return forest.set_params(warm_start=False, n_jobs=1)
 
     def scores(self, progress: ProgressCallback | None) -> tuple[ClassScores | None, str]:
-        """Cross-validate; return the scores, or None and a sentence why there are none."""
+        """Cross-validate; return scores, or None and a sentence on why there are none."""
         folds, left_out, fault = self._folds()
         if fault:
             return None, fault
@@ -199,9 +199,9 @@ class Training:
     def _folds(self) -> tuple[IntArray, str, str]:
         """Assign labelled vertices to folds that are left out in turn.
 
-        Whole meshes are left out where the others have all classes, otherwise whole strokes, those
-        of each class dealt out by size. The number of each fold, shape (s,), comes with what is
-        left out; if a class has one stroke alone, with a sentence in its place.
+        Folds are meshes if the others have all classes, otherwise strokes of each class, dealt out
+        by size. Returns the fold of each vertex, shape (s,), the kind of folds, and a sentence if a
+        class has only one stroke.
         """
         places, of_mesh = self.places, self.of_mesh
         kept = [len(np.unique(places[of_mesh != mesh])) for mesh in range(len(self.meshes))]
@@ -245,7 +245,7 @@ def _strokes(mesh: Mesh, places: IntArray) -> IntArray:
 
 
 def _drawn(places: IntArray, n_classes: int) -> IntArray:
-    """Draw labelled vertices evenly, and of a class that is rare as many more as it needs."""
+    """Draw labelled vertices evenly, and additional ones of rare classes."""
     drawn = [np.linspace(0, len(places) - 1, _MOST).astype(np.int64)]
     for place in range(n_classes):
         own = np.flatnonzero(places == place)
@@ -260,7 +260,7 @@ def _regression(values: npt.NDArray[Any], places: IntArray) -> Any:
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    # strokes are few, and neighbouring columns say nearly the same
+    # a strong penalty, since strokes are few and neighbouring columns correlated
     regression = LogisticRegression(C=_PENALTY, class_weight="balanced", max_iter=1000)
     return make_pipeline(StandardScaler(), regression).fit(values.astype(np.float64), places)
 
@@ -298,8 +298,8 @@ def probabilities(
 ) -> FloatArray:
     """Return the probability of each class, shape (n, c).
 
-    Without threads: a forest sets the filters of warnings, which are those of all threads, and adds
-    up its trees in the order in which threads of its own end.
+    A forest must not use threads here: it would set the warning filters of all threads, and its
+    sums would depend on the order in which its threads end.
     """
     found = []
     for part in blocks(len(values), _BLOCK):
@@ -320,7 +320,7 @@ def predicted(
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> FloatArray:
-    """Return the probabilities at all vertices of a mesh, smoothed; NaN at unreferenced ones."""
+    """Return smoothed probabilities, shape (n, c); NaN at unreferenced vertices."""
     used, own = mesh.referenced, smoothing * columns.scale(mesh)
     found = probabilities(classifier, values[used], progress, cancel)
     result = np.full((mesh.n_vertices, found.shape[1]), np.nan)
