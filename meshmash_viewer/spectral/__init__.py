@@ -1,1 +1,1 @@
-"""Eigenpairs of a Laplacian: asked for, computed, proved, previewed."""
+"""Eigenpairs of a Laplacian: solver, certificates, previews, and estimates of cost and number."""

@@ -1,9 +1,8 @@
 """Alignment of exact eigenfunctions with the approximate ones shown before them.
 
-The sign of an eigenfunction is arbitrary, and within a multiplet any orthogonal combination is an
-eigenfunction too. When exact pairs replace a preview, signs and combinations are chosen such that
-the render changes least. Files and features keep the solver's own choice: features do not depend on
-it.
+The sign of an eigenfunction is arbitrary, and so are orthogonal combinations within a multiplet.
+When exact pairs replace a preview, signs and combinations are chosen such that the render changes
+least. Files contain the solver's choice; features do not depend on it.
 """
 
 from __future__ import annotations
@@ -124,7 +123,7 @@ def _inner(
     for part in blocks(rows.shape[1], _BLOCK):
         weighted = np.nan_to_num(np.asarray(rows[:, part], dtype=np.float64)) * mass[part]
         total += weighted @ np.nan_to_num(np.asarray(shown[:, part], dtype=np.float64)).T
-    # so that rows without overlap are not rotated
+    # the identity, so that rows without overlap are not rotated
     return total + 1e-9 * np.eye(*total.shape)
 
 
@@ -156,10 +155,9 @@ class ShownRows:
         indices = np.arange(self.shape[0])[rows]
         if indices.ndim == 0:
             return self._row(int(indices), columns)
-        found = [self._row(int(index), columns) for index in indices]
-        if not found:
+        if not len(indices):
             return np.zeros((0, self.shape[1]))[:, columns]
-        return np.stack(found)
+        return np.stack([self._row(int(index), columns) for index in indices])
 
     def _row(self, index: int, columns: Any) -> FloatArray:
         if index >= self._n_exact:

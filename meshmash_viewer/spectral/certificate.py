@@ -59,7 +59,7 @@ class Certificate:
             lacks.append("no count")
         elif self.found != self.counted:
             lacks.append(f"{self.found} found of {self.counted} counted")
-        # Written so that NaN, which is no proof, fails as well.
+        # Written so that NaN fails too.
         if not self.residual <= residual:
             lacks.append(
                 f"a residual of {_short(self.residual)} (pair {self.residual_index}) above "
@@ -143,7 +143,7 @@ def verify_pairs(
         )
     used = np.flatnonzero(diagonal > 0.0)
     matrix, diagonal = sp.csr_array(matrix[used][:, used]), diagonal[used]
-    # To a power of two, as in the solver: both treat the same eigenvalues as zero.
+    # A power of two, as in the solver, so that both treat the same eigenvalues as zero.
     spacing = float(np.exp2(np.round(np.log2(4.0 * np.pi / float(diagonal.sum())))))
     defects = _residuals(values, rows, matrix, diagonal, used)
     residuals = defects / np.where(values > 1e-9 * spacing, values, spacing)
@@ -217,7 +217,7 @@ def _count(
     """Return numbers of eigenvalues counted and found, and upper and lower end of the interval."""
     if len(values) == len(diagonal):
         return len(diagonal), len(values), None, None
-    # An eigenvalue is known no better than its residual.
+    # The error of an eigenvalue is at most its residual.
     gap = np.maximum(_GAP * np.maximum(np.abs(values), spacing), defects)
     wide = np.flatnonzero(np.diff(values) > 2.0 * np.maximum(gap[1:], gap[:-1]))
     norm = float((abs(matrix).sum(axis=1) / diagonal).max(initial=0.0))
@@ -225,7 +225,7 @@ def _count(
     low, first = None, 0
     if given.low is not None:
         if not len(wide):
-            # One multiple eigenvalue, of which some copies may not have been requested.
+            # A single multiple eigenvalue; some copies may not have been requested.
             ends = float(values[0] - gap[0]), float(values[-1] + gap[-1])
             below, upto = (_below(matrix, diagonal, end, spacing) for end in ends)
             copies = upto - below
@@ -233,8 +233,8 @@ def _count(
         first = int(wide[0]) + 1
         low = 0.5 * float(values[first - 1] + values[first])
     elif len(wide) and given.found > len(values):
-        # More pairs were found than kept: of those nearest a shift, equal ones at the lower end
-        # (zeros for instance) may be missing.
+        # More pairs were found than kept: some equal to the lowest one, such as zeros, may be
+        # left out.
         above = int(wide[0]) + 1
         edge = 0.5 * float(values[above - 1] + values[above])
         left_out = _below(matrix, diagonal, edge, spacing) - above
@@ -248,7 +248,7 @@ def _count(
         if not len(within):
             within = wide[-1:]
         if not len(within):
-            # Below all of them, by more than the rounding of zeros.
+            # Below all pairs, by more than the rounding of zeros.
             bound, last = float(values[0] - max(gap[0], noise)) if len(values) else -noise, 0
         else:
             last = int(within[-1]) + 1

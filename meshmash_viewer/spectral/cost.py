@@ -11,11 +11,11 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine.factorization import OrderedPencil
 from meshmash_viewer.units import NO_BREAK, counted, format_number
 
-#: Seconds a vertex and pair on two cores of 2024; replaced by what the last run took.
+#: Seconds per vertex and pair on two cores of 2024, until a run has been measured.
 _SECONDS = 2.5e-7
-#: Share of the free memory that a run may take.
+#: Maximum share of the free memory for a run.
 _SHARE = 0.9
-#: Share of the time that does not depend on the number of pairs, as if it were pairs.
+#: Time that does not depend on the number of pairs, expressed in pairs.
 _FIXED_PAIRS = 15
 
 
@@ -28,10 +28,10 @@ def estimate_memory(
     n_null: int = 1,
     dtype: npt.DTypeLike = np.float64,
 ) -> int:
-    """Predict the bytes that a run allocates, its rows included, the given matrices not.
+    """Predict the bytes that a run allocates, including its rows, without the given matrices.
 
-    There are n vertices, nnz stored entries of L, k pairs and `n_null` components; `n_jobs` slices
-    are computed in parallel, by default one on each core. `dtype` is that of the rows.
+    The mesh has n vertices and `n_null` components, L nnz stored entries; k pairs are computed, in
+    `n_jobs` parallel slices, by default one on each core. `dtype` is that of the rows.
     """
     from joblib import cpu_count
 
@@ -53,7 +53,7 @@ def check_memory(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
     """
 
     def need(count: int) -> int:
-        # where memory is short, one slice of the spectrum is computed at a time
+        # with little memory, slices are computed one at a time
         return estimate_memory(n, nnz, count, 1, n_null=n_null)
 
     k = min(k, n)
@@ -72,9 +72,9 @@ def check_memory(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
 def decomposition_bytes(n_vertices: int, n_pairs: float) -> int:
     """Predict the bytes of memory that a decomposition takes beyond the mesh.
 
-    For as many pairs, fewer vertices never give more. A run may take more once debris is removed,
-    as fewer pairs are known constants, or fewer vertices are computed by dense `eigh`: therefore it
-    is predicted for one component, and at least as that of the largest mesh computed so.
+    The prediction increases with the number of vertices, although removing debris may increase
+    memory: fewer pairs are known constants, or the mesh becomes small enough for dense `eigh`. So
+    one component is assumed, and at least the memory of the largest mesh solved densely.
     """
     n_pairs = max(1, min(round(n_pairs), n_vertices))
     dense = max(_DENSE_VERTICES, min(3 * n_pairs - 3, _DENSE_VERTICES_MOST_PAIRS + 1))
@@ -89,9 +89,9 @@ def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = 
 
 
 def measured_rate(n_vertices: int, n_pairs: int, seconds: float) -> float | None:
-    """Compute the seconds per vertex and pair of a run; None where it was too short to measure.
+    """Compute the seconds per vertex and pair of a run; None if it is not representative.
 
-    Short runs may only have read the store, and with few pairs the set-up dominates.
+    Short runs may have read the store, and with few pairs the set-up dominates.
     """
     if seconds <= 2.0 or n_pairs < _FIXED_PAIRS:
         return None
@@ -121,7 +121,7 @@ def written_duration(seconds: float) -> str:
     return text.replace(" ", NO_BREAK)
 
 
-#: Number of pairs of a slice: with more its basis takes most of the time, with fewer its factor. In
+#: Number of pairs of a slice: with more the basis takes most of the time, with fewer the factor. In
 #: float32 pairs converge in fewer steps, and small slices save a third of the memory.
 _SLICE_PAIRS, _LEAN_SLICE_PAIRS = 140, 50
 #: Number of pairs up to which there is one slice.
@@ -224,7 +224,7 @@ def memory_of_run(
         entries = _FACTOR_DENSITY * n * float(np.log2(max(n, 4)))
     k, n_null = min(k, n), min(k, n_null)
     if is_dense(n, n_null, k):
-        # A component has at most all free vertices and its constant.
+        # The largest component has at most all free vertices and its constant.
         return 40.0 * (n - n_null + 1) ** 2 + 8.0 * n * k + _KEPT_BYTES / 11.0
     slices = slice_count(k - n_null, lean)
     pairs, at_once = (k - n_null) / slices, min(workers, slices) if k > n_null else 0

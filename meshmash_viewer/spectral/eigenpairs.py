@@ -1,4 +1,4 @@
-"""Eigenpairs: eigenvalues and eigenvectors of a mesh, as far as they are computed."""
+"""Eigenpairs: the eigenvalues and eigenvectors of a mesh computed so far."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class Multiplet:
 
 @dataclass(frozen=True, eq=False)
 class Eigenpairs:
-    """Eigenpairs of L φ = λ M φ in ascending order; more of them are another, longer object.
+    """Immutable eigenpairs of L φ = λ M φ in ascending order.
 
-    Solver, store, jobs, fields and window use this type. Rows that are mapped from a file are
-    pickled as a reference to it, and mapped again by the receiver.
+    Solver, store, jobs, fields and window use this type. Rows mapped from a file are pickled as a
+    reference to it.
     """
 
     #: Shape (k,): In the inverse squared unit of the mesh.
@@ -52,16 +52,16 @@ class Eigenpairs:
     #: Shape (k,): ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π /
     #: area. NaN for approximate pairs.
     residuals: npt.NDArray[np.float64]
-    #: Evidence that none is missing, with the worst residual and the orthonormality; of method
-    #: "none" until the computation has ended.
+    #: Evidence that no pair is missing, with the worst residual and the orthonormality; its method
+    #: is "none" until the computation has ended.
     certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
     #: Seconds by stage.
     timings: Mapping[str, float] = field(default_factory=dict)
-    #: Shape (n,): Diagonal of M; empty if it is not known. See `vertex_areas`.
+    #: Shape (n,): Diagonal of M; empty if unknown. See `vertex_areas`.
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
     #: Number of pairs requested; 0 while unknown.
     total: int = 0
-    #: Eigenvalue up to which these are complete; 0 if no threshold was requested.
+    #: Eigenvalue up to which the pairs are complete; 0 if no threshold was requested.
     known_to: float = 0.0
     #: Number of leading pairs that are exact, not approximations; None for all of them.
     n_exact: int | None = None
@@ -124,7 +124,7 @@ class Eigenpairs:
         return self.certificate.sentence(self.n_components, unit)
 
     def on_mask(self, mask: str) -> Self:
-        """The same pairs with the mask that they are of in their proof; "" for the whole mesh."""
+        """Return the pairs with the description of their mask, "" for none, in the certificate."""
         known, said = self.certificate, f"on the mask {mask} only"
         if not mask or said in known.remark or known.method == "none":
             return self
@@ -134,9 +134,9 @@ class Eigenpairs:
     def verify(self, stiffness: Any, mass: Any) -> Certificate:
         """Recompute the certificate independently of the solver.
 
-        Residuals and all inner products are computed anew, and eigenvalues are counted from
-        another factorization, up to the bound of the certificate or, if these pairs are not all
-        those below it, up to the highest gap between them.
+        Residuals and all inner products are recomputed, and eigenvalues are counted from another
+        factorization: up to the bound of the certificate or, if some pairs below it were left out,
+        up to the highest gap between the pairs.
 
         `stiffness` and `mass` are the sparse L and M that were decomposed, shape (n, n), or the
         diagonal of M; `InputError` is raised if their size differs. `Certificate.complete` is the
@@ -148,7 +148,7 @@ class Eigenpairs:
     # -- parts ------------------------------------------------------------------------------------
 
     def first(self, count: int) -> Eigenpairs:
-        """Return the lowest pairs alone."""
+        """Return the lowest `count` pairs."""
         return replace(
             self,
             eigenvalues=self.eigenvalues[:count],
@@ -160,7 +160,7 @@ class Eigenpairs:
 
     @property
     def preview(self) -> bool:
-        """Whether some pairs are approximations, which will be replaced."""
+        """Whether some pairs are approximations."""
         return self.n_exact is not None and self.n_exact < len(self.eigenvalues)
 
     def is_exact(self, index: int) -> bool:
@@ -175,7 +175,7 @@ class Eigenpairs:
         return replace(self.first(self.n_exact), total=self.total, n_exact=None)
 
     def before(self, preview: Eigenpairs) -> Eigenpairs:
-        """Append the pairs of a preview beyond these."""
+        """Append the pairs of a preview from the next index on."""
         assert not isinstance(self.rows, ShownRows)
         assert not isinstance(preview.rows, ShownRows)
         count, rest = len(self), preview.eigenvalues[len(self) :]
@@ -190,9 +190,9 @@ class Eigenpairs:
         )
 
     def on_file(self, mesh: Mesh) -> Eigenpairs:
-        """Expand to all vertices of the file of a repaired mesh, as `Mesh.on_file`.
+        """Expand to all vertices of the file of the repaired `mesh`, see `Mesh.on_file`.
 
-        Of merged vertices one has the mass, the others none. `mesh` is the one decomposed.
+        One of several merged vertices has their mass, the others 0.
         """
         mass = np.zeros(mesh.n_file_vertices)
         mass[mesh.file_indices] = self.mass
@@ -215,9 +215,9 @@ class Eigenpairs:
 
     @property
     def vertex_areas(self) -> npt.NDArray[np.float64]:
-        """Area of each vertex, shape (n,): `mass`, or while it is not known that of faces.
+        """Area of each vertex, shape (n,): `mass`, or if unknown `Mesh.vertex_areas`.
 
-        The robust Laplacian distributes area slightly differently between neighbours.
+        The masses of the robust Laplacian differ slightly from these.
         """
         if len(self.mass):
             return self.mass
@@ -226,7 +226,7 @@ class Eigenpairs:
 
     @cached_property
     def n_vertices(self) -> int:
-        """Number of vertices of the surface, which is its total number of pairs."""
+        """Number of vertices with mass, which is the total number of pairs."""
         return int(np.count_nonzero(~np.isnan(self.rows[0]))) if len(self) else 0
 
     @cached_property
@@ -284,21 +284,18 @@ class _MappedRows:
 
 
 def format_eigenvalue(value: float, spectrum: Eigenpairs, unit: str, digits: int = 3) -> str:
-    """Write an eigenvalue in the unit of the largest, so that all are in the same."""
+    """Write an eigenvalue in the unit that suits the largest eigenvalue."""
     like = float(spectrum.eigenvalues[-1])
     return format_quantity(float(value), unit, -2, digits, like=like)
 
 
 def first_nonzero(spectrum: Eigenpairs) -> int:
-    """Return the index of the first nonzero eigenvalue (within rounding), or their number.
-
-    Without one, times and bands cannot be chosen.
-    """
+    """Return the index of the first eigenvalue above rounding, or the number of eigenvalues."""
     return count_zeros(spectrum.eigenvalues)
 
 
 def grew(old: Eigenpairs, new: Eigenpairs) -> bool:
-    """Whether eigenpairs are the same as others, or an extension of them."""
+    """Whether `new` eigenpairs are the `old` ones, or an extension of them."""
     count = len(old)
     last = slice(max(count - 1, 0), count)
     return old is new or (
@@ -312,5 +309,5 @@ def grew(old: Eigenpairs, new: Eigenpairs) -> bool:
 
 
 def same_pairs(old: Eigenpairs, new: Eigenpairs) -> bool:
-    """Whether two are the same pairs; their certificates may differ."""
+    """Whether two have the same pairs; their certificates may differ."""
     return len(old) == len(new) and grew(old, new)

@@ -1,10 +1,9 @@
 """Low eigenpairs of L φ = λ M φ, with the proof that none is missing.
 
-`solve` gives a `Decomposition`; `iterate` gives the pairs in batches as they converge. Both are
-the same computation, in `meshmash_viewer.spectral.engine`: the null space is known exactly and
-deflated; the rest of the spectrum is cut into slices, whose eigenvalues are counted beforehand by
-the inertia of a factor; the pairs of each slice are found by shifted block Lanczos, several slices
-at a time.
+`solve` returns a `Decomposition`; `iterate` yields the pairs in batches as they converge. Both use
+`meshmash_viewer.spectral.engine`: the null space is known exactly and deflated; the rest of the
+spectrum is divided into slices, whose eigenvalues are counted by the inertia of a factor; shifted
+block Lanczos finds the pairs of several slices in parallel.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ _INTERVAL = 0.05
 
 
 class Run:
-    """The run of a request: one thread computes, and the calling one reports.
+    """The run of a request: one thread computes, and the calling thread reports.
 
     `InputError` is raised if the matrices are invalid.
     """
@@ -56,8 +55,8 @@ class Run:
         sizes = partial(slice_sizes, n, lean=request.lean, early=request.early)
         self._pace = Pace(request.progress, request.n_components or _USUAL_PAIRS, sizes)
         pencil = reduce_pencil(stiffness, mass)
-        # Events from the computing thread to the waiting one: slices of final rows, reports to
-        # be made, at the end an exception or None.
+        # Events for the calling thread: slices of final rows, functions that report, and at the end
+        # an exception or None.
         self._events: queue.Queue[slice | Callable[[], None] | BaseException | None]
         self._events = queue.Queue()
         self._computation = Computation(pencil, request, self._pace, sizes, self._events.put)
@@ -85,10 +84,7 @@ class Run:
         )
 
     def batches(self) -> Generator[slice, None, None]:
-        """Compute all pairs; yield slices of rows when they become final.
-
-        Another thread computes, so that this one can report progress and call `cancel`.
-        """
+        """Compute all pairs in another thread; yield slices of rows when they become final."""
         finder = threading.Thread(target=self._find, name="eigenpairs", daemon=True)
         self._pace.stage("matrices")
         with one_blas_thread():
@@ -106,7 +102,7 @@ class Run:
                         try:
                             raise event
                         finally:
-                            del event  # its traceback would keep all memory alive
+                            del event  # its traceback refers to all arrays
                     if isinstance(event, slice):
                         self._publish(event)
                         yield event
@@ -117,7 +113,7 @@ class Run:
                 finder.join()
 
     def _find(self) -> None:
-        """Compute, in the other thread."""
+        """Compute all pairs; the function of the other thread."""
         try:
             with one_blas_thread():
                 for place in self._computation.batches():
@@ -199,7 +195,7 @@ class Batch:
     start: int
     #: Shape (b,).
     eigenvalues: npt.NDArray[np.float64]
-    #: Shape (b, n): View into the array that all rows are written into.
+    #: Shape (b, n): View of the array of all rows.
     rows: Rows
     #: Shape (b,).
     residuals: npt.NDArray[np.float64]
@@ -365,8 +361,8 @@ def solve_and_warn(
 def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
     """Restore the zero row sums of a Laplacian that was rounded to float32.
 
-    Constants are its null space; with an error of 1e-7 of the largest eigenvalue they would mix
-    with the lowest eigenfunctions. Rows that do not sum to zero even in float32 are unchanged.
+    Otherwise its null space, the constants, would mix with the lowest eigenfunctions. Rows whose
+    sum is not zero within rounding are unchanged.
     """
     exact = sparse.csr_array(stiffness).astype(np.float64)
     excess = np.asarray(exact.sum(axis=1)).ravel()

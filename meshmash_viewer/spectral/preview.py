@@ -1,14 +1,13 @@
 """Approximate eigenfunctions of a large mesh within seconds, from a few thousand cells.
 
 Seeds are spread over the surface, and every vertex joins the cell of the seed that is nearest along
-edges. Heat flows between two cells that touch; the conductance follows from the cotangent weights
-of the edges that cross their border and from the distance of their centroids. This is a
-finite-volume Laplacian of the cells, valid also where a branch is so thin that its cells form a
-chain. Its eigenvectors, interpolated between centroids, resemble the true eigenfunctions. They are
-for display only: see `expected_error`.
+edges. The finite-volume Laplacian of the cells has conductances between neighbouring cells, from
+the cotangent weights of the edges that cross their border and the distance of their centroids. It
+is valid also on thin branches, where cells form a chain. Its eigenvectors, interpolated between
+centroids, approximate the eigenfunctions for display (see `expected_error`).
 
-The idea of coarse levels is that of Nasikun and Hildebrandt (2022), "The Hierarchical Subspace
-Iteration Method for Laplace-Beltrami Eigenproblems", ACM Transactions on Graphics 41(2).
+Coarse levels follow Nasikun and Hildebrandt (2022), "The Hierarchical Subspace Iteration Method for
+Laplace-Beltrami Eigenproblems", ACM Transactions on Graphics 41(2).
 """
 
 from __future__ import annotations
@@ -118,7 +117,7 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
         places = mesh.vertices[members]
         length = float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
         if stop - start < 3 or length <= 0.0 or (np.pi / (2.0 * length)) ** 2 > last:
-            continue  # too small for a wave that low: its constant suffices
+            continue  # too small for a wave of such a low eigenvalue: its constant suffices
         area = np.cumsum(areas[members])
         count = max(round(n_cells * area[-1] / total), _CELLS_OF_COMPONENT)
         if stop - start <= 3 * count:
@@ -212,8 +211,8 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
     weights, a, b = (np.concatenate(part) for part in zip(*flows, strict=True))
     flow = coo_array((weights, (a, b)), shape=(n, n)).tocsr()
     flow = (flow + flow.T).tocsr()
-    # Obtuse faces can make the weight of a short border negative, which has no physical meaning:
-    # set it to 0. Between cells of one vertex these are the cotangent weights, which are exact.
+    # Obtuse faces can make the weight of a short border negative: it is set to 0. Between cells of
+    # one vertex these are the exact cotangent weights.
     single = np.bincount(cells[cells >= 0], minlength=n) == 1
     both = flow.tocoo()
     both.data[(both.data < 0.0) & ~(single[both.row] & single[both.col])] = 0.0

@@ -1,9 +1,8 @@
 """Weyl's law: numbers of eigenvalues, wavelengths and diffusion times of a surface.
 
 A surface of area A has about ``A λ / 4π`` eigenvalues below λ, independent of its shape. The law is
-asymptotic. Along thin branches, nearly one-dimensional at long wavelengths, and with many
-components the first hundred eigenvalues can be ten times lower, so every number computed here has
-to be displayed as an estimate.
+asymptotic: with thin branches or many components the first hundred eigenvalues can be ten times
+lower, so all numbers computed here are displayed as estimates.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from meshmash_viewer.units import format_quantity
 
 #: Share of a feature that may be missing, due to too few eigenpairs, before it is flagged.
 TOLERANCE = 0.01
-#: Margin of the eigenvalue predicted to be sufficient: columns differ from their mean.
+#: Margin of the eigenvalue predicted to be sufficient, since columns differ from their mean.
 _MARGIN = 1.1
-#: Largest length of a mesh; its inverse is the smallest. Squares of others overflow.
+#: Largest length of a mesh, whose square does not overflow; its inverse is the smallest length.
 _LARGEST = 1e150
 #: Smallest and largest eigenvalue relative to Weyl's estimates of the first and the last.
 _BELOW, _ABOVE = 1e-6, 1e3
@@ -137,17 +136,16 @@ class Translation:
     """Conversion between count, largest eigenvalue, wavelength and time for one mesh.
 
     Within the known eigenvalues the result is exact. Beyond them Weyl's law is continued from the
-    last known one, which removes its error so far (a factor of ten along thin branches), up to as
-    many pairs as the mesh has vertices.
+    last known eigenvalue, which removes its error below, up to the number of vertices.
     """
 
-    #: Of the surface, positive, in squared length units.
+    #: Area of the surface, positive, in squared length units.
     area: float
     #: Shape (k,): Known eigenvalues, ascending and complete from the first; may be empty.
     eigenvalues: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     #: Number of vertices, which is the total number of pairs.
     n_vertices: float = math.inf
-    #: Eigenvalue up to which no further one exists; at least the last known one.
+    #: Eigenvalue up to which the known ones are complete.
     known_to: float = 0.0
 
     def eigenvalue(self, target: Target) -> tuple[float, bool]:

@@ -20,7 +20,7 @@ _EXTRA = 6
 
 @dataclass(frozen=True, eq=False)
 class PairsAround:
-    """The pairs nearest a shift found by a Krylov basis, which may have missed some."""
+    """The pairs nearest a shift found by a Krylov basis, possibly with gaps."""
 
     #: Shape (p,): Ascending.
     values: FloatArray
@@ -29,17 +29,17 @@ class PairsAround:
     #: Interval around the shift, with wide gaps at its ends.
     low: float
     high: float
-    #: Number of pairs found inside it, a few more than those above.
+    #: Number of pairs found in the interval, a few more than p.
     count: int
-    #: Number of these below the first of those above.
+    #: Number of these below `values`.
     first: int
 
 
 def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) -> PairsAround | None:
-    """Compute the pairs of a request with `op_inv`; return None if ARPACK finds fewer.
+    """Compute the pairs of a request with `op_inv`; return None if ARPACK finds too few.
 
-    A few more are computed, so that the interval in which they are counted can end in the widest
-    gap after the last requested one.
+    A few additional pairs are computed, so that the counted interval can end in the widest gap
+    after the last requested pair.
     """
     assert request.n_components is not None
     wanted, n_rest = request.n_components, pencil.n - pencil.n_null
@@ -51,7 +51,7 @@ def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) ->
     shift = (request.target or 0.0) / pencil.unit
     distance = np.abs(values - shift)
     order = np.argsort(distance, kind="stable")
-    # Beyond the last pair found others are unknown, so zeros count only up to that distance.
+    # Pairs farther away than the last one found are unknown, so zeros count only up to there.
     order = order[distance[order] <= distance[pencil.n_null :].max(initial=0.0)]
     if len(order) <= wanted:
         return None
@@ -72,9 +72,9 @@ def _pairs_of_inverse(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute eigenvalues (k,), ascending, and rows (k, n) beyond the null space.
 
-    There are fewer if some fail. `inverse` is ``(L - σ M)^-1``, shape (n_all, n_all), and the pairs
-    are those nearest σ; `ncv` is the size of the Krylov basis; `check` is called before each
-    application.
+    There are fewer if some fail. The pairs are those nearest the σ of `inverse`, ``(L - σ M)^-1``,
+    shape (n_all, n_all); `ncv` is the size of the Krylov basis; `check` is called before each
+    application of the inverse.
     """
     from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
 

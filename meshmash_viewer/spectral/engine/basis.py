@@ -27,7 +27,7 @@ _INDEPENDENT = 0.3
 
 
 def multiply_in_place(weights: FloatArray, rows: FloatArray, result: FloatArray) -> None:
-    """Compute weights · rows into `result`, which may be the first of `rows`, shape (m, n)."""
+    """Compute weights · rows into `result`, (m, n), which may be the beginning of `rows`."""
     for part in blocks(rows.shape[1], _CHUNK):
         result[:, part] = weights @ rows[:, part]
 
@@ -39,7 +39,7 @@ def subtract(
 ) -> list[FloatArray]:
     """Subtract weights · rows for each source; return target · rowsᵀ for each set of rows.
 
-    The target, shape (b, n), is changed in place, and read from memory only once.
+    `target`, shape (b, n), is changed in place and read from memory only once.
     """
     products = [np.zeros((len(target), len(rows))) for rows in against]
     for part in blocks(target.shape[1], _CHUNK):
@@ -88,7 +88,7 @@ def independent_gram(rows: FloatArray) -> FloatArray:
 
 
 def _independent_factor(gram: FloatArray) -> FloatArray:
-    """Compute the Cholesky factor of a Gram matrix; check that rows are independent."""
+    """Compute the Cholesky factor of a Gram matrix; raise if rows are far from independent."""
     try:
         lower: FloatArray = np.asarray(np.linalg.cholesky(gram))
     except np.linalg.LinAlgError:
@@ -104,7 +104,7 @@ def orthonormalise_block(
     """Orthonormalise rows (8, n) by Cholesky QR, up to twice, in place.
 
     Returns the factor with old block = lower · new block, and False if the block is rank deficient.
-    `gram` is block · blockᵀ if it is known already.
+    `gram` is block · blockᵀ, if known.
     """
     total = np.eye(len(block))
     if gram is None:
@@ -126,9 +126,9 @@ def orthonormalise_block(
 
 #: Number of vectors in a block.
 BLOCK = 8
-#: Number of Ritz vectors nearest the shift that every new block is made orthogonal to.
+#: Maximum number of Ritz vectors nearest the shift that are projected out of every new block.
 _NEAREST = 24
-#: Size of the basis at which they are computed first.
+#: Size of the basis at which these are computed first.
 _FIRST_LOOK = 5 * BLOCK
 #: Largest allowed inner product between blocks; its square is the error of T.
 _SEMIORTHOGONAL = 1e-7
@@ -137,10 +137,10 @@ _MIXTURES = 4
 
 
 class RitzPairs:
-    """Ritz pairs of the inverse from a basis of some size.
+    """Ritz pairs of the inverse from a basis of m rows.
 
-    `mu`, shape (m,), are the Ritz values of the inverse, ascending, `weights` their coordinates in
-    columns, and `errors` the norms of their residuals.
+    `mu`, shape (m,), are the Ritz values of the inverse, ascending; the columns of `weights` are
+    the coordinates of the Ritz vectors; `errors` are the norms of the residuals.
     """
 
     def __init__(self, projection: FloatArray, coupling: FloatArray) -> None:
@@ -151,10 +151,10 @@ class RitzPairs:
 
 
 def _relative(shared: FloatArray, gram: FloatArray) -> float:
-    """Estimate how far a block, once orthonormal, is from orthogonal to the basis.
+    """Estimate the largest inner product of a block, once orthonormal, with the basis.
 
-    `shared`, shape (8, m), are its inner products with random sums of all rows, which are rarely
-    much smaller than the norm of all its inner products; `gram`, shape (8, 8), those with itself.
+    `shared`, shape (8, m), are its inner products with random sums of all rows, rarely much smaller
+    than the norm of all inner products; `gram`, shape (8, 8), is its Gram matrix.
     """
     try:
         shared = np.linalg.solve(np.linalg.cholesky(gram), shared)
@@ -166,8 +166,8 @@ def _relative(shared: FloatArray, gram: FloatArray) -> float:
 class KrylovBasis:
     """A block Krylov basis, extended block by block from a random start.
 
-    `found`, shape (f, n), are orthonormal rows to stay orthogonal to, and `capacity` is the maximum
-    number of rows. If `careful`, every block is orthogonalised against the whole basis. All rows
+    The basis is orthogonal to `found`, orthonormal rows of shape (f, n), and has at most `capacity`
+    rows. If `careful`, every block is orthogonalised against the whole basis. All rows
     are zero on `left_out`, a mask of vertices of whole components.
     """
 
@@ -264,7 +264,7 @@ class KrylovBasis:
         """Return random sums of the null space and of the pairs found before, shape (4, n)."""
         pencil, random = self._ordered.pencil, self._random
         signs = random.choice([-1.0, 1.0], size=(_MIXTURES, pencil.n_null + 1))
-        # Vertices that are not in a null component have the direction 0, the label -1.
+        # Vertices outside of null components have direction 0 and label -1.
         mixture = signs[:, pencil.labels] * pencil.null_direction
         signs = random.choice([-1.0, 1.0], size=(_MIXTURES, len(self._found)))
         return np.asarray(mixture + signs @ self._found)
@@ -284,7 +284,7 @@ class KrylovBasis:
             project_out(new, self._found)
 
     def _find_nearest(self, size: int) -> None:
-        """Compute Ritz vectors of the largest values of the inverse that have nearly converged."""
+        """Compute the nearly converged Ritz vectors of the largest values of the inverse."""
         pairs = RitzPairs(self._projection[:size, :size], self._coupling)
         largest = np.argsort(-np.abs(pairs.mu), kind="stable")[:_NEAREST]
         settled = pairs.errors[largest] < _SEMIORTHOGONAL * np.abs(pairs.mu).max()
@@ -298,8 +298,7 @@ class KrylovBasis:
         from scipy.linalg import qr
 
         scale = max(float(np.abs(np.diagonal(self._projection)[:size]).max()), 1e-300)
-        # Pivoting moves the lost directions to the end: otherwise parts of later columns would be
-        # lost with them.
+        # Pivoting moves the lost directions to the end, so that no part of other columns is lost.
         directions, triangle, pivots = qr(new.T, mode="economic", pivoting=True)
         following = np.empty((BLOCK, BLOCK))
         following[pivots] = triangle.T
@@ -329,10 +328,10 @@ class KrylovBasis:
         weights[:, :size] = pairs.weights[:, chosen].T
         last = pairs.coupling.T @ pairs.weights[size - BLOCK :, chosen]
         weights[:, size:] = last.T / pairs.mu[chosen, None]
-        # Normalising the weights makes the rows, nearly of norm 1 already, so.
+        # Rows of the basis are orthonormal, so normalised weights give normalised rows.
         weights /= np.linalg.norm(weights, axis=1)[:, None]
         rows, self.rows = self.rows, np.zeros((0, self._n))
         multiply_in_place(weights, rows[: size + BLOCK], rows[: len(chosen)])
-        # No view of it exists any more.
+        # No view of `rows` exists any more.
         rows.resize((len(chosen), self._n), refcheck=False)
         return rows

@@ -1,7 +1,4 @@
-"""Compilation of kernels with numba, the folder of its cache, and one thread of BLAS.
-
-numba is required: `check_compiler` is called before anything is computed.
-"""
+"""Compilation of kernels with numba, its cache folder, and the limit of BLAS to one thread."""
 
 from __future__ import annotations
 
@@ -25,10 +22,7 @@ _REMEDY = "install it into this environment with: python -m pip install numba"
 
 
 def check_compiler() -> None:
-    """Check that numba is installed without importing it, which takes a third of a second.
-
-    `InputError` is raised if it is not installed.
-    """
+    """Raise `InputError` if numba is not installed, without importing it, which takes 0.3 s."""
     if find_spec("numba") is None:
         raise InputError(f"numba, which compiles the eigensolver, is missing; {_REMEDY}")
 
@@ -77,7 +71,7 @@ def _can_write_below(folder: Path) -> bool:
 def _provide_cache(settings: Any) -> None:
     """Set a temporary cache folder if numba has no writable one, without which it fails.
 
-    This is so for a system-wide installation used by an account without a home folder.
+    A system-wide installation used by an account without a home folder has none.
     """
     import platformdirs
 
@@ -89,10 +83,9 @@ def _provide_cache(settings: Any) -> None:
 
 
 def limit_accelerate(environment: MutableMapping[str, str]) -> None:
-    """Limit Accelerate on macOS to one thread, in processes started with these variables.
+    """Limit Accelerate, the BLAS of NumPy on macOS, to one thread in new processes.
 
-    NumPy's wheels use it there, and it cannot be limited once it is loaded. A value set by the user
-    is kept.
+    It cannot be limited once it is loaded. A value set by the user is kept.
     """
     if sys.platform == "darwin":
         environment.setdefault("VECLIB_MAXIMUM_THREADS", "1")
@@ -100,12 +93,12 @@ def limit_accelerate(environment: MutableMapping[str, str]) -> None:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread: several threads make products of thin matrices slower.
+    """Limit BLAS to one thread, since several threads make products of thin matrices slower.
 
     With most BLAS libraries the limit applies to the whole process. If each solve set and restored
     it, a solve that ends would lift the limit of another one, or restore a wrong limit permanently.
     So a separate thread holds the limit from the start of the first solve to the end of the last.
-    Where the limit applies to the calling thread (OpenMP), that one is limited as well.
+    With OpenMP the limit applies to a thread, so the calling thread is limited too.
     """
     from threadpoolctl import threadpool_limits
 
@@ -118,7 +111,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class _Limit:
-    """The limit of the process, held while there are users."""
+    """The limit of the process, held while any solve runs."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

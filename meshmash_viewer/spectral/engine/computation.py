@@ -1,4 +1,4 @@
-"""Computation of requested pairs by the best method: slices of the spectrum, or densely."""
+"""Computation of requested pairs by the fastest method: slices of the spectrum, or dense `eigh`."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ _BEYOND = 1.25
 class Computation:
     """The computation of a request, in one thread and those that it starts.
 
-    `output` holds the results so far. `sizes` returns, for a number of pairs, the numbers in each
-    slice. `report` takes functions that make a report; the thread that started the run calls them.
+    `output` holds the results so far. `sizes` returns the numbers of pairs of slices for a total
+    number. `report` receives functions that report progress, to be called by the starting thread.
     """
 
     output: Output
@@ -71,7 +71,7 @@ class Computation:
         self.is_left = False
         self._ordered: OrderedPencil | None = None
         self._plan: SpectrumPlan | None = None
-        # Computed here, since joblib's result depends on the calling thread.
+        # Determined here, since joblib's result depends on the calling thread.
         self._cores = core_count() if request.n_jobs is None else 1
         self._known: KnownPairs | None = None
         self._n_kept = 0
@@ -100,7 +100,7 @@ class Computation:
         self._stop[0] = 1
 
     def _check(self) -> None:
-        """Raise `Cancelled` if the iterator has been closed."""
+        """Raise `Cancelled` after the iterator was closed."""
         if self.is_left:
             raise Cancelled("the iterator was closed")
 
@@ -220,7 +220,7 @@ class Computation:
     ) -> tuple[float, IntervalPairs]:
         """Return the start of the last slice, and its pairs, for a threshold at an eigenvalue.
 
-        It is computed first, since its values decide the number of pairs.
+        This slice is computed first, since its values determine the number of pairs.
         """
         less = plan.count(plan.settle(threshold, -1.0)) - _LAST_SLICE
         below = (
@@ -268,8 +268,8 @@ class Computation:
     ) -> Iterator[slice]:
         """Compute and write the pairs between two values.
 
-        That a border lies on an eigenvalue is detected when its slice is computed. The slices below
-        it are kept, and all further borders are counted on both sides.
+        If a slice shows that its border lies on an eigenvalue, the slices below it are kept, and
+        further borders are counted on both sides.
         """
         if low >= high:
             return
@@ -295,11 +295,11 @@ class Computation:
         self._spend("slices", started)
 
     def _needed(self, first: int) -> int | None:
-        """Return the number of pairs needed from an index on; None for all, with known pairs."""
+        """Return the number of pairs needed from an index on; None for all pairs of a slice."""
         return max(self.output.total - first, 0) if first >= self._n_kept else None
 
     def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
-        """Write the pairs of a slice that are not known."""
+        """Write the unknown pairs of a slice."""
         first, kept = pairs.interval.first, self._n_kept
         if self._known is None or kept <= first:
             yield from self._place(pairs)
@@ -308,7 +308,7 @@ class Computation:
             yield from self._place(Found(values, measure_pairs(ordered, rows)[1], rows))
 
     def _place_null(self) -> Iterator[slice]:
-        """Write the null space, as far as it is requested and not kept."""
+        """Write the requested null space after the kept pairs."""
         pencil, kept = self.pencil, self._n_kept
         count = min(pencil.n_null, self.output.total)
         if kept < count:
@@ -317,7 +317,7 @@ class Computation:
             yield from self._place(Found(np.zeros(count - kept), residuals, rows))
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
-        """Compute all pairs within a radius that holds enough, and select those nearest a value."""
+        """Compute all pairs within a sufficient radius of a value, and select the nearest ones."""
         pencil = self.pencil
         assert self.request.n_components is not None
         wanted = min(self.request.n_components, pencil.n)
@@ -340,7 +340,7 @@ class Computation:
         rows = np.concatenate([part.rows for part in parts])
         chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
         unit = pencil.unit
-        # Without lower end these are the lowest pairs.
+        # Without a lower end these are the lowest pairs.
         below = None if low == 0.0 and chosen[0] == 0 else low * unit
         self._count = Certificate("inertia", inside, inside, high * unit, below)
         rows = rows[chosen]
@@ -373,7 +373,7 @@ class Computation:
                 chosen = np.arange(count + (int(np.argmax(gaps)) if gaps.any() else len(gaps)))
         null = chosen[chosen < n_null]
         values, rows = every[chosen], spectrum.rows(chosen)
-        # Pairs around a shift have a lower end, as in a count.
+        # Pairs around a shift have a lower end.
         low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
         self._count = Certificate("dense", pencil.n, pencil.n, low=low)
         if known is not None and kept > n_null:
@@ -398,7 +398,7 @@ class Computation:
             return np.arange(self._kept(values, request.max_eigenvalue / pencil.unit))
         if request.target is None:
             return np.arange(min(request.n_components or 0, len(values)))
-        # For a target beyond all, where distances are equal up to rounding, take the largest.
+        # A target above the spectrum is moved to its end: distances from far away are equal.
         distance = np.abs(values - min(request.target / pencil.unit, values.max(initial=0.0)))
         return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
 
@@ -417,7 +417,7 @@ class Computation:
         if counted != found.count:
             return None
         unit = self.pencil.unit
-        # Without any below them these are the lowest pairs.
+        # Without eigenvalues below them these are the lowest pairs.
         begin = low * unit if below + found.first else None
         self._count = Certificate("inertia", counted, counted, high * unit, begin)
         return Found(found.values, measure_pairs(ordered, found.rows)[1], found.rows)
@@ -425,7 +425,7 @@ class Computation:
     # -- output -----------------------------------------------------------------------------------
 
     def _open(self, k: int, known: KnownPairs | None = None) -> Iterator[slice]:
-        """Allocate the rows, of which the first are those of known pairs."""
+        """Allocate the rows, and keep those of known pairs."""
         self._known = known
         self._n_kept = kept = 0 if known is None else min(k, len(known.values))
         self.output = Output.allocate(self.pencil, self.request, k, kept)
@@ -439,7 +439,7 @@ class Computation:
         yield from self._place(pairs)
 
     def _place(self, pairs: Found) -> Iterator[slice]:
-        """Write the next pairs, as far as they are requested."""
+        """Write the next pairs, up to the requested number."""
         if len(pairs.values) and self.output.written < self.output.total:
             started = time.perf_counter()
             place = self.output.write(pairs)

@@ -1,8 +1,7 @@
-"""Pairs from dense matrices: of small pencils, and of components of which there are many.
+"""Pairs from dense matrices: of small pencils, and of repeated components.
 
-Copies of a component have the same eigenvalues, so that a mesh of 500 equal ones has eigenvalues of
-multiplicity 1500. A block Krylov basis finds eight copies of an eigenvector at a time. Solved one
-by one they take little time, and equal components are solved once.
+A mesh of 500 equal components has eigenvalues of multiplicity 1500, of which a block Krylov basis
+finds eight copies at a time. Solving components one by one is faster; equal ones are solved once.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from meshmash_viewer.spectral.engine.pencil import Pencil
 class DenseSpectrum:
     """All pairs of a small pencil; `values`, shape (n,), begin with the zeros of the null space.
 
-    Components are solved one by one, since one may be a million times as stiff as another. `check`
-    is called before each; `InputError` is raised if an eigenvalue is negative by more than
+    Components are solved one by one, since their stiffness may differ by a factor of a million.
+    `check` is called before each; `InputError` is raised if an eigenvalue is negative by more than
     rounding.
     """
 
@@ -80,7 +79,7 @@ def component_pairs(
     from scipy.linalg import eigh
 
     if constant is not None:
-        # Shifted above all other eigenvalues, the constant does not mix with the lowest ones.
+        # Shifted above all other eigenvalues, the zero does not mix with the lowest ones.
         lift = 1.1 * np.abs(matrix).sum(axis=0).max()
         matrix = matrix + lift * np.outer(constant, constant)
     if highest is not None:
@@ -106,8 +105,8 @@ def dense_residuals(pencil: Pencil, values: FloatArray, rows: FloatArray) -> Flo
 _FEWEST = 16
 #: Maximum number of vertices of a component.
 _LARGEST = 700
-#: Total cost, in cubed vertices, up to which all are solved; beyond it they are solved if there are
-#: so many copies for each vertex of one.
+#: Total cost, in cubed vertices, up to which components of a size are solved, and number of them
+#: per vertex of one from which they are solved at any cost.
 _CHEAP, _COPIES_PER_VERTEX = 1e9, 0.125
 #: Relative difference below which matrices of components are equal.
 _EQUAL = 1e-13
@@ -144,14 +143,14 @@ class _Kind:
 
 
 class RepeatedComponents:
-    """Components of a pencil that are solved one by one, up to an eigenvalue; most have none."""
+    """Repeated components of a pencil, solved up to an eigenvalue; most pencils have none."""
 
     def __init__(self, pencil: Pencil, highest: float) -> None:
         self._n = pencil.n
         self._kinds = list(_kinds(pencil, highest))
 
     def count(self, high: float) -> int:
-        """Count their eigenvalues below a value, the null space excluded."""
+        """Count their nonzero eigenvalues below a value."""
         return sum(int((kind.values < high).sum()) * len(kind.places) for kind in self._kinds)
 
     def within(self, low: float, high: float, most: int | None = None) -> AlonePairs | None:
@@ -181,7 +180,7 @@ class RepeatedComponents:
 
 
 def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
-    """Solve the components of each size of which there are many."""
+    """Solve the components of each repeated size."""
     from scipy.sparse.csgraph import connected_components
 
     count, component = connected_components(pencil.matrix, directed=False)
@@ -190,7 +189,7 @@ def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
     repeated = np.flatnonzero(copies_of_size[: _LARGEST + 1] >= _FEWEST)
     if not len(repeated):
         return
-    # In the vertex order of the mesh, which is the same for copies.
+    # Vertices in the order of the mesh, which is the same in copies.
     order = np.lexsort((pencil.active, component))
     ends = np.cumsum(sizes)
     for size in repeated:
@@ -234,7 +233,7 @@ def _block(matrix: sparse.csr_array, start: int, size: int) -> FloatArray:
 
 
 def _equal_to(block: FloatArray, blocks: list[FloatArray]) -> int | None:
-    """Find the block equal to another; return its index from the end, or None."""
+    """Return the index, from the end, of a block that equals another, or None."""
     limit = _EQUAL * np.abs(block).max()
     for back in range(-1, -len(blocks) - 1, -1):
         if np.abs(block - blocks[back]).max() <= limit:

@@ -48,8 +48,8 @@ class OrderedPencil:
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
         """Factor at a shift or, if a pivot vanishes, close to it.
 
-        At any shift a pivot may be nearly zero, though no eigenvalue is near. The shift is then
-        moved to both sides by 1e-6 `nudge`, 1e-4 `nudge` and so on, up to `nudge`.
+        A pivot may be nearly zero even if no eigenvalue is near. The shift is then moved to both
+        sides by 1e-6 `nudge`, 1e-4 `nudge` and so on, up to `nudge`.
 
         `FactorizationError` is raised if no shift gave a stable factor, and `Cancelled` if `stop`
         was set.
@@ -181,7 +181,7 @@ class Factor:
         probe = np.cos(np.arange(n, dtype=np.float64))
         pencil.remove_null(probe)
         block[:, 0] = probe
-        # An unstable factor may overflow here; its error is then NaN or infinite.
+        # An unstable factor may overflow; its error is then NaN or infinite.
         with np.errstate(over="ignore", invalid="ignore"):
             self.solve(block)
             answer = block[:, 0]

@@ -2,7 +2,7 @@
 
 Grimes, Lewis & Simon 1994: the inverse ``(A - σ)^-1`` maps the eigenvalues around the shift to
 the ends of its spectrum, where a block Krylov basis finds them first. The number of pairs in the
-interval is known beforehand from inertia, so the iteration ends when that many have converged.
+interval is known from inertia, so the iteration ends when that many have converged.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from meshmash_viewer.spectral.engine.refinement import refine_pairs, rotate_to_p
 
 #: Slope and intercept of the usual basis size at convergence, as a function of the pairs.
 _USUAL = (2.3, 56)
-#: Number of fruitless restarts after which an interval fails.
+#: Number of consecutive restarts without new pairs after which an interval fails.
 _PATIENCE = 6
-#: Factor of the tolerance after a fruitless restart.
+#: Factor of the tolerance after a restart without new pairs.
 _LENIENCE = 1e3
 #: Backward error of a factor above which the lowest pairs lose accuracy.
 _BLURRED = 2e-14
@@ -102,9 +102,9 @@ def run_slices(
 ) -> Iterator[IntervalPairs]:
     """Find the pairs of intervals in parallel, and yield those of each in order.
 
-    Threads are used, since the kernels release the interpreter lock. Results do not depend on their
-    number, `n_jobs`. `intervals` may be computed lazily; `tolerance` is the residual relative to
-    the eigenvalue; `stop` is set when the iteration is left early, and ends running kernels.
+    The kernels release the interpreter lock, so `n_jobs` threads are used; results do not depend on
+    their number. `intervals` may be computed lazily; `tolerance` is the residual relative to the
+    eigenvalue; `stop`, which ends running kernels, is set when the iteration is left early.
     """
     if n_jobs == 1:
         for interval in intervals:
@@ -186,7 +186,7 @@ def _search(
         missing = n_expected - len(found_values)
         if missing <= 0:
             break
-        # A missed copy may lie at an end of the interval, and take as many steps as the others.
+        # A missed copy may lie at an end of the interval, and take as many steps as all pairs.
         free = n - ordered.pencil.n_null - len(found) - n_left_out
         # A basis that is too small cannot resolve close pairs near an end: double it.
         capacity = (4 * n_expected + 20 * BLOCK) * 2**fruitless
@@ -233,8 +233,8 @@ def _search(
 def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Factor:
     """Factor for an interval at its shift or close to it.
 
-    A nearly vanishing pivot matters little for eigenvalues far above zero, but all pairs of the
-    lowest slice would have to be refined: another factor is cheaper.
+    A nearly vanishing pivot hardly affects eigenvalues far above zero. In the lowest slice all
+    pairs would have to be refined: another factor is cheaper.
     """
     nudge = 0.03 * (interval.high - interval.low)
     best = ordered.factor(interval.shift, nudge, stop)
@@ -255,7 +255,7 @@ def _converge(
     """
     b = BLOCK
     usual = min(usual_rows(missing), basis.capacity)
-    # Early checks are for multiple eigenvalues, of which a basis finds eight copies at most.
+    # Early checks find multiple eigenvalues, of which a basis contains at most eight copies.
     check = min(10 * b, usual)
     stagnant = 0
     before = (-1, -1)
@@ -281,8 +281,8 @@ def _converge(
         n_inside, good = int(inside.sum()), int((inside & converged).sum())
         stagnant = stagnant + 1 if (n_inside, good) == before else 0
         before = (n_inside, good)
-        # All inside have converged, yet fewer than expected: this basis cannot contain further
-        # copies of multiple eigenvalues.
+        # All inside have converged, but fewer than expected: the basis contains no further copies
+        # of multiple eigenvalues.
         copies_left = n_inside == good < missing and good > 0 and stagnant >= 2
         if good > missing:
             raise ArithmeticError("more pairs converged than were counted")

@@ -1,7 +1,7 @@
-"""Final pairs from reduced ones, their scaling, signs and orthogonality, and reports of progress.
+"""Scaling, signs and orthogonality of final pairs, and progress reports.
 
-The orthogonality of pairs of different slices is limited by their residuals and distance; each
-slice is orthogonalised against the one before, which is already final.
+The orthogonality of pairs of different slices is limited by their residuals and distance, so each
+slice is orthogonalised against the final one before it.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from meshmash_viewer.spectral.engine.request import Request
 
 #: Largest entry of an eigenvector in float32, with a margin for products.
 _LARGEST_SINGLE = 1e30
-#: Inner products of neighbouring slices below this are not corrected.
+#: Inner products of neighbouring slices above this are corrected.
 _TOUCHING = 1e-11
-#: Inner products with earlier slices above this are more than rounding.
+#: Inner products with earlier slices above this are corrected.
 _FAR = 1e-9
 #: Correction of rows above which their orthonormality is measured again.
 _SEEN = 1e-7
-#: Residuals of reduced eigenvalues below this are relative to 4π / area.
+#: Reduced eigenvalues below this have residuals relative to 4π / area.
 _ZERO = 1e-9
 #: Number of random sums of all rows except the newest slice.
 _MIXTURES = 8
@@ -43,8 +43,8 @@ _KEPT = 128
 class Output:
     """The arrays of a decomposition while they fill, lowest pair first.
 
-    The pencil is in the vertex order of `rows`, shape (k, n_all), of which the first may be final
-    already (see `keep`). Eigenvalues are limited to `ceiling`, a threshold, against rounding.
+    `pencil` has the vertex order of `rows`, shape (k, n_all), the first of which may be final (see
+    `keep`). `ceiling` is the threshold, which rounded eigenvalues must not exceed.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Output:
 
     @classmethod
     def allocate(cls, pencil: Pencil, request: Request, k: int, n_kept: int) -> Output:
-        """Allocate the rows of k pairs, of which the first are those that a request knows."""
+        """Allocate the rows of k pairs; the first `n_kept` are the known pairs of the request."""
         smallest, largest = pencil.root_mass.min(), pencil.root_mass.max()
         if request.lean and not 1.0 / _LARGEST_SINGLE < smallest <= largest < _LARGEST_SINGLE:
             raise InputError(
@@ -96,16 +96,16 @@ class Output:
         )
 
     def write(self, pairs: Found) -> slice:
-        """Finish pairs of the reduced problem and write them after those already written.
+        """Scale pairs of the reduced problem and append them; return their place.
 
-        Their residuals are in the reduced unit, not relative; their rows are overwritten.
+        Their residuals are in the reduced unit, not relative. Their rows are overwritten.
         """
         pencil = self.pencil
         count = min(len(pairs.values), self.total - self.written)
         pairs = pairs.first(count)
         values, rows, orthonormality = pairs.values, pairs.rows, pairs.orthonormality
         place = slice(self.written, self.written + count)
-        # Equal eigenvalues may descend by rounding; the final ones ascend.
+        # Equal eigenvalues may descend by rounding: make them ascend.
         before = self.eigenvalues[self.written - 1] if self.written else -np.inf
         eigenvalues = np.maximum(np.maximum.accumulate(values * pencil.unit), before)
         if self.ceiling is not None:
@@ -132,7 +132,7 @@ class Output:
         return place
 
     def keep(self, eigenvalues: FloatArray, residuals: FloatArray) -> slice:
-        """Accept the next rows of the array unchanged, and measure their orthonormality."""
+        """Accept the next rows of the array as final, and measure their orthonormality."""
         place = slice(self.written, self.written + len(eigenvalues))
         self.eigenvalues[place], self.residuals[place] = eigenvalues, residuals
         for part in blocks(place.stop, _KEPT, place.start):
@@ -168,10 +168,9 @@ class Output:
     def _agree(self, place: slice, final: bool = False) -> float:
         """Orthogonalise rows against the slice before; return the largest remaining product.
 
-        Rows that are `final` already are only measured. Inner products with earlier slices, mostly
-        far away in the spectrum, are estimated with eight random sums, which give the norm of a row
-        of inner products, an upper bound of the largest. Where hundreds of eigenvalues are nearly
-        equal, rows are orthogonalised against these slices too.
+        `final` rows are only measured. Eight random sums of all earlier rows estimate the norm of
+        the inner products with these, an upper bound of the largest. If hundreds of eigenvalues are
+        nearly equal, rows are orthogonalised against earlier slices too.
         """
         written, before = self.rows[place], self.rows[self._before]
         if len(before) == 0 or len(written) == 0:
@@ -215,14 +214,14 @@ class Output:
 
 
 def _largest(far: FloatArray) -> float:
-    """Estimate the largest norm of a row of inner products from those with random sums."""
+    """Estimate the largest norm of inner products of a row from those with random sums."""
     return float(np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5)
 
 
 def _level(row: FloatArray) -> None:
-    """Make the nonzero entries of a row, if constant up to rounding, exactly equal, in place.
+    """Make nonzero entries that are equal within rounding exactly equal, in place.
 
-    On stiff meshes the rounding of a constant's entries has a larger residual than the constant.
+    On stiff meshes the rounding of a constant's entries causes a large residual.
     """
     used = np.flatnonzero(row)
     entries = row[used]
@@ -233,8 +232,8 @@ def _level(row: FloatArray) -> None:
 def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:
     """Flip the sign of a row in place so that its entry of largest magnitude is positive.
 
-    Among entries whose magnitudes agree to 1e-6 the first vertex decides, not rounding; `places`
-    are the indices of the vertices in the mesh.
+    Among entries whose magnitudes agree to 1e-6 the first vertex of the mesh decides, independently
+    of rounding; `places` are the indices of vertices in the mesh.
     """
     highest, lowest = float(row.max(initial=0.0)), float(row.min(initial=0.0))
     near = (1.0 - 1e-6) * max(highest, -lowest)
@@ -250,8 +249,8 @@ def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:
 #: Time before each stage, in steps of an iteration: measured on meshes of 50 to 420 thousand
 #: vertices (`benchmarks/progress.py` measures the accuracy).
 _BEFORE = {"matrices": 0.0, "order": 18.0, "eigenpairs": 32.0}
-#: Steps of a slice relative to the usual number, and time after them relative to these steps, in
-#: which its pairs are rotated, refined, measured and written.
+#: Steps of a slice relative to the usual number, and time to rotate, refine, measure and write its
+#: pairs relative to that of these steps.
 _OVER, _END = 1.26, 0.26
 #: Minimum seconds between two reports without new pairs.
 _INTERVAL = 0.1
@@ -263,10 +262,10 @@ _MESSAGES = {
 
 
 class Pace:
-    """Progress reports of a run, from its steps until the first pairs are final.
+    """Progress reports of a run.
 
-    `pairs` is the estimated number of pairs; `sizes` returns, for a number of pairs, the numbers in
-    each slice.
+    `pairs` is the estimated number of pairs; `sizes` returns the numbers of pairs of slices for a
+    total number.
     """
 
     def __init__(
@@ -281,7 +280,7 @@ class Pace:
         self._is_sliced = False
 
     def begin_slices(self, pairs: int) -> None:
-        """Start the last stage: slices with so many pairs."""
+        """Start the last stage, slices with a number of pairs in all."""
         self._pairs, self._is_sliced = pairs, True
         self._steps = _OVER * sum(usual_rows(size) for size in self._sizes(pairs)) / BLOCK
 
@@ -305,17 +304,17 @@ class Pace:
             return
         now = self._reported = time.perf_counter()
         done, total = self._done, self._total
-        # The end of a slice has no steps: it is complete when its pairs are final.
+        # The end of a slice has no steps: it counts when its pairs are final.
         found = max(done - (total - self._pairs), 0) if self._is_sliced else 0
         ended = min(found / max(self._pairs, 1), 1.0)
         taken = min(steps, self._steps) + _END * self._steps * ended
         whole = _BEFORE["eigenpairs"] + (1.0 + _END) * self._steps
         fraction = 1.0 if total and done == total else (_BEFORE[self._stage] + taken) / whole
-        if fraction > self._fraction:  # it never decreases, nor is the estimated end moved later
+        if fraction > self._fraction:  # never decrease it, nor delay the estimated end
             self._fraction = fraction
             self._end = self.began + (now - self.began) / fraction
         left = max(self._end - now, 0.0)
-        # an estimated end that has passed says nothing
+        # no estimate if the estimated end has passed
         remaining = left if self._fraction == 1.0 or (self._fraction and left) else None
         message = f"{done:,} of {total:,} eigenpairs" if total else _MESSAGES[self._stage]
         self._progress(Progress(self._stage, self._fraction, remaining, message, done, total))

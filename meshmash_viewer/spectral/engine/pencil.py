@@ -100,7 +100,7 @@ class Pencil:
 
     def remove_null(self, column: FloatArray) -> None:
         """Project the null space out of a column, shape (n,), in place."""
-        # Vertices that are not in a null component have the direction 0, the label -1.
+        # Vertices outside of null components have direction 0 and label -1.
         labels, direction = self.labels + 1, self.null_direction
         column -= direction * np.bincount(labels, direction * column)[labels]
 
@@ -116,12 +116,9 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     if laplacian.shape != (n_all, n_all):
         raise InputError(f"The Laplacian must be square, this one is {laplacian.shape}.")
     diagonal = mass_diagonal(mass, n_all)
-    if not np.isfinite(laplacian.data).all():
-        row = int(
-            np.repeat(np.arange(n_all), np.diff(laplacian.indptr))[
-                np.flatnonzero(~np.isfinite(laplacian.data))[0]
-            ]
-        )
+    bad = np.flatnonzero(~np.isfinite(laplacian.data))
+    if len(bad):
+        row = int(np.searchsorted(laplacian.indptr, bad[0], side="right")) - 1
         raise InputError(
             f"The Laplacian has an entry that is not finite at vertex {row}: "
             "degenerate faces make it so, use robust=True."
@@ -149,7 +146,7 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     # Scaling the mesh by a power of two leaves the reduced problem unchanged bit by bit.
     largest = float(masses.max())
     log_area = np.log2(largest) + np.log2((masses / largest).sum())
-    # Exactly symmetric, so that rows equal columns.
+    # The entries are exactly symmetric, so that rows equal columns.
     with np.errstate(all="ignore"):
         unit = float(np.exp2(np.round(np.log2(4.0 * np.pi) - log_area)))
         inverse = 1.0 / root_mass
@@ -213,11 +210,11 @@ def _null_space(
 ) -> tuple[npt.NDArray[np.int64], FloatArray]:
     """Find components whose constant is a null vector: labels, shape (n,), and residuals.
 
-    The sum of each row is compared with its own rounding, so that a stiff edge in one place does
-    not hide a nonzero sum elsewhere.
+    Each row sum is compared with the rounding of that row, so that a stiff edge elsewhere does not
+    hide a nonzero sum.
     """
     _, component = connected_components(laplacian, directed=False)
-    # In extended precision, where the platform has it: a sum of 0 in float64 may be rounding.
+    # In extended precision if the platform has it: a sum of 0 in float64 may be due to rounding.
     sums = np.asarray(laplacian.astype(np.longdouble).sum(axis=1), dtype=np.float64).ravel()
     size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
     rounding = 2.0 * _EPSILON * np.diff(laplacian.indptr) * size

@@ -1,11 +1,9 @@
 """Division of the spectrum into slices with about equal numbers of eigenvalues, by counting.
 
-The first count is made where Weyl's law suggests; the law is wrong by a factor of two on a neuron,
-so every count corrects it. Counts are exact (Sylvester's law of inertia), so the number of
-eigenvalues in each slice is known; if a border lies close to an eigenvalue, the count is verified
-by counts on both sides.
-
-The lowest pairs may be known from an earlier run (`KnownPairs`), after which slices begin.
+Weyl's law gives the first place to count, and every count corrects the estimate. Counts are exact
+(Sylvester's law of inertia), so the number of eigenvalues in each slice is known. If a border lies
+close to an eigenvalue, counts on both sides verify it. Slices begin after `KnownPairs` of an
+earlier run.
 """
 
 from __future__ import annotations
@@ -32,13 +30,13 @@ from meshmash_viewer.spectral.engine.refinement import measure_pairs
 
 T = TypeVar("T")
 
-#: Allowed deviation of a border from its intended index, as a share of a slice: if counting again
-#: takes extra time, and if it runs in parallel with another count.
+#: Allowed deviation of a border from its intended index, as a share of a slice: for a separate
+#: count, and for one in parallel with another count.
 _SLACK, _SLACK_PARALLEL = 0.2, 0.05
 #: The same for the border of a small first slice, for which no separate count is made.
 _SLACK_FIRST = 0.5
 #: Allowed deviation of a shift from the middle of its slice, as a share of its eigenvalues: with a
-#: larger one the additional steps cost more than a factor. In the lowest slice it matters less.
+#: larger one additional steps cost more than another factor. The lowest slice needs fewer.
 _ASIDE, _ASIDE_LOWEST = 0.06, 0.25
 #: Distances, relative to a value, at which eigenvalues are counted on both sides.
 _RUNGS = tuple(1e-9 * 8.0**i for i in range(10))
@@ -53,9 +51,9 @@ _MOVE = 1e-2
 class SpectrumPlan:
     """Counts of eigenvalues below chosen values, and slices between them.
 
-    Values are in the reduced problem, and counts include the null space; `top` is above the whole
-    spectrum. `sizes` returns, for a number of pairs, the numbers in each slice; `n_jobs` is the
-    number of counts made in parallel, if several are needed.
+    Values are those of the reduced problem, and counts include the null space; `top` is above the
+    whole spectrum. `sizes` returns the numbers of pairs of slices for a total number; `n_jobs` is
+    the number of parallel counts.
     """
 
     def __init__(
@@ -91,11 +89,10 @@ class SpectrumPlan:
         """Return a border at a value, or the nearest one beyond it away from eigenvalues.
 
         Equal counts on both sides prove that no eigenvalue lies between them, even if a pivot
-        vanishes there. If they differ, the value is close to an eigenvalue, and counts at
-        increasing distances find the next gap; the border is its middle. It may lie on the side
-        `outward`, above for 1 and below for -1. If an eigenvalue is known to be near, `wide`
-        returns the middle of the gap in any case. `FactorizationError` is raised if there is no gap
-        within an eighth of the value.
+        vanishes there. Different counts mean that an eigenvalue is near; then counts at increasing
+        distances find the next gap, whose middle is the border. The side is given by `outward`,
+        above for 1 and below for -1. With `wide` the border is always the middle of the gap.
+        `FactorizationError` is raised if there is no gap within an eighth of the value.
         """
         if value in self._settled:
             return value
@@ -103,7 +100,7 @@ class SpectrumPlan:
         places = [value + outward * scale * rung for rung in (-_RUNGS[0], *_RUNGS)]
         begin: tuple[float, int] | None = None
         end: float | None = None
-        # Both sides are always needed, so they are counted in parallel.
+        # Counts on both sides are always needed: they are made in parallel.
         groups = (places[:2], *([place] for place in places[2:]))
         counts = chain.from_iterable(self._each(group, self._count_at) for group in groups)
         for place, counted in zip(places, counts, strict=True):
@@ -164,8 +161,8 @@ class SpectrumPlan:
     def find_top(self, least: int, most: int) -> float:
         """Return a value with `least` to `most` eigenvalues below it, and prepare slices.
 
-        The first counts are made in the middle of the first slices, which reuse their factors; they
-        give the density of the spectrum. The next counts find the top and the borders below it in
+        The first counts are in the middle of the first slices, which reuse their factors; they give
+        the density of the spectrum. Further counts find the top and the borders below it in
         parallel. Neither their number nor the result depends on `n_jobs`.
         """
         cuts = self._cuts(self._counts[0.0], most)
@@ -187,7 +184,7 @@ class SpectrumPlan:
     def find(self, least: int, most: int) -> float:
         """Return a knot with `least` to `most` eigenvalues below it.
 
-        If there is none because of a multiple eigenvalue, the knot is above that eigenvalue.
+        If a multiple eigenvalue prevents that, the knot is above it.
         """
         for turn in range(80):
             value, found = self._step(least, most, turn)
@@ -214,8 +211,8 @@ class SpectrumPlan:
     def _between(self, low: float, high: float, wanted: float, last: bool) -> float:
         """Return the value to count at next, strictly between two knots.
 
-        The count grows like a power of the value: on a surface like the value itself, along the
-        branches of a neuron like its square root. The first value is that of Weyl's law.
+        The count is interpolated by a power of the value: on a surface its exponent is 1, along the
+        branches of a neuron 1/2. Weyl's law gives the first value.
         """
         start = self._counts[0.0]
         known = [knot for knot in self._knots[:-1] if self._counts[knot] > start]
@@ -237,11 +234,11 @@ class SpectrumPlan:
     def around(self, value: float, wanted: int) -> tuple[float, float]:
         """Return borders around a value with at least `wanted` eigenvalues between, and few more.
 
-        Both have the same distance, so those nearest the value are among them.
+        Their distances are equal, so the eigenvalues nearest the value are between them.
         """
         enough, too_few = 2.0 * self.top, 0.0
         radius = 0.5 * wanted
-        # Below this a value differs from the null space by rounding only.
+        # A smaller value differs from the null space by rounding only.
         value = value if value > self._ordered.pencil.noise else 0.0
         for _ in range(60):
             low, high = max(value - radius, 0.0), min(value + radius, self.top)
@@ -268,10 +265,10 @@ class SpectrumPlan:
         return self._count_near(value)[1] if known is None else known
 
     def slices(self, low: float, high: float, settled: bool = False) -> Iterator[Interval]:
-        """Yield slices from knot to knot, lowest first; borders are counted when reached.
+        """Yield slices between two knots, lowest first; borders are counted when reached.
 
-        If `settled`, every border is counted on both sides. This takes twice the counts, and is
-        needed only after a border was found to lie on an eigenvalue.
+        If `settled`, every border is counted on both sides, which takes twice the time and is only
+        needed after a border was found to lie on an eigenvalue.
         """
         first, last = self.count(low), self.count(high)
         cuts = self._cuts(first, last)

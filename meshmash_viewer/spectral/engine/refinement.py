@@ -28,9 +28,9 @@ _IMAGES = 8 * BLOCK
 def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArray, float]:
     """Rotate nearly orthonormal rows (p, n) to Ritz vectors of A, in place (Rayleigh–Ritz).
 
-    Rounding in the inverse mixes pairs that are close to each other; this separates them again.
-    Values, ascending, are returned with the largest defect of the rows' inner products.
-    `ArithmeticError` is raised if the rows are far from independent.
+    Rounding in the inverse mixes pairs of close eigenvalues; the rotation separates them. Returns
+    ascending values and the largest defect of the rows' inner products. `ArithmeticError` is raised
+    if the rows are far from independent.
     """
     from scipy.linalg import eigh
 
@@ -57,8 +57,8 @@ def measure_pairs(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute Rayleigh quotients of normalised rows (p, n) and residuals in the M norm.
 
-    `exactly` computes products in twice the precision, with rows rounded as they are when divided
-    by the roots of the masses.
+    With `exactly` products have twice the precision, and rows the rounding of their division by the
+    roots of the masses.
     """
     if exactly:
         root_mass = ordered.pencil.root_mass
@@ -84,10 +84,10 @@ def refine_pairs(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Measure the pairs of orthonormal rows (p, n), and refine the inaccurate ones in place.
 
-    The factor has a shift near the eigenvalues; `tolerance` is the residual relative to these;
-    `lowest` is whether they are the lowest. Values and residuals are returned with the largest
-    defect of the inner products after a refinement, 0 without one. `ArithmeticError` is raised if
-    an eigenvalue is negative.
+    `factor` has a shift near the eigenvalues; `tolerance` is the residual relative to these;
+    `lowest` tells whether they are the lowest ones. Returns values, residuals, and the largest
+    defect of inner products after a refinement, 0 without one. `ArithmeticError` is raised if an
+    eigenvalue is negative.
     """
     orthonormality = 0.0
     values, residuals = measure_pairs(ordered, rows)
@@ -99,8 +99,8 @@ def refine_pairs(
         if len(coarse) == 0:
             break
         if attempt == 1 and lowest:
-            # Near the lowest eigenvalue, to damp components of neighbouring eigenvectors too; this
-            # seldom needed step takes another factor.
+            # A factor closer to the lowest eigenvalue damps components of neighbouring eigenvectors
+            # too; it is seldom needed.
             below = -float(values[coarse[0]])
             factor = ordered.factor(below, 0.1 * below, stop)
         gained = _polish(ordered, factor, rows, values, residuals, coarse)
@@ -110,7 +110,7 @@ def refine_pairs(
         values, residuals = measure_pairs(ordered, rows)
         values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
         refined[gained] = True
-    # Residuals in float64 contain this rounding already; those in twice the precision do not.
+    # Residuals in twice the precision do not contain this rounding.
     residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
     return values, residuals, orthonormality
 
@@ -125,16 +125,16 @@ def _polish(
 ) -> npt.NDArray[np.int64]:
     """Refine some rows, in place, by one inverse iteration; return the indices of improved rows.
 
-    Rounding in the basis is spread over the whole spectrum and magnified by the norm of A: for the
-    smallest eigenvalues it limits the residual. The inverse damps it; with a shift below zero, as
-    close to zero as the smallest eigenvalue, it damps components of neighbouring eigenvectors too.
-    The solution is refined with defects in twice the precision. What remains is the rounding of the
-    entries themselves, about eps ‖A‖ / λ: in float64 about 1e-9 for the first eigenfunction of a
-    neuron of a hundred thousand vertices. Rows that do not improve are unchanged.
+    Rounding errors of the basis, spread over the whole spectrum and magnified by the norm of A,
+    limit the residuals of the smallest eigenvalues. The inverse damps them; with a shift below
+    zero, as close to zero as the smallest eigenvalue, it damps components of neighbouring
+    eigenvectors too. The solution is refined with defects in twice the precision. The rounding of
+    entries remains, about eps ‖A‖ / λ: 1e-9 in float64 for the first eigenfunction of a neuron of a
+    hundred thousand vertices. Rows that do not improve are unchanged.
     """
     gained: list[npt.NDArray[np.int64]] = []
-    for start in range(0, len(coarse), BLOCK):
-        some = coarse[start : start + BLOCK]
+    for part in blocks(len(coarse), BLOCK):
+        some = coarse[part]
         given = np.zeros((rows.shape[1], BLOCK))
         given[:, : len(some)] = (rows[some] * (values[some] - factor.shift)[:, None]).T
         better = given.copy()
@@ -152,9 +152,9 @@ def _polish(
 
 
 def _insert_refined(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
-    """Make some refined rows orthonormal and the others orthogonal to them; return the defect.
+    """Make refined rows orthonormal and the less accurate others orthogonal to them.
 
-    The others are corrected, since the refined rows are the more accurate ones.
+    Returns the largest defect of the inner products.
     """
     pure = rows[some]
     orthonormalise(pure)
@@ -176,11 +176,10 @@ def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
     sizes = np.empty(len(rows))
     weight = ordered.pencil.root_mass[:, None]
     columns = np.zeros((ordered.pencil.n, BLOCK))
-    for start in range(0, len(rows), BLOCK):
-        some = np.abs(rows[start : start + BLOCK]).T
+    for part in blocks(len(rows), BLOCK):
+        some = np.abs(rows[part]).T
         width = some.shape[1]
         columns[:, :width] = some
         image = ordered.multiply(columns, magnitudes=True)[:, :width] * weight
-        norms = np.linalg.norm(image, axis=0) / np.linalg.norm(some * weight, axis=0)
-        sizes[start : start + width] = norms
+        sizes[part] = np.linalg.norm(image, axis=0) / np.linalg.norm(some * weight, axis=0)
     return np.asarray(0.5 * np.finfo(np.float64).eps * sizes)
