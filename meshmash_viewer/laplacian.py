@@ -176,20 +176,15 @@ def _refuse_flat_faces(mesh: Mesh) -> None:
 
 def _cotangent_weights(vertices: FloatArray, faces: IntArray) -> Edges:
     n = len(vertices)
-    corners = [vertices[faces[:, corner]] for corner in range(3)]
-    rows, columns, weights = [], [], []
+    ends, weights = [], []
     for corner in range(3):
         # The cotangent of the angle at one corner is the weight of the opposite edge.
-        here, first, second = (corners[(corner + step) % 3] for step in range(3))
+        here, first, second = (vertices[faces[:, (corner + step) % 3]] for step in range(3))
         u, v = first - here, second - here
         sine = np.linalg.norm(np.cross(u, v), axis=1)
-        ends = np.sort(faces[:, [(corner + 1) % 3, (corner + 2) % 3]], axis=1)
-        rows.append(ends[:, 0])
-        columns.append(ends[:, 1])
+        ends.append(np.sort(faces[:, [(corner + 1) % 3, (corner + 2) % 3]], axis=1))
         weights.append(0.5 * np.einsum("ij,ij->i", u, v) / sine)
-    upper = sparse.coo_array(
-        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
-    )
+    upper = sparse.coo_array((np.concatenate(weights), tuple(np.concatenate(ends).T)), shape=(n, n))
     upper.sum_duplicates()
     return np.asarray(upper.row), np.asarray(upper.col), np.asarray(upper.data)
 

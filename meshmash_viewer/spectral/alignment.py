@@ -92,10 +92,10 @@ def align_multiplets(
 
 
 def multiplets(
-    eigenvalues: npt.NDArray[np.float64], start: int, stop: int
+    eigenvalues: npt.NDArray[np.float64], start: int, stop: int, gap: float = 1e-6
 ) -> Iterator[tuple[int, int]]:
     """Yield first and last index (exclusive) of each run of near-equal values in [start, stop)."""
-    edges = np.flatnonzero(~close_neighbours(eigenvalues)) + 1
+    edges = np.flatnonzero(~close_neighbours(eigenvalues, gap)) + 1
     ends = [*edges[(edges > start) & (edges < stop)].tolist(), *([stop] if start < stop else [])]
     return zip([start, *ends[:-1]], ends, strict=False)
 

@@ -99,13 +99,14 @@ class Certificate:
         """
         state = "complete" if self.complete else f"not proven complete: {', '.join(self.lacks)}"
         how = f" ({self.count_sentence(unit)})" if self.method != "none" else ""
-        parts = [
+        parts = (
             counted(n_pairs, "pair"),
             state + how,
             f"worst residual {_short(self.residual)}",
             f"orthonormality {_short(self.orthonormality)}",
-        ]
-        return " · ".join([*parts, *([self.remark] if self.remark else [])])
+            self.remark,
+        )
+        return " · ".join(filter(None, parts))
 
 
 def _short(error: float) -> str:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.filter_responses import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
-from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
+from meshmash_viewer.spectral.alignment import Alignment, ShownRows, multiplets
 from meshmash_viewer.spectral.certificate import Certificate, verify_pairs
 from meshmash_viewer.units import format_quantity, named_vertex
 
@@ -248,16 +248,10 @@ class Eigenpairs:
 
     def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
         """Return the multiplet that contains an index, by relative gaps, or None."""
-        values = self.eigenvalues
-        if not 0 <= index < len(values):
-            return None
-        close = close_neighbours(values, gap)
-        first = last = index
-        while first > 0 and close[first - 1]:
-            first -= 1
-        while last < len(close) and close[last]:
-            last += 1
-        return None if first == last else Multiplet(first, last, gap)
+        for first, stop in multiplets(self.eigenvalues, 0, len(self.eigenvalues), gap):
+            if first <= index < stop and stop - first > 1:
+                return Multiplet(first, stop - 1, gap)
+        return None
 
     def file_index(self, vertex: int) -> int:
         """Return the index of a vertex in the file of the mesh, see `Mesh.file_index`."""

@@ -130,12 +130,12 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
 
 def _nearest_seeds(mesh: Mesh, seeds: IntArray) -> IntArray:
     """Find the seed that is nearest along edges, shape (n,); -1 where none is reached."""
+    number = np.full(mesh.n_vertices, -1)
     if not len(seeds):
-        return np.full(mesh.n_vertices, -1)
+        return number
     _, _, nearest = dijkstra(
         edge_graph(mesh), indices=seeds, min_only=True, return_predecessors=True
     )
-    number = np.full(mesh.n_vertices, -1)
     number[seeds] = np.arange(len(seeds))
     return np.where(nearest >= 0, number[np.maximum(nearest, 0)], -1)
 
@@ -240,7 +240,7 @@ def _cell_eigenpairs(
     count = min(n_pairs + n_null, len(components))
     if count <= n_null:
         return np.zeros(0), np.zeros((len(components), 0))
-    found = solve(stiffness, diags_array(cell_areas), count, tol=1e-6, n_jobs=1, cancel=cancel)
+    found = solve(stiffness, cell_areas, count, tol=1e-6, n_jobs=1, cancel=cancel)
     above = found.eigenvalues > 1e-9 * found.eigenvalues[-1]
     vectors = np.nan_to_num(found.rows[above].T)
     return found.eigenvalues[above], np.ascontiguousarray(vectors)

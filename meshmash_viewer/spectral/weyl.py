@@ -25,8 +25,13 @@ _MARGIN = 1.1
 _LARGEST = 1e150
 #: Smallest and largest eigenvalue relative to Weyl's estimates of the first and the last.
 _BELOW, _ABOVE = 1e-6, 1e3
-#: Kinds of `Target`.
-TARGET_KINDS = ("count", "max_eigenvalue", "wavelength", "time")
+#: Kinds of `Target`, and their names in messages.
+TARGET_KINDS = {
+    "count": "The number of eigenpairs",
+    "max_eigenvalue": "The largest eigenvalue",
+    "wavelength": "The shortest wavelength",
+    "time": "The shortest time",
+}
 
 
 def weyl_count(area: float, eigenvalue: float) -> float:
@@ -100,12 +105,7 @@ class Target:
             raise InputError(
                 f"A target is a count, a max_eigenvalue, a wavelength or a time: {self.kind}."
             )
-        name = {
-            "count": "The number of eigenpairs",
-            "max_eigenvalue": "The largest eigenvalue",
-            "wavelength": "The shortest wavelength",
-            "time": "The shortest time",
-        }[self.kind]
+        name = TARGET_KINDS[self.kind]
         if not (math.isfinite(self.value) and self.value > 0.0):
             raise InputError(f"{name} is {self.value:g}: give a positive number.")
         if not 1.0 / _LARGEST <= self.value <= _LARGEST:

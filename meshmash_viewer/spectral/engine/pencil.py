@@ -128,11 +128,10 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     _refuse_negative_diagonal(laplacian)
 
     used = diagonal > 0.0
-    tied = ~used & (np.diff(laplacian.indptr) > 0)
-    if tied.any():
-        first = np.flatnonzero(tied)[:3].tolist()
+    tied = np.flatnonzero(~used & (np.diff(laplacian.indptr) > 0))
+    if len(tied):
         raise InputError(
-            f"{int(tied.sum())} vertices have faces but no area (first: {first}): "
+            f"{len(tied)} vertices have faces but no area (first: {tied[:3].tolist()}): "
             "use robust=True, or drop degenerate faces."
         )
     active = np.flatnonzero(used)
