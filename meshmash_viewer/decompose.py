@@ -109,17 +109,9 @@ def decompose_laplacian(
     (array([0., 2., 2., 2.]), (642, 4))
     """
     return _decomposed(
-        L,
-        M,
-        n_components,
-        sigma,
-        prefactor,
-        tol=tol,
-        ncv=ncv,
-        op_inv=op_inv,
-        progress=progress,
-        cancel=cancel,
-    )
+        L, M, n_components, sigma, prefactor,
+        tol=tol, ncv=ncv, op_inv=op_inv, progress=progress, cancel=cancel,
+    )  # fmt: skip
 
 
 def _decomposed(
@@ -186,18 +178,11 @@ def decompose_mesh(
     mesh = masked(mesh, mask)
     stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
     return _decomposed(
-        stiffness,
-        mass,
-        n_components,
-        sigma,
-        prefactor,
-        op_inv=op_inv,
-        tol=tol,
+        stiffness, mass, n_components, sigma, prefactor,
+        tol=tol, op_inv=op_inv, progress=progress, cancel=cancel,
         name=mesh.name if isinstance(mesh, Mesh) else "",
         mask="" if mask is None else mask_text(mesh),
-        progress=progress,
-        cancel=cancel,
-    )
+    )  # fmt: skip
 
 
 def decompose_laplacian_by_bands(

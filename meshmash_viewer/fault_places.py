@@ -69,10 +69,9 @@ def fault_places(mesh: Mesh, fault: str) -> FaultPlaces:
         marked = np.full(mesh.n_vertices, -1)
         marked[used] = np.arange(len(used))
         corners = marked[mesh.faces]
-        corners = corners[(corners >= 0).sum(axis=1) > 1]
-        sides = np.concatenate([corners[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
-        sides = sides[(sides >= 0).all(axis=1)]
-        ends = [(sides[:, 0], sides[:, 1])]
+        sides = np.stack([corners.ravel(), np.roll(corners, -1, axis=1).ravel()])
+        sides = sides[:, (sides >= 0).all(axis=0)]
+        ends = [(sides[0], sides[1])]
     rows, columns = (np.concatenate(each) for each in zip(*ends, strict=True))
     labels = connected(rows, columns, len(used))[numbers[:, 0]]
     _, labels, sizes = np.unique(labels, return_inverse=True, return_counts=True)

@@ -255,10 +255,6 @@ def _maps_left(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> tuple[VertexMap, ...]
     return tuple(maps)
 
 
-def _merge_coincident_vertices(mesh: Mesh) -> Mesh:
-    return _without_vertices(mesh, first_at_place(mesh), mesh.faces)
-
-
 def _merge_seams(mesh: Mesh) -> Mesh:
     onto = join_seams(first_at_place(mesh), mesh.faces[mesh.distinct_corners])
     return _without_vertices(mesh, onto, mesh.faces)
@@ -267,11 +263,6 @@ def _merge_seams(mesh: Mesh) -> Mesh:
 def _orient_faces(mesh: Mesh) -> Mesh:
     turned = winding_of(mesh).reversed_faces
     return replace(mesh, faces=np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))
-
-
-def _drop_unreferenced_vertices(mesh: Mesh) -> Mesh:
-    # Faces with a repeated corner may use unreferenced vertices.
-    return _keep(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners])
 
 
 def _keep_largest_component(mesh: Mesh) -> Mesh:
@@ -300,7 +291,7 @@ REPAIRS: dict[str, Repair] = {
             "merge_coincident_vertices",
             "Merge all coincident vertices",
             lambda health: health.coincident_vertices,
-            _merge_coincident_vertices,
+            lambda mesh: _without_vertices(mesh, first_at_place(mesh), mesh.faces),
         ),
         Repair(
             "drop_degenerate_faces",
@@ -324,7 +315,8 @@ REPAIRS: dict[str, Repair] = {
             "drop_unreferenced_vertices",
             "Drop unreferenced vertices",
             lambda health: health.unreferenced_vertices,
-            _drop_unreferenced_vertices,
+            # faces with a repeated corner may use unreferenced vertices
+            lambda mesh: _keep(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners]),
         ),
         Repair(
             "keep_largest_component",

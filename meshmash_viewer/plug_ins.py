@@ -91,5 +91,5 @@ def plug_ins(group: str, taken: Container[str], check: Check = check_function) -
 
 
 def warn(fault: InputError) -> None:
-    """Warn that a plug-in cannot be used."""
+    """Issue a `PlugInWarning`."""
     warnings.warn(str(fault), PlugInWarning, stacklevel=3)

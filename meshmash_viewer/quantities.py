@@ -282,12 +282,9 @@ def _quantity(value: Decimal, written: str, power: int, text: str) -> Quantity:
         raise _no_unit(text, written)
     name, own = found
     if own != power:
-        way = (
-            f"write it in {power_unit(name.replace('um', 'µm'), power)}"
-            if power
-            else "write the number alone"
-        )
-        raise InputError(f"{_shown(text)} is {_KINDS.get(own, 'in another unit')}: {way}.")
+        right = power_unit(name.replace("um", "µm"), power)
+        remedy = f"write it in {right}" if power else "write the number alone"
+        raise InputError(f"{_shown(text)} is {_KINDS.get(own, 'in another unit')}: {remedy}.")
     return Quantity(value, name, power, text.strip())
 
 

@@ -168,8 +168,7 @@ class ShownRows:
             return np.asarray(self._exact[index, columns])
         start, matrix = block
         weights = matrix[index - start]
-        if len(weights) == 1:
+        if len(weights) == 1:  # faster than the product below
             return np.asarray(weights[0] * self._exact[index, columns])
-        return np.asarray(
-            np.tensordot(weights, self._exact[start : start + len(weights), columns], axes=(0, 0))
-        )
+        within = self._exact[start : start + len(weights), columns]
+        return np.asarray(np.tensordot(weights, within, axes=(0, 0)))

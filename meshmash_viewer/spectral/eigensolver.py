@@ -57,8 +57,7 @@ class Run:
         pencil = reduce_pencil(stiffness, mass)
         # Events for the calling thread: slices of final rows, functions that report, and at the end
         # an exception or None.
-        self._events: queue.Queue[slice | Callable[[], None] | BaseException | None]
-        self._events = queue.Queue()
+        self._events = queue.Queue[slice | Callable[[], None] | BaseException | None]()
         self._computation = Computation(pencil, request, self._pace, sizes, self._events.put)
         self._computation.timings["matrices"] = time.perf_counter() - self._pace.began
 

@@ -275,11 +275,10 @@ class KrylovBasis:
         if pencil.n_null == 1:  # the usual case: one product instead of two transposes
             project_out(new, pencil.null_direction[None])
         else:
-            for start in range(0, len(new), BLOCK):
-                block = new[start : start + BLOCK]
-                self._columns[:] = block.T
+            for part in blocks(len(new), BLOCK):
+                self._columns[:] = new[part].T
                 self._ordered.remove_null(self._columns)
-                self._ordered.fill_rows(self._columns, block)
+                self._ordered.fill_rows(self._columns, new[part])
         if len(self._found):
             project_out(new, self._found)
 

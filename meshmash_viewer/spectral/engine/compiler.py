@@ -102,37 +102,29 @@ def one_blas_thread() -> Iterator[None]:
     """
     from threadpoolctl import threadpool_limits
 
-    _limit.enter()
+    with _limit.lock:
+        if _limit.users == 0:
+            _limit.holder = ThreadPoolExecutor(1, "blas-limit")
+            _limit.limits = _limit.holder.submit(threadpool_limits, 1, "blas").result()
+        _limit.users += 1
     try:
         with threadpool_limits(1, user_api="blas"):
             yield
     finally:
-        _limit.leave()
+        with _limit.lock:
+            _limit.users -= 1
+            if _limit.users == 0:
+                _limit.holder.submit(_limit.limits.restore_original_limits).result()
+                _limit.holder.shutdown()
 
 
 class _Limit:
     """The limit of the process, held while any solve runs."""
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._users = 0
-        self._holder: ThreadPoolExecutor
-
-    def enter(self) -> None:
-        from threadpoolctl import threadpool_limits
-
-        with self._lock:
-            if self._users == 0:
-                self._holder = ThreadPoolExecutor(1, "blas-limit")
-                self._limits = self._holder.submit(threadpool_limits, 1, "blas").result()
-            self._users += 1
-
-    def leave(self) -> None:
-        with self._lock:
-            self._users -= 1
-            if self._users == 0:
-                self._holder.submit(self._limits.restore_original_limits).result()
-                self._holder.shutdown()
+    lock = threading.Lock()
+    users = 0
+    holder: ThreadPoolExecutor
+    limits: Any
 
 
 _limit = _Limit()

@@ -145,21 +145,11 @@ class Factor:
         self._blocks = np.empty(structure.n_entries)
         self._inverse = np.empty(ordered.pencil.n)
         outcome = factor_numeric(
-            ordered.pencil.matrix.data,
-            shift,
-            structure.first,
-            structure.row_start,
-            structure.rows,
-            structure.block_start,
-            structure.children,
-            structure.start,
-            structure.index,
-            structure.stack_size,
-            structure.front_size,
-            self._blocks,
-            self._inverse,
-            stop,
-        )
+            ordered.pencil.matrix.data, shift, structure.first, structure.row_start,
+            structure.rows, structure.block_start, structure.children, structure.start,
+            structure.index, structure.stack_size, structure.front_size, self._blocks,
+            self._inverse, stop,
+        )  # fmt: skip
         if outcome == -2:
             raise Cancelled("stopped inside a factorization")
         if outcome < 0:
