@@ -71,8 +71,8 @@ def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
     plot, spectrum = window.spectrum_panel.plot, window.document.spectrum
-    before = plot.grab().toImage()
     svg = saved(qtbot, window, plot, tmp_path / "a.svg").read_text(encoding="utf-8")
+    before = plot.grab().toImage()  # all that the plot defers has been drawn by now
     shown = "".join(re.findall(r"<text[^>]*>([^<]*)</text>", svg))
     for text in ("Index", "λ (µm⁻²)", "Weyl’s law"):
         assert text in shown
