@@ -185,6 +185,14 @@ def test_processes_of_this_machine_keep_freed_memory(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
+def test_processes_of_this_machine_begin_with_the_compiled_kernels() -> None:
+    with connected("local:1") as client:
+        modules = next(iter(client.run(lambda: set(sys.modules)).values()))
+    assert "meshmash_viewer.spectral.engine.kernels" in modules
+
+
+@pytest.mark.slow
 def test_two_runs_at_once_write_one_manifest() -> None:
     made = "import meshmash_viewer.cli.manifest as it, sys, time; whole = it.written_whole\n"
     # long enough after reading that the other run would write
