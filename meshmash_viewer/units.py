@@ -96,8 +96,8 @@ def engineering(size: float, unit: str) -> tuple[int, str]:
     if match is None or abs(power) not in _SHORT or not 0.0 < size < math.inf:
         return 0, unit
     low, high = _SHORT[abs(power)]
-    # a square metre is not used for smaller areas: it is 10⁶ mm²
-    lengths = LENGTH_UNITS[1:] if abs(power) == 1 or match[1] == "m" else LENGTH_UNITS[1:-1]
+    # only lengths change from mm to m: 0.05 mm⁻¹ is easier to read than 50 m⁻¹
+    lengths = LENGTH_UNITS[1:] if power == 1 or match[1] == "m" else LENGTH_UNITS[1:-1]
     at = lengths.index(match[1])
     step = 1 if (size >= high) == (power > 0) else -1
     exponent = 0

@@ -139,6 +139,8 @@ class RawMesh:
     structure: str = ""
     #: What our own exports say of it, see `io.provenance`.
     meta: str = ""
+    #: Why the unit is not that of the format, as a clause that follows the name of the file.
+    unit_remark: str = ""
 
     @property
     def described_maps(self) -> tuple[RawMap, ...]:

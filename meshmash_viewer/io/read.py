@@ -117,7 +117,8 @@ def read_mesh(
     unit : str, optional
         The unit of the file's coordinates: "nm", "µm", "mm", "m", "none", or the size of a
         voxel such as "8 nm" or "4 x 4 x 40 nm", by which coordinates are multiplied. None for the
-        unit that the format states: mm for GIFTI and FreeSurfer, nm for links, otherwise no unit.
+        unit that the format states: mm for GIFTI and FreeSurfer (m, with a warning, where the
+        extent is that of a brain in metres), nm for links, otherwise no unit.
     segment : int or str, optional
         Of a link: the id of the segment, where the link does not name one.
     lod : int, optional
@@ -190,7 +191,10 @@ def read_mesh(
     except Exception as fault:  # libraries raise any exception on a broken file
         clause = str(fault if isinstance(fault, InputError) else unreadable(fault))
         raise InputError(f"{subject} {_with_remedy(clause, ending)}") from fault
-    for remark in (*raw.remarks, *unusable):
+    remarks = (*raw.remarks, *unusable)
+    if unit is None and raw.unit_remark:
+        remarks = (raw.unit_remark, *remarks)
+    for remark in remarks:
         warnings.warn(f"{subject} {remark}.", MeshWarning, stacklevel=2)
     return mesh
 

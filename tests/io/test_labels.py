@@ -125,6 +125,20 @@ def test_a_label_array_without_a_table_has_its_numbers_as_names(
     np.testing.assert_array_equal(found.values, numbers)
 
 
+@pytest.mark.parametrize("tag", [b"", struct.pack(">i", 0)])
+def test_an_annotation_without_a_table_has_its_numbers_as_names(tag: bytes, tmp_path: Path) -> None:
+    path, numbers = tmp_path / "lh.parts.annot", np.arange(N) % 3 * 65793 - 1
+    pairs = np.column_stack([np.arange(N), numbers])[::-1]
+    path.write_bytes(struct.pack(">i", N) + pairs.astype(">i4").tobytes() + tag)
+    (found,) = read_maps(path, MESH)
+    assert [(each.key, each.name) for each in found.labels] == [
+        (65792, "65792"),
+        (131585, "131585"),
+    ]
+    np.testing.assert_array_equal(np.isfinite(found.shown), numbers > 0)
+    np.testing.assert_array_equal(found.values, np.maximum(numbers, 0))
+
+
 @pytest.mark.parametrize("kind", ["label.gii", "annot"])
 def test_labels_of_a_table_without_names_have_their_numbers(kind: str, tmp_path: Path) -> None:
     path, labels = tmp_path / f"lh.parts.{kind}", (Label(3, "", "#112233"), Label(7, "", "#445566"))
@@ -163,8 +177,8 @@ def test_the_first_label_of_a_number_counts() -> None:
 @pytest.mark.parametrize(
     ("content", "pattern"),
     [
-        (struct.pack(">5i", 2, 0, 1, 1, 2), "without a table of names and colours"),
-        (struct.pack(">6i", 2, 0, 1, 1, 2, 0), "without a table of names and colours"),
+        (struct.pack(">5i", 2, 0, 0, 1, 0), "no vertex with a label"),
+        (struct.pack(">6i", 2, 0, -1, 1, 0, 0), "no vertex with a label"),
         (struct.pack(">7i", 2, 0, 1, 1, 2, 1, -3), "unknown version 3"),
         (struct.pack(">9i", 2, 0, 1, 1, 2, 1, -2, 9, 400), "ends within its labels"),
         (struct.pack(">5i", 2, 0, 1, 0, 2), "not once for each vertex"),

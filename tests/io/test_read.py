@@ -6,6 +6,7 @@ import gzip
 import os
 import struct
 import tracemalloc
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from tiers import slow, slow_unless
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.read import READABLE_ENDINGS, READERS, mesh_name, read_mesh
+from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.units import Voxel
 
@@ -299,6 +301,50 @@ def test_unit_multiplies_voxels_and_is_carried(
 def test_given_unit_wins_over_the_formats(tmp_path: Path) -> None:
     write_gifti(tmp_path / "mesh.gii")
     assert read_mesh(tmp_path / "mesh.gii", unit="none").unit == ""
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("name", ["mesh.surf.gii", "lh.pial"])
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1.0, "mm"), (0.04, "m"), (0.24, "m"), (0.26, "mm"), (1e-3, "mm")]
+)
+def test_a_brain_in_metres_is_known_by_its_size(
+    name: str, factor: float, unit: str, tmp_path: Path
+) -> None:
+    from nibabel.freesurfer import write_geometry
+    from nibabel.gifti import GiftiDataArray, GiftiImage
+
+    path, vertices = tmp_path / name, (factor * VERTICES).astype(np.float32)  # 4 long
+    if name.endswith(".gii"):
+        arrays = [
+            GiftiDataArray(vertices, intent="NIFTI_INTENT_POINTSET"),
+            GiftiDataArray(FACES.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE"),
+        ]
+        path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
+    else:
+        write_geometry(str(path), vertices, FACES, create_stamp="")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mesh = read_mesh(path)
+    assert mesh.unit == unit
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+    said = [str(each.message) for each in caught]
+    assert len(said) == (unit == "m")
+    if said:
+        assert said[0].startswith(f"{path} has an extent of {4 * factor:.3g}, too small")
+        assert "--unit mm" in said[0]
+    with warnings.catch_warnings(action="error"):
+        assert read_mesh(path, unit="mm").unit == "mm"
+
+
+@pytest.mark.usefixtures("read_here")
+def test_a_small_surface_of_our_own_is_in_mm(tmp_path: Path) -> None:
+    path = tmp_path / "neuron.surf.gii"
+    write_mesh(path, Mesh(1e4 * VERTICES, FACES, unit="nm"))
+    with warnings.catch_warnings(action="error"):
+        mesh = read_mesh(path)
+    assert mesh.unit == "mm"
+    np.testing.assert_allclose(mesh.vertices, 0.01 * VERTICES, rtol=1e-6)
 
 
 def test_unknown_unit_is_refused(tmp_path: Path) -> None:

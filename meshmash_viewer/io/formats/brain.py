@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
@@ -34,6 +35,8 @@ FREESURFER_ENDINGS = (
 _TRIANGLES, _QUADS, _SHORT_QUADS = b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff"
 #: Units of the values in files of one number a vertex, by ending.
 _UNITS = {".thickness": "mm", ".curv": "mm⁻¹", ".area": "mm²", ".volume": "mm³"}
+#: Smallest extent of a surface that is taken for a brain in metres; that of a mouse is 0.015.
+_SMALLEST_IN_METRES = 0.005
 #: Colour of a label that has none of its own.
 _INSIDE = "#d55e00"
 #: Version of tables of labels that have numbers of their own.
@@ -120,10 +123,21 @@ def read_freesurfer(path: Path) -> RawMesh:
         )
     read: Any = read_geometry
     vertices, faces = read(str(path))[:2]
+    vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
+    unit, remark = _unit(vertices)
     return RawMesh(
-        np.asarray(vertices, dtype=np.float64).reshape(-1, 3),
-        np.asarray(faces, dtype=np.int64).reshape(-1, 3),
-        "mm",
+        vertices, np.asarray(faces, dtype=np.int64).reshape(-1, 3), unit, unit_remark=remark
+    )
+
+
+def _unit(vertices: FloatArray) -> tuple[str, str]:
+    """Return the unit of the coordinates of a brain, and a remark if it is not mm."""
+    extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+    if not _SMALLEST_IN_METRES < extent < 1.0:
+        return "mm", ""
+    return "m", (
+        f"has an extent of {extent:.3g}, too small for a brain in mm, the unit of its format, so it"
+        " is read in m; if that is wrong, choose another unit in the panel Mesh, or with --unit mm"
     )
 
 
@@ -147,8 +161,9 @@ def freesurfer_annotation(path: Path) -> RawMesh:
     vertex, gives annotations without a label that of another one, and cannot place the names of a
     table with gaps, such as FreeSurfer's own of 1,266 labels with numbers up to 14,175.
 
-    `InputError` is raised if the file has no table of names and colours, is cut short, or has a
-    vertex twice.
+    Without a table of names and colours, the labels are named after their numbers.
+
+    `InputError` is raised if the file is cut short, or does not name each vertex once.
     """
     content, place = path.read_bytes(), 0
 
@@ -170,7 +185,10 @@ def freesurfer_annotation(path: Path) -> RawMesh:
     if not len(pairs) or not np.array_equal(pairs[order, 0], np.arange(len(pairs))):
         raise InputError("has an annotation not once for each vertex from 0")
     if place == len(content) or numbers(1) == [0]:
-        raise InputError("has annotations without a table of names and colours")
+        values = np.maximum(pairs[order, 1], 0)  # a negative number is no label either
+        if not values.any():
+            raise InputError("has no vertex with a label")
+        return maps_alone([RawMap("", values, _numbered(values))])
     labels = _labels(take, numbers)
     annotations = {int(label.color[5:7] + label.color[3:5] + label.color[1:3], 16): label.key
                    for label in reversed(labels)}  # fmt: skip
@@ -228,13 +246,17 @@ def read_gifti(path: Path) -> RawMesh:
     if faces.dtype.kind not in "iu":
         raise InputError("has triangles whose vertex indices are no whole numbers")
     said = _said(image)
+    vertices = np.asarray(vertices, dtype=np.float64)
+    stated = stated_mesh(said)[0]  # that of the exported mesh; our own files are in mm
+    unit, remark = _unit(vertices) if stated is None else ("mm" if stated else "", "")
     return RawMesh(
-        np.asarray(vertices, dtype=np.float64),
+        vertices,
         faces.astype(np.int64),
-        "" if stated_mesh(said)[0] == "" else "mm",
+        unit,
         tuple(_gifti_maps(image))[:MOST_MAPS],
         structure=_structure(points[0]) or _structure(image),
         meta=said,
+        unit_remark=remark,
     )
 
 
