@@ -237,7 +237,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "volume.npy": (lambda path: np.save(path, np.ones((2, 3, 4))), r"shape \(2, 3, 4\)"),
     "objects.npy": (
         lambda path: np.save(path, np.array([{}] * N), allow_pickle=True),
-        r"not readable .*; give a file with one number a vertex",
+        r"has an array of Python objects; give a file with one number a vertex",
     ),
     "words.csv": (lambda path: path.write_text("a\n" + "b\n" * N), r"no column of numbers"),
     "twice.csv": (
@@ -282,6 +282,49 @@ def test_what_is_no_map_is_one_sentence(name: str, tmp_path: Path) -> None:
     assert said.endswith(".")
     assert "\n" not in said
     assert said.removesuffix(".").count(". ") == 0
+
+
+def test_numpy_arrays_of_other_shapes_and_types(tmp_path: Path) -> None:
+    values = np.arange(2.0 * N).reshape(2, N)
+    large = Mesh(*shapes.icosphere(2))
+    np.save(tmp_path / "rows.npy", np.arange(2.0 * large.n_vertices).reshape(2, -1))
+    first, second = read_maps(tmp_path / "rows.npy", large)
+    np.testing.assert_array_equal(second.values, first.values + large.n_vertices)
+    np.save(
+        tmp_path / "fields.npy", np.array(list(map(tuple, values.T)), [("a", "f4"), ("b", "f8")])
+    )
+    assert [each.name for each in read_maps(tmp_path / "fields.npy", MESH)] == ["a", "b"]
+    np.testing.assert_array_equal(read_maps(tmp_path / "fields.npy", MESH)[1].values, values[1])
+
+
+def test_the_first_format_of_freesurfer_values(tmp_path: Path) -> None:
+    values = np.arange(N) - 20
+    content = N.to_bytes(3) + (2 * N).to_bytes(3) + (100 * values).astype(">i2").tobytes()
+    (tmp_path / "lh.curv").write_bytes(content)
+    (found,) = read_maps(tmp_path / "lh.curv", MESH)
+    np.testing.assert_allclose(found.values, values)
+    (tmp_path / "lh.curv").write_bytes(content + b"x")
+    with pytest.raises(InputError, match="does not begin like"):
+        read_maps(tmp_path / "lh.curv", MESH)
+
+
+def test_a_gifti_file_may_name_its_vertices(tmp_path: Path) -> None:
+    arrays = [
+        GiftiDataArray(np.array([5, 1], np.int32), intent="NIFTI_INTENT_NODE_INDEX"),
+        GiftiDataArray(np.array([0.5, 0.25], np.float32), intent="NIFTI_INTENT_SHAPE"),
+    ]
+    path = tmp_path / "lh.some.func.gii"
+    path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
+    (found,) = read_maps(path, MESH)
+    assert found.name == path.name
+    assert np.flatnonzero(np.isfinite(found.values)).tolist() == [1, 5]
+    assert found.values[[5, 1]].tolist() == [0.5, 0.25]
+    for wrong, said in (([-1, 2], "no whole numbers from 0"), ([1, 2, 3], "another number of")):
+        indices = np.array(wrong, np.int32)
+        arrays[0] = GiftiDataArray(indices, intent="NIFTI_INTENT_NODE_INDEX")
+        path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
+        with pytest.raises(InputError, match=said):
+            read_maps(path, MESH)
 
 
 def test_a_surface_is_no_map(tmp_path: Path) -> None:

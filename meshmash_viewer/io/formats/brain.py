@@ -149,7 +149,8 @@ def freesurfer_kind(path: Path) -> str:
     if header.startswith(b"\xff\xff\xff\xff"):
         (n_placed,) = struct.unpack(">i", header[4:8].ljust(4, b"\0"))
         return "patch" if size == 8 + 16 * n_placed else "surface"
-    if magic == _SHORT_QUADS and size == 15 + 4 * n_vertices * n_values:
+    is_old = size == 6 + 2 * int.from_bytes(header[:3]) > 6  # FreeSurfer's first format of values
+    if is_old or (magic == _SHORT_QUADS and size == 15 + 4 * n_vertices * n_values):
         return "values"
     return "surface" if magic in (_TRIANGLES, _QUADS, _SHORT_QUADS) else ""
 
@@ -304,12 +305,20 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
         for each in image.labeltable.labels
         if each.key != 0 or each.alpha != 0.0  # as Connectome Workbench has what has no label
     )
+    others = ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE", "NIFTI_INTENT_NODE_INDEX")
+    indices = image.get_arrays_from_intent("NIFTI_INTENT_NODE_INDEX")
+    rows = indices[0].data.astype(np.int64) if indices else None
+    if rows is not None and (rows.ndim != 1 or not len(rows) or rows.min() < 0):
+        raise InputError("has an array of vertex indices that are no whole numbers from 0")
+    alone = (
+        sum(array.intent not in map(intent_codes.__getitem__, others) for array in image.darrays)
+        == 1
+    )
     for at, array in enumerate(image.darrays):
         intent = intent_codes.niistring[array.intent]
         data = array.data
-        if intent in ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE") or data is None:
+        if intent in others or data is None:
             continue
-        alone = len(image.darrays) == 1
         own_name = dict(array.meta or {}).get("Name") or (
             "" if alone else f"{name} {at}" if name else f"map {at}"
         )
@@ -318,7 +327,9 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
         columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
         for column in columns:
             labels = (table or _numbered(column)) if of_labels else ()
-            yield RawMap(own_name, np.ascontiguousarray(column), labels, keep_unused=own)
+            if rows is not None and len(rows) != len(column):
+                raise InputError("has another number of vertex indices than of values")
+            yield RawMap(own_name, np.ascontiguousarray(column), labels, rows, keep_unused=own)
 
 
 def _numbered(column: npt.NDArray[Any]) -> tuple[Label, ...]:

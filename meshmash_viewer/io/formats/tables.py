@@ -24,22 +24,30 @@ if TYPE_CHECKING:
     import pyarrow
 
 #: What stands where a number is missing, besides those that pyarrow knows.
-_MISSING = ("None", "none", "NONE", "Null", "<NA>", "Nan", "nAn", "-", ".", "?", "NaT", "missing")
+_MISSING = (
+    "None", "none", "NONE", "Null", "<NA>", "Nan", "nAn", "-", ".", "?", "NaT", "missing",
+    "#DIV/0!", "#NUM!", "#VALUE!", "#REF!",
+)  # fmt: skip
 #: Columns that only count the rows, as pandas calls them.
 ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
 #: Columns that describe the one called "label".
 _TEXTS = ("name", "color", "colour")
 #: Bytes from which the kind of a table is known.
 _BEGINNING = 1_000_000
+#: The line in which Excel states the sign between columns.
+_SEPARATOR_LINE = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE)
+#: A line with one number and a decimal comma, or with two whole numbers.
+_ONE_DECIMAL = re.compile(r"\s*[-+]?\d+,\d+\s*")
 _LARGEST_BLOCK = 2**31 - 1
 
 
 def csv_maps(path: Path) -> RawMesh:
     """Read the columns of numbers of a table, with or without a first line of names.
 
-    Columns are separated by a comma, semicolon, tab or space. Lines in front that begin with "#"
-    are comments, the last of which may hold the names. Where a number is missing, a field is empty
-    or holds "None", "NA", "NaN", "null" or the like.
+    Columns are separated by a comma, semicolon, tab or spaces; decimals are written with a point
+    or, where commas do not separate columns, a comma. Lines in front that begin with "#" are
+    comments, the last of which may hold the names. Where a number is missing, a field is empty or
+    holds "None", "NA", "NaN", "null" or the like.
     """
     return replace(_maps(text_table(path)), meta=second_file(path))
 
@@ -57,13 +65,15 @@ def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
     missing = [*convert.null_values, *_MISSING]
     convert.null_values = [*missing, *(f" {each}" for each in missing)]
     parse = pyarrow.csv.ParseOptions(delimiter=separator)
-    head = b""
-    if most is not None and path.stat().st_size > most:
-        with path.open("rb") as file:
-            head = file.read(most).rpartition(b"\n")[0]
+    with path.open("rb") as file:
+        content = file.read(-1 if most is None else most)
+        if file.read(1):
+            content = content.rpartition(b"\n")[0]
+    if separator == " ":
+        content = re.sub(rb"(?m)^ +| +\r?$|(?<= ) +", b"", content)
 
     def table() -> pyarrow.Table:
-        return pyarrow.csv.read_csv(io.BytesIO(head) if head else path, read, parse, convert)
+        return pyarrow.csv.read_csv(io.BytesIO(content), read, parse, convert)
 
     try:
         found = table()
@@ -98,12 +108,11 @@ def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
         beginning = file.read(_BEGINNING)
     encoding = _encoding(beginning)
     lines = beginning.decode(encoding, "replace").removeprefix("\ufeff").splitlines()
+    stated = _SEPARATOR_LINE.match(lines[0]) if lines else None
     skipped = next((at for at, line in enumerate(lines) if not line.startswith("#")), 0)
-    first = lines[skipped] if lines else ""
-    separator = next((sign for sign in "\t;," if sign in first), ",")
-    if separator == "," and len(first.split()) > 1 and all(map(_is_number, first.split())):
-        separator = " "
-    decimal = "," if separator == ";" and re.search(r"\d,\d", "\n".join(lines[:100])) else "."
+    skipped = 1 if stated else skipped
+    first, *rows = lines[skipped : skipped + 100] or [""]
+    separator, decimal = _signs(first, rows, stated[1] if stated else "")
     words = _words(first, separator)
     named = not all(_is_number(word.replace(decimal, ".")) for word in words)
     names = None
@@ -119,6 +128,26 @@ def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
     return layout, separator, decimal
 
 
+def _signs(first: str, rows: list[str], separator: str) -> tuple[str, str]:
+    """Return the sign between columns, unless it is known, and the decimal sign.
+
+    `first` is the first line, which may hold names; `rows` are some lines after it.
+    """
+    separator = separator or next((sign for sign in "\t;," if sign in first), "")
+    words = (rows or [first])[0].split()
+    if separator in ("", ",") and len(first.split()) == len(words) > 1:
+        separator = " " if all(map(_is_number, words)) else separator
+    text = "\n".join([first, *rows])
+    if separator not in ("", ","):
+        return separator, "," if re.search(r"\d,\d", text) else "."
+    if all(map(_ONE_DECIMAL.fullmatch, [first, *rows])) and re.search(r",0\d", text):
+        return ";", ","  # no integer begins with 0
+    # three digits after a comma may be thousands
+    quote = '"' if separator else ""
+    found = re.search(rf"{quote}[-+]?(0,\d|\d+,(?!\d{{3}}\b)\d)", text)
+    return separator or (";" if found else ","), "," if found else "."
+
+
 def _is_wide(column: pyarrow.ChunkedArray) -> bool:
     """Whether numbers were read as floating-point ones that may be whole ones of 64 bits."""
     import pyarrow.compute
@@ -132,7 +161,11 @@ def text_rows(path: Path) -> tuple[list[list[str]], str]:
     """Return the rows that are not empty, that of the names first, and the decimal sign."""
     layout, separator, decimal = text_layout(path)
     lines = path.read_text(encoding=layout["encoding"], errors="replace").removeprefix("\ufeff")
-    reader = csv.reader(lines.splitlines()[layout["skip_rows"] :], delimiter=separator)
+    reader = csv.reader(
+        lines.splitlines()[layout["skip_rows"] :],
+        delimiter=separator,
+        skipinitialspace=separator == " ",
+    )
     rows = [row for row in reader if any(map(str.strip, row))]
     return ([layout["column_names"]] if layout["column_names"] else []) + rows, decimal
 
@@ -196,7 +229,8 @@ def _maps(table: pyarrow.Table) -> RawMesh:
         if name != "vertex"
     ]
     if not found:
-        raise InputError("has no column of numbers")
+        columns_said = printable(", ".join(left_out), 200) if left_out else "it has no columns"
+        raise InputError(f"has no column of numbers: {columns_said}")
     if len(found) > MOST_MAPS:
         raise InputError(f"has {len(found):,} columns, of which {MOST_MAPS} can be taken at most")
     said = f"has columns that are left out: {', '.join(left_out)}"
@@ -285,7 +319,8 @@ def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
     elif types.is_decimal(kind) or types.is_float16(kind):
         column = column.cast(pyarrow.float64())
     elif not (types.is_integer(kind) or types.is_floating(kind)):
-        example = next(each for each in column.to_pylist() if each is not None)
+        texts = [str(each) for each in column.to_pylist() if each is not None]
+        example = next((each for each in texts if not _is_number(each)), texts[0])
         raise InputError(f"not numbers, such as {printable(example, 30)!r}")
     values: npt.NDArray[Any] = column.to_numpy()
     return values
