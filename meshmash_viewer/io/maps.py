@@ -24,6 +24,7 @@ from meshmash_viewer.io.formats.npz import holds_a_mesh, npy_maps, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.raw import LimitExceeded, RawMap, checked_maps, read_guarded
 from meshmash_viewer.io.read import READERS, Reader, check_file
+from meshmash_viewer.io.signatures import misnamed
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.vertex_map import VertexMap, named_apart
@@ -238,7 +239,10 @@ def maps_and_remarks(
             raise InputError(f"{path}: {text[0].lower()}{text[1:]}") from fault
         if "not installed" in text:
             raise InputError(f"{path} {text}.") from fault
-        raise InputError(f"{path} {text}; give a file with one number a vertex.") from fault
+        clause = (
+            misnamed(path, path.suffix.lower()) or f"{text}; give a file with one number a vertex"
+        )
+        raise InputError(f"{path} {clause}.") from fault
     except PermissionError as fault:
         raise InputError(f"{path} may not be read by you; give yourself permission.") from fault
     said = () if len(raw.vertices) else raw.remarks

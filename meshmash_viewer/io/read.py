@@ -27,7 +27,7 @@ from meshmash_viewer.io.formats.gltf import gltf_limits, read_gltf
 from meshmash_viewer.io.formats.meshparty import read_meshparty
 from meshmash_viewer.io.formats.npz import npz_limits, read_npz
 from meshmash_viewer.io.formats.polygons import read_obj, read_off, read_ply, read_stl
-from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
+from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtk_xml
 from meshmash_viewer.io.links import LINK_ENDING, MeshLink, is_link, parse_link, read_link
 from meshmash_viewer.io.raw import (
     LimitExceeded,
@@ -39,6 +39,7 @@ from meshmash_viewer.io.raw import (
     unreadable,
 )
 from meshmash_viewer.io.segments import SegmentFault, read_linked, read_segment
+from meshmash_viewer.io.signatures import misnamed
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.progress import CancelCallback, Cancelled, ProgressCallback
@@ -56,7 +57,8 @@ READERS: dict[str, Reader] = {
     ".off": read_off,
     ".glb": read_gltf,
     ".gltf": read_gltf,
-    ".vtp": read_vtp,
+    ".vtp": read_vtk_xml,
+    ".vtu": read_vtk_xml,
     ".vtk": read_legacy_vtk,
     ".npz": read_npz,
     ".gii": read_gifti,
@@ -75,7 +77,7 @@ _NEVER_GZIPPED = (".npz", ".gltf", ".glb", ".h5", LINK_ENDING)
 #: unpack to much more than their size; None where a file is harmless.
 _LIMITS: dict[Reader, Callable[[Path], ReadLimits | None]] = {
     **dict.fromkeys(
-        (read_vtp, read_legacy_vtk, read_gifti, read_meshparty, read_draco),
+        (read_vtk_xml, read_legacy_vtk, read_gifti, read_meshparty, read_draco),
         lambda path: ReadLimits.of(path.stat().st_size),
     ),
     read_gltf: gltf_limits,
@@ -103,7 +105,7 @@ def read_mesh(
     The format is given by the file's ending, for FreeSurfer surfaces by the first bytes. Polygons
     are triangulated, concave ones too, a scene becomes one mesh, STL and glTF vertices with equal
     coordinates are merged, and texture seams do not cut the surface. Other values per vertex in
-    PLY, VTP, VTK, GLB, glTF, NPZ and GIFTI files become `Mesh.maps`.
+    PLY, VTP, VTU, VTK, GLB, glTF, NPZ and GIFTI files become `Mesh.maps`.
 
     `InputError` is raised if there is no such file or it holds no usable mesh; one sentence that
     names the file, the fault and the remedy.
@@ -190,7 +192,9 @@ def read_mesh(
         raise
     except Exception as fault:  # libraries raise any exception on a broken file
         clause = str(fault if isinstance(fault, InputError) else unreadable(fault))
-        raise InputError(f"{subject} {_with_remedy(clause, ending)}") from fault
+        other = misnamed(Path(path), ending) if link is None else ""
+        clause = f"{other}." if other else _with_remedy(clause, ending)
+        raise InputError(f"{subject} {clause}") from fault
     remarks = (*raw.remarks, *unusable)
     if unit is None and raw.unit_remark:
         remarks = (raw.unit_remark, *remarks)
@@ -237,6 +241,8 @@ def _ending(path: Path) -> str:
     if ending not in READABLE_ENDINGS and is_draco(path):  # fragments have names without endings
         return ".drc"
     if ending not in READABLE_ENDINGS and not _is_freesurfer(path):
+        if other := misnamed(path, ending):
+            raise InputError(f"{path} {other}.")
         known = " ".join(key for key in READERS if key not in FREESURFER_ENDINGS)
         raise InputError(
             f"{path} has an ending ({printable(ending, 40) or 'none'}) of no known mesh format;"
@@ -323,6 +329,9 @@ _REMEDIES = {
     "finite": "repair or export the mesh again",
     "three different corners": "repair or export the mesh again",
     "cut short": "copy or export it again",
+    "Python objects": "save it with a type of numbers",
+    "decimal comma": "write decimals with a point",
+    "no surface": "open the surface that it belongs to, and this file as a map of it",
     "cannot be unpacked into": "free the disk, or unpack the file yourself",
 }
 

@@ -62,12 +62,12 @@ def with_newlines(data: bytes) -> bytes:
 
 
 class NotANumber(InputError):
-    """What stands where a number should, and the line of the text, counted from 0."""
+    """A word that is no number; `line` is its line in the text, counted from 0."""
 
-    def __init__(self, token: str, text: bytes, place: int) -> None:
-        self.token = token
+    def __init__(self, token: str, text: bytes, place: int, kind: str = "number") -> None:
         self.line = text.count(b"\n", 0, place)
-        super().__init__(f"holds {token!r} where a number should be")
+        comma = " with a decimal comma" if re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", token) else ""
+        super().__init__(f"holds {token!r}{comma} where a {kind} should be")
 
     def in_line(self, number: int) -> InputError:
         """The same with the number of the line in the file, counted from 1."""
@@ -102,12 +102,13 @@ def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], 
 
 
 def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
-    convert = float if np.issubdtype(dtype, np.floating) else int
+    convert, kind = (float, "number") if dtype is np.float64 else (int, "whole number")
     for token in re.finditer(rb"[^\x00-\x20]+", text):
         try:
             convert(token[0].replace(b"_", b"?"))  # Python would take 1_000
         except ValueError:
-            return NotANumber(printable(token[0].decode("latin-1"), 20), text, token.start())
+            word = printable(token[0].decode("latin-1"), 20)
+            return NotANumber(word, text, token.start(), kind)
     odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # as little a number as it is white space
     return NotANumber("\ufffd", text, odd.start() if odd else 0)
 

@@ -193,13 +193,13 @@ def forking() -> Iterator[None]:
     import psutil  # noqa: F401
     import trimesh  # noqa: F401
 
-    from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
+    from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtk_xml
 
     with tempfile.TemporaryDirectory() as folder:
         for name, content in (*_sound()["vtk"], *_sound()["vtp"]):
             path = Path(folder) / name
             path.write_bytes(content)
-            (read_vtp if path.suffix == ".vtp" else read_legacy_vtk)(path)
+            (read_vtk_xml if path.suffix == ".vtp" else read_legacy_vtk)(path)
     before = process.start_child
     process.start_child = Forked  # type: ignore[misc, assignment]
     # More than that is a fault anyway, and the machine has others to serve.

@@ -14,6 +14,7 @@ from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats import vtk
 from meshmash_viewer.io.formats.npz import npz_limits
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk
+from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.raw import ReadLimits, convert, read_guarded
 from meshmash_viewer.io.read import read_mesh
 
@@ -92,6 +93,69 @@ def test_a_gifti_surface_of_other_dimensions(tmp_path: Path) -> None:
         path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
         with pytest.raises(InputError, match="has arrays of shapes"):
             read_mesh(path)
+
+
+PLY = b"ply\nformat ascii 1.0\nend_header\n"
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("mesh.stl", PLY, "is a PLY file by its content; change its ending to .ply."),
+        ("mesh.dat", PLY, "is a PLY file by its content; change its ending to .ply."),
+        ("mesh", b"\xef\xbb\xbfOFF\n3 1 0\n", "is an OFF file by its content; change its ending"),
+        ("mesh.obj", b"solid a\n facet normal 0 0 1\n", "is an STL file by its content"),
+        ("mesh.gltf", b"glTF\2\0\0\0", "is a binary glTF file by its content; change its ending"),
+        (
+            "mesh.vtk",
+            b'<?xml version="1.0"?>\n<VTKFile type="PolyData">',
+            "change its ending to .vtp",
+        ),
+        ("mesh.vtk", b'<VTKFile type="UnstructuredGrid">', "change its ending to .vtu"),
+        ("mesh.vtp", b"# vtk DataFile Version 3.0\n", "change its ending to .vtk"),
+        ("mesh.vtp", b'<?xml version="1.0"?>\n<!DOCTYPE GIFTI>\n<GIFTI>', "ending to .gii"),
+        ("mesh.ply", b"\x1f\x8b\x08", "is a gzip file by its content; add .gz to its name."),
+        ("mesh.ply", b"<!DOCTYPE html><html>", "is a web page; download the file"),
+        ("mesh.ply", b"version https://git-lfs.github.com/spec/v1", "git lfs pull"),
+        ("mesh.3mf", b"PK\3\4" + bytes(40), "is a ZIP archive; unpack it, or"),
+        ("mesh.h5", b"PAR1", "is a Parquet table by its content; change its ending to .parquet."),
+        ("mesh.ply", PLY, "has no vertices; check that it is a PLY mesh"),
+    ],
+)
+def test_a_file_whose_ending_is_wrong_is_named(
+    name: str, content: bytes, said: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=rf"^{re.escape(str(path))} .*{re.escape(said)}"):
+        read_mesh(path)
+
+
+@pytest.mark.usefixtures("read_here")
+def test_a_file_of_maps_whose_ending_is_wrong_is_named(tmp_path: Path) -> None:
+    np.save(tmp_path / "height.npy", VERTICES[:, 2])
+    for name in ("height.csv", "lh.annot", "height.dat"):
+        path = (tmp_path / "height.npy").rename(tmp_path / name)
+        with pytest.raises(InputError, match=r"is a NumPy array by its content; .* to \.npy\.$"):
+            read_maps(path, (VERTICES, FACES))
+        path.rename(tmp_path / "height.npy")
+    assert len(read_maps(tmp_path / "height.npy", (VERTICES, FACES))) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1,5 0\nf 1 2 3\n"),
+        ("mesh.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1,5 0\n3 0 1 2\n"),
+    ],
+)
+def test_a_decimal_comma_is_named(name: str, content: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=r"'1,5' with a decimal comma .* decimals with a point\.$"):
+        read_mesh(tmp_path / name)
+    (tmp_path / name).write_text(content.replace("1,5", "1.5"))
+    assert read_mesh(tmp_path / name).area == 0.75
 
 
 def test_what_vtk_says_of_a_broken_file_is_passed_on(tmp_path: Path) -> None:

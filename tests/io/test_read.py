@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import os
+import re
 import struct
 import tracemalloc
 import warnings
@@ -15,6 +16,7 @@ import pytest
 from tiers import slow, slow_unless
 
 from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.io.maps import is_map_file, read_maps
 from meshmash_viewer.io.read import READABLE_ENDINGS, READERS, mesh_name, read_mesh
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
@@ -109,6 +111,12 @@ def write_vtk(path: Path) -> None:
     pyvista.PolyData.from_regular_faces(VERTICES, FACES).save(path)
 
 
+def write_vtu(path: Path) -> None:
+    import pyvista
+
+    pyvista.UnstructuredGrid({pyvista.CellType.TRIANGLE: FACES}, VERTICES).save(path)
+
+
 def write_gifti(path: Path) -> None:
     from nibabel.gifti import GiftiDataArray, GiftiImage
 
@@ -153,7 +161,10 @@ def write_meshparty(path: Path) -> None:
 
 
 #: Read in a process of its own, which takes half a second to start.
-GUARDED = ("mesh.glb", "mesh.gltf", "mesh.vtp", "mesh.vtk", "mesh.surf.gii", "mesh.h5", "mesh.drc")
+GUARDED = (
+    "mesh.glb", "mesh.gltf", "mesh.vtp", "mesh.vtu", "mesh.vtk", "mesh.surf.gii", "mesh.h5",
+    "mesh.drc",
+)  # fmt: skip
 #: Endings of these, but one.
 IN_A_CHILD = {Path(name).suffix for name in GUARDED} - {".vtk"}
 WRITERS: dict[str, Callable[[Path], None]] = {
@@ -168,6 +179,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "mesh.glb": write_glb,
     "mesh.gltf": write_gltf,
     "mesh.vtp": write_vtk,
+    "mesh.vtu": write_vtu,
     "mesh.vtk": write_vtk,
     "mesh.surf.gii": write_gifti,
     "mesh.h5": write_meshparty,
@@ -370,7 +382,7 @@ def test_obj_polygons_negative_indices_and_continued_lines(tmp_path: Path) -> No
     path = tmp_path / "odd.obj"
     path.write_bytes(
         b"# a square and a pentagon\r\n  v 0 0 0 1\r\nv 1 0 0 # corner\r\nv 1 1 0 .5 .5 .5\r\n"
-        b"v 0 1 0\r\nf -4//1 -3//1 \\\r\n -2//1 -1//1\r\nv 0.5 2 0\r\nf 1 2 3 5 4\r\nl 1 2\r\n"
+        b"v 0 1 0\r\nf -4//1 -3//1 \\ \t\r\n -2//1 -1//1\r\nv 0.5 2 0\r\nf 1 2 3 5 4\r\nl 1 2\r\n"
     )
     mesh = read_mesh(path)
     assert mesh.n_vertices == 5
@@ -401,6 +413,30 @@ def test_vtk_strips_polygons_and_grids(tmp_path: Path) -> None:
         + "CELLS 2 9\n3 0 1 2\n4 0 2 4 3\nCELL_TYPES 2\n5\n9\n"
     )
     assert read_mesh(path).n_faces == 3
+
+
+def test_a_vtk_xml_grid_has_the_vertices_of_the_file_and_its_maps(tmp_path: Path) -> None:
+    import pyvista
+
+    unused = np.vstack([[[9.0, 9.0, 9.0]], VERTICES])
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.TRIANGLE: FACES[::-1] + 1}, unused)
+    grid["height"] = unused[:, 2]
+    grid.save(tmp_path / "mesh.vtu")
+    mesh = read_mesh(tmp_path / "mesh.vtu")
+    np.testing.assert_array_equal(mesh.vertices, unused)
+    assert sorted(map(sorted, mesh.faces.tolist())) == sorted(map(sorted, (FACES + 1).tolist()))
+    (height,) = mesh.maps
+    np.testing.assert_array_equal(height.values, unused[:, 2])
+
+
+def test_ply_coordinates_may_be_in_capitals(tmp_path: Path) -> None:
+    write_text_ply(tmp_path / "mesh.ply")
+    text = re.sub(
+        r"float ([xyz])\n", lambda found: found[0].upper(), (tmp_path / "mesh.ply").read_text()
+    )
+    (tmp_path / "mesh.ply").write_text(text.replace("FLOAT", "float"))
+    assert "float X\n" in (tmp_path / "mesh.ply").read_text()
+    np.testing.assert_array_equal(read_mesh(tmp_path / "mesh.ply").vertices, VERTICES)
 
 
 def test_ply_polygons_of_differing_length_and_strips(tmp_path: Path) -> None:
@@ -597,7 +633,7 @@ def test_truncated_ply_says_how_much_is_there(tmp_path: Path) -> None:
         ),
         (
             "v 0 \\\n0 \\\r\n0\nv 1 0 0\nv 0 1 0\nf 1 \\\n2 3.5\n",
-            "'3.5' where a number should be, in line 6;",
+            "'3.5' where a whole number should be, in line 6;",
         ),
     ],
 )
@@ -644,7 +680,26 @@ def test_npz_of_other_things(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", features=np.zeros(3))
     assert "holds features" in fault_of(tmp_path / "other.npz")
     np.savez(tmp_path / "objects.npz", vertices=np.array([None]), faces=FACES)
-    fault_of(tmp_path / "objects.npz")
+    assert "has an array vertices of Python objects; save it" in fault_of(tmp_path / "objects.npz")
+
+
+@pytest.mark.parametrize("names", [("verts", "faces"), ("points", "triangles"), ("V", "F")])
+@pytest.mark.parametrize("transposed", [False, True])
+def test_npz_arrays_of_other_names_and_orders(
+    names: tuple[str, str], transposed: bool, tmp_path: Path
+) -> None:
+    path, height = tmp_path / "a.npz", VERTICES[:, 2]
+    arrays = [np.asfortranarray(VERTICES).astype(">f4"), FACES.astype(float)]
+    arrays = [each.T if transposed else each for each in arrays]
+    np.savez(path, height=height, **dict(zip(names, arrays, strict=True)))
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.vertices, VERTICES)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+    assert [each.name for each in mesh.maps] == ["height"]
+    assert not is_map_file(path)
+    assert [each.name for each in read_maps(path, mesh)] == ["height"]
+    np.savez(path, pos=VERTICES, face=FACES[:3].T)
+    np.testing.assert_array_equal(read_mesh(path).faces, FACES[:3])
 
 
 QUADS = np.array([[0, 2, 1, 3], [4, 1, 5, 0]])  # the octahedron's sections through x and one axis
@@ -682,7 +737,8 @@ def test_npz_quadrilaterals_with_and_without_their_number(tmp_path: Path) -> Non
         ([0, 1, 2, 0, 2, 3], "no list of polygons, each after its number"),
         ([3, 0, 2, 4, 3, 0, 2], "a list of faces that ends within one"),
         ([[0, 1]], r"faces of shape \(1, 2\)"),
-        ([[0.0, 2.0, 4.0]], "faces of float64 numbers, not whole ones"),
+        ([[0.0, 2.0, 4.5]], "faces of float64 numbers, not whole ones"),
+        ([[0.0, 2.0, np.nan]], "faces of float64 numbers, not whole ones"),
     ],
 )
 def test_npz_faces_that_are_none(faces: object, clause: str, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,9 @@ from meshmash_viewer.vertex_map import Label
 
 #: What our own exports hold for every pair, not for every vertex.
 _NOT_READ = ("eigenvalues", "eigenvectors", "residuals")
+#: Names of the arrays of a mesh in files of other programs, preferred ones first.
+_VERTICES = ("vertices", "verts", "points", "coords", "coordinates", "positions", "pos", "xyz", "V")
+_FACES = ("faces", "triangles", "tris", "simplices", "cells", "face", "F")
 #: What the numbers in an array ``labels`` mean.
 _LABELS = ("label_numbers", "label_names", "label_colors")
 
@@ -35,25 +38,41 @@ _LABELS = ("label_numbers", "label_names", "label_colors")
 def read_npz(path: Path) -> RawMesh:
     """Read ``vertices`` (n, 3) and ``faces`` (m, 3 or more corners) from an NPZ file.
 
-    Faces may also be as pyvista has them, ``[3, a, b, c]`` in rows or one after the other.
-    Other arrays with a number a vertex are maps, and so are the columns of ``features`` under the
-    names in ``columns``, which our own exports have. The unit is taken from the JSON text ``meta``,
-    where our own exports state it.
+    Usual other names of the two arrays are accepted, and both may be transposed. Faces may also be
+    as pyvista has them, ``[3, a, b, c]`` in rows or one after the other. Other arrays with a number
+    a vertex are maps, and so are the columns of ``features`` under the names in ``columns``, which
+    our own exports have. The unit is taken from the JSON text ``meta``, where our own exports state
+    it.
 
     `InputError` is raised if the file is no NPZ archive, or the arrays are absent or misshapen.
     """
     with _mesh_archive(path) as archive:
-        vertices, faces = (_array(archive, name) for name in ("vertices", "faces"))
+        names = _mesh_names(archive.files)
+        vertices, faces = (_array(archive, name) for name in names)
+        transposed = vertices.ndim == 2 and len(vertices) == 3 != vertices.shape[1]
+        if transposed:
+            vertices = vertices.T
+        # PyTorch Geometric has an array face of shape (3, m)
+        if (transposed or names[1] == "face") and faces.ndim == 2 and len(faces) == 3:
+            faces = faces.T
         said = _said(archive)
         maps = tuple(_maps(archive, len(vertices)))[:MOST_MAPS]
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
-    if faces.dtype.kind not in "iu":
+    if faces.dtype.kind not in "fiu" or np.any(faces != np.floor(faces)):
         raise InputError(f"has faces of {faces.dtype} numbers, not whole ones")
     vertices = vertices.astype(np.float64)
     triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
     unit, structure = stated_mesh(said)
     return RawMesh(vertices, triangles, unit, maps, structure=structure, meta=said)
+
+
+def _mesh_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the arrays of vertices and faces among those of an archive, if both."""
+    known = set(names)
+    found = (next((name for name in each if name in known), "") for each in (_VERTICES, _FACES))
+    both = tuple(found)
+    return both if all(both) else ()
 
 
 def npz_limits(path: Path) -> ReadLimits | None:
@@ -107,11 +126,18 @@ def _listed_polygons(cells: IntArray) -> tuple[IntArray, IntArray]:
 
 def npy_maps(path: Path) -> RawMesh:
     """Read an array of one number a vertex, or of one a vertex and column."""
-    values = np.load(path)
+    try:
+        values = np.load(path)
+    except ValueError as fault:
+        raise _of_objects("an array", fault) or fault from fault
     if values.ndim not in (1, 2):
         raise InputError(f"has shape {values.shape}, which is not one number a vertex")
+    if values.dtype.names and values.ndim == 1:
+        return maps_alone(RawMap(name, values[name].copy()) for name in values.dtype.names)
     if values.ndim == 1:
         return maps_alone([RawMap("", values)])
+    if values.shape[1] > MOST_MAPS >= len(values):  # no mesh has so few vertices and so many maps
+        values = values.T
     count = values.shape[1]
     if count > MOST_MAPS:
         raise InputError(f"has {count:,} columns, of which {MOST_MAPS} can be taken at most")
@@ -162,7 +188,7 @@ def holds_a_mesh(path: Path) -> bool:
     """Whether an archive is that of a mesh; one that cannot be opened is said to be one."""
     try:
         with zipfile.ZipFile(path) as archive:
-            return {"vertices.npy", "faces.npy"} <= set(archive.namelist())
+            return bool(_mesh_names(name.removesuffix(".npy") for name in archive.namelist()))
     except (zipfile.BadZipFile, OSError):
         return True
 
@@ -174,7 +200,7 @@ def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
     others are of, where maps alone are read.
     """
     rows = _rows(archive)
-    passed = {"vertices", "faces", "meta", "columns", *_NOT_READ}
+    passed = {*_mesh_names(archive.files), "vertices", "faces", "meta", "columns", *_NOT_READ}
     if rows is not None:
         passed.add("vertex")
     if n_vertices is not None:
@@ -222,7 +248,7 @@ def _rows(archive: Any) -> IntArray | None:
 
 def _mesh_archive(path: Path) -> Any:
     archive = _opened(path)
-    if not {"vertices", "faces"} <= set(archive.files):
+    if not _mesh_names(archive.files):
         archive.close()
         names = printable(", ".join(archive.files) or "nothing")
         raise InputError(f"holds {names}, not arrays called vertices and faces")
@@ -242,4 +268,12 @@ def _array(archive: Any, name: str) -> npt.NDArray[Any]:
     try:
         return np.asarray(archive[name])
     except Exception as fault:  # raised by zip or the parser of a header
-        raise InputError(f"has an array {name} that is damaged or cut short") from fault
+        damaged = InputError(f"has an array {name} that is damaged or cut short")
+        raise _of_objects(f"an array {name}", fault) or damaged from fault
+
+
+def _of_objects(array: str, fault: Exception) -> InputError | None:
+    """Return the error for an array of Python objects, None for another fault of NumPy."""
+    if "Object arrays" not in str(fault):
+        return None
+    return InputError(f"has {array} of Python objects")

@@ -116,8 +116,10 @@ def read_obj(path: Path) -> RawMesh:
     `InputError` is raised if a vertex or face is not as it should be, or names a vertex that does
     not exist; the message names the line.
     """
-    # a line that ends with a backslash continues in the next
-    lines = Lines(_OBJ_NOT_READ.sub(b"", read_text(path).replace(b"\\\n", b" \v")))
+    text = read_text(path)
+    if b"\\" in text:  # a line that ends with a backslash continues in the next
+        text = re.sub(rb"\\[ \t]*\n", rb" \v", text)
+    lines = Lines(_OBJ_NOT_READ.sub(b"", text))
     vertex_lines, face_lines = lines.beginning_with(b"v"), lines.beginning_with(b"f")
     if not len(vertex_lines):
         raise InputError("holds no vertex line (v x y z)")
@@ -339,7 +341,10 @@ def read_ply(path: Path) -> RawMesh:
     of_vertices = columns_of.get("vertex", [])
     if len(of_vertices) != 1:
         raise InputError("has two elements 'vertex'" if of_vertices else "has no vertices")
-    axes = [of_vertices[0].get(axis) for axis in "xyz"]
+    of_vertex = of_vertices[0]
+    if "x" not in of_vertex:  # some programs write X, Y and Z
+        of_vertex = {name.lower() if name in "XYZ" else name: of_vertex[name] for name in of_vertex}
+    axes = [of_vertex.get(axis) for axis in "xyz"]
     if any(axis is None or isinstance(axis, tuple) for axis in axes):
         raise InputError("has vertices without x, y and z")
     vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
@@ -347,7 +352,7 @@ def read_ply(path: Path) -> RawMesh:
     labels = stated_labels(said)
     maps = [
         RawMap(names.get(name, name), values, labels * (name in names), keep_unused=True)
-        for name, values in of_vertices[0].items()
+        for name, values in of_vertex.items()
         if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
     ]
     faces = [triangulate(vertices, *_ply_corners(each)) for each in columns_of.get("face", [])]

@@ -1,4 +1,4 @@
-"""VTP and legacy VTK files, by VTK's own readers.
+"""VTP, VTU and legacy VTK files, by VTK's own readers.
 
 On some broken files VTK does not fail but ends its process, loops forever or exhausts the memory:
 `meshmash_viewer.io.read` calls these functions in a child process.
@@ -43,20 +43,21 @@ _TABLE_OF_SCALARS = re.compile(rb"\nSCALARS[ \t]+(\S+)[^\n]*\n\s*LOOKUP_TABLE[ \
 _TABLE = re.compile(rb"\nLOOKUP_TABLE[ \t]+(\S+)[ \t]+(\d+)[ \t]*\r?\n")
 
 
-def read_vtp(path: Path) -> RawMesh:
-    """Read the polygons and triangle strips of a VTK XML PolyData file.
+def read_vtk_xml(path: Path) -> RawMesh:
+    """Read a VTK XML file: PolyData, or the surface of an unstructured grid.
 
-    `InputError` is raised if VTK cannot read the file.
+    `InputError` is raised if VTK cannot read the file, or it holds another kind of data.
     """
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
 
     content = path.read_bytes()
-    reader = vtkXMLPolyDataReader()
-    if b"<VTKFile" not in content[:10_000] or not reader.CanReadFile(str(path)):
-        raise InputError("is not a VTK XML PolyData file")
+    readers = (vtkXMLPolyDataReader(), vtkXMLUnstructuredGridReader())
+    reader = next((each for each in readers if each.CanReadFile(str(path))), None)
+    if b"<VTKFile" not in content[:10_000] or reader is None:
+        raise InputError("is not a VTK XML file of polygons or an unstructured grid")
     most = _VALUES_PER_BYTE * len(content)
     _check_counts(content, b"NumberOf", rb'NumberOf(\w+)\s*=\s*"\s*(\d+)', most)
-    return _from_polydata(_output(reader, path))
+    return _from_polydata(_surface(_output(reader, path)))
 
 
 def read_legacy_vtk(path: Path) -> RawMesh:
@@ -64,7 +65,6 @@ def read_legacy_vtk(path: Path) -> RawMesh:
 
     `InputError` is raised if VTK cannot read the file, or it holds another kind of data.
     """
-    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 
     whole = path.read_bytes()
@@ -80,7 +80,13 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     if content is not whole:
         reader.ReadFromInputStringOn()
         reader.SetBinaryInputString(content, len(content))
-    output = _output(reader, path)
+    return _from_polydata(_surface(_output(reader, path)), _colors_of_labels(content))
+
+
+def _surface(output: Any) -> Any:
+    """Return PolyData as it is, of an unstructured grid its surface."""
+    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+
     if output is None:
         raise InputError("holds no data set that VTK can read")
     if output.IsA("vtkUnstructuredGrid"):
@@ -90,7 +96,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
         output = surface.GetOutput()
     if not output.IsA("vtkPolyData"):
         raise InputError(f"holds a {output.GetClassName()} where a surface should be")
-    return _from_polydata(output, _colors_of_labels(content))
+    return output
 
 
 def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:

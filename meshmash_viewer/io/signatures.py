@@ -1,0 +1,51 @@
+"""Kinds of files by their first bytes, to name the remedy where an ending is wrong."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from pathlib import Path
+
+_BEGINNING = 2_000
+#: First bytes of a file, its kind, and the endings of this kind, or what to do with the file.
+_SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
+    (rb"ply\s", "a PLY file", (".ply",)),
+    (rb"\s*solid\b[^\n]*\s+facet\s+normal\b", "an STL file", (".stl",)),
+    (rb"\s*(ST|C|N)*OFF\s", "an OFF file", (".off",)),
+    (rb"glTF", "a binary glTF file", (".glb",)),
+    (rb"DRACO", "a Draco file", (".drc",)),
+    (rb"# vtk DataFile", "a legacy VTK file", (".vtk",)),
+    (rb'[^\0]*?<VTKFile[^>]*"PolyData"', "a VTK XML file of polygons", (".vtp",)),
+    (rb'[^\0]*?<VTKFile[^>]*"UnstructuredGrid"', "a VTK XML file of a grid", (".vtu",)),
+    (rb"[^\0]*?<GIFTI\b", "a GIFTI file", (".gii",)),
+    (rb"\x89HDF\r\n", "an HDF5 file", (".h5",)),
+    (rb"\x93NUMPY", "a NumPy array", (".npy",)),
+    (rb"PAR1", "a Parquet table", (".parquet",)),
+    (rb"\x1f\x8b", "a gzip file", (".gz", ".mgz")),
+    (rb"PK\x03\x04.{26}[^\0]*\.npy", "an NPZ archive", (".npz",)),
+    (rb"PK\x03\x04", "a ZIP archive", "unpack it, or export the mesh in it as PLY"),
+    (rb"version https://git-lfs", "a pointer of Git LFS", "fetch the file with git lfs pull"),
+    (rb"(?i)\s*(<!doctype html|<html)", "a web page", "download the file that the page links to"),
+)
+
+
+def misnamed(path: Path, ending: str) -> str:
+    """Return a clause with the kind of a file and a remedy if its ending is of another kind.
+
+    It is empty if the first bytes are of no known kind, or of the kind of the ending (lower case).
+    """
+    try:
+        with path.open("rb") as file:
+            beginning = file.read(_BEGINNING).removeprefix(codecs.BOM_UTF8)
+    except OSError:
+        return ""
+    for pattern, kind, remedy in _SIGNATURES:
+        if re.match(pattern, beginning, re.DOTALL) is None:
+            continue
+        if isinstance(remedy, str):
+            return f"is {kind}; {remedy}"
+        if ending.endswith(remedy):
+            return ""
+        change = "add .gz to its name" if ".gz" in remedy else f"change its ending to {remedy[0]}"
+        return f"is {kind} by its content; {change}"
+    return ""
