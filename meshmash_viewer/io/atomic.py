@@ -61,7 +61,7 @@ def persistently(act: Callable[[], _T]) -> _T:
 
 
 def discard(*paths: Path) -> None:
-    """Delete files that are not needed any more, as far as that is possible within a second.
+    """Delete files, retrying for up to a second.
 
     Errors are ignored, so that an undeletable file does not fail a finished operation.
     """
@@ -75,7 +75,7 @@ def discard(*paths: Path) -> None:
             except PermissionError:
                 refused.append(path)
             except OSError:
-                continue  # the disk has gone
+                continue  # the disk is not available
         left = refused if time.monotonic() < deadline else []
         if left:
             time.sleep(_PAUSE)

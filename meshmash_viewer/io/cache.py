@@ -1,4 +1,4 @@
-"""The folder of all stored spectra: its size, the removal of old stores, and what they publish."""
+"""Cache of stored spectra: its size, the removal of old stores, and their published content."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def folder_size(folder: Path) -> int:
 
 
 class FileLock:
-    """An exclusive lock on a file, held by at most one process and released when that ends.
+    """An exclusive lock on a file, released when the process that holds it ends.
 
     The file is empty and for the lock only; it is made when needed and kept.
     """
@@ -180,7 +180,7 @@ class EigenpairCache:
             folder.rename(place)
             shutil.rmtree(place, ignore_errors=True)
         except OSError:
-            return 0  # removed by another process, or of another user
+            return 0  # removed meanwhile, or of another user
         finally:
             lock.release()
         return size
@@ -224,12 +224,12 @@ _ARRAYS = ("eigenvalues", "residuals", "checksums", "mass")
 
 
 class Damaged(ValueError):
-    """A file differs from what was written."""
+    """The content of a file is not what was written."""
 
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """What is published about the leading pairs in a store.
+    """Published data on the leading pairs of a store.
 
     It is one file, replaced atomically, never changed. Its first line holds the digest of all bytes
     after it, which are a NumPy archive: the arrays, and as JSON the rest with the key of the owner.
@@ -253,7 +253,7 @@ class Published:
         return len(self.eigenvalues)
 
     def first(self, count: int) -> Published:
-        """Return the part about the first pairs."""
+        """Return the data on the first pairs."""
         return replace(
             self,
             eigenvalues=self.eigenvalues[:count],

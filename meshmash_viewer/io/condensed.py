@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 HEADER, NODES_HEADER, EDGES_HEADER = "header.txt", "nodes_header.txt", "edges_header.txt"
 #: Columns with the nodes of an edge.
 _ENDS = EDGE_COLUMNS[:2]
-#: Map of the domain of each vertex, which becomes a label set.
+#: Name of the map with the domain of each vertex, which becomes a label set.
 DOMAINS = "domains"
-#: Array of a map of objects to vertices.
+#: Name of the array that maps objects to vertices.
 ID_MAP = "id_to_mesh_map"
 
 

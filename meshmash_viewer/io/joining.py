@@ -10,13 +10,13 @@ from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.surface.edges import connected
 
-#: Distance below which two vertices are one, relative to the longest side of the mesh: half the
-#: step between float32 numbers at its ends, if its middle is at the origin.
+#: Largest distance of two vertices that are merged, relative to the longest side of the mesh: half
+#: the spacing of float32 numbers at its ends, if it is centred on the origin.
 _OF_EXTENT = 2.0**-26
 #: The same relative to the smallest face at either vertex, measured by its longest edge; and the
 #: size relative to the longest side of the mesh below which a face is a rounding residue.
 _OF_FACE, _LEAST_FACE = 2.0**-7, 2.0**-38
-#: Beyond it squared distances are not finite.
+#: Largest coordinate whose square is finite.
 _LARGEST = 1e150
 
 

@@ -40,7 +40,7 @@ _READERS: dict[str, Reader] = {
     ".mgh": mgh_maps,
     ".mgz": mgh_maps,
 }
-#: Of a FreeSurfer subject, after "lh" or "rh": one number a vertex.
+#: Endings of FreeSurfer files of one number per vertex, after "lh" or "rh".
 _VALUES = (".curv", ".thickness", ".sulc", ".area", ".volume", ".avg_curv", ".jacobian_white")
 #: A condition on the values of a map, after its name.
 _CONDITION = re.compile(r"(?P<file>.+?)\s*(?P<how>[<>]=?)\s*(?P<limit>[-+]?[\d.]+(e[-+]?\d+)?)")
@@ -49,12 +49,12 @@ _COMPARED = {
 }  # fmt: skip
 _GIFTI_MAPS = (".func.gii", ".shape.gii", ".label.gii")
 
-#: Endings that say that a file holds maps and no mesh; others may turn out to hold both.
+#: Endings of files with maps and no mesh; other files may contain both.
 MAP_ENDINGS: tuple[str, ...] = (*_READERS, *_GIFTI_MAPS, *_VALUES)
 
 
 def is_map_file(path: str | Path) -> bool:
-    """Whether a file is one of maps alone, by its ending, or else by how it begins."""
+    """Whether a file contains maps and no mesh, by its ending, or else its first bytes."""
     path = Path(path)
     name = path.name.lower()
     if name.endswith(MAP_ENDINGS):
@@ -67,10 +67,10 @@ def is_map_file(path: str | Path) -> bool:
                 return b"NIFTI_INTENT_POINTSET" not in file.read(1_000_000)
         return path.suffix.lower() not in _OF_MESHES and freesurfer_kind(path) == "values"
     except OSError:
-        return False  # reading it as a mesh then raises the reason
+        return False  # reading it as a mesh raises the error
 
 
-#: Endings of meshes that say for sure what is in the file, unlike FreeSurfer's.
+#: Endings of meshes other than those of FreeSurfer, which maps may have, too.
 _OF_MESHES = tuple(ending for ending in READERS if READERS[ending] is not READERS[".pial"])
 
 
@@ -82,8 +82,8 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     has at its vertices besides coordinates. Of condensed features, see `read_condensed_features`,
     the columns at the vertices of each domain, and the domains as labels.
 
-    `InputError` is raised if there is no such file, it has no value for each vertex of the mesh, or
-    a value is none; one sentence that names the file, the fault and the way out.
+    `InputError` is raised if the file does not exist, has not one value per vertex of the mesh, or
+    cannot be read; the message names the file, the fault and the remedy.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     Warns
     -----
     MeshWarning
-        For columns that are empty or text, and maps that have values which are none.
+        For columns that are empty or text, and maps with invalid values.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
 
 
 def _meeting(condition: re.Match[str], found: VertexMap, named: str) -> npt.NDArray[np.bool_]:
-    """Return which vertices of a map meet a condition on its values."""
+    """Return a mask of the vertices whose value meets a condition."""
     if named or found.labels:
         what = f"has no map {named!r}" if named else f"{found.name!r} has labels"
         raise InputError(f"{what}, and a condition is on the values of a map.")
@@ -220,7 +220,7 @@ def _several(path: Path, maps: tuple[VertexMap, ...]) -> InputError:
 def maps_and_remarks(
     path: str | Path, mesh: MeshLike
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Do as `read_maps`, with a sentence on what is left out in place of warnings."""
+    """Do as `read_maps`, and return sentences on what is left out instead of warnings."""
     path, mesh = Path(path), as_mesh(mesh)
     check_file(path)
     try:

@@ -1,4 +1,4 @@
-"""Files of class models: a skops archive with a card, nothing in which is a pickle."""
+"""Files of class models: a skops archive with a card, without pickled objects."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MODEL_ENDING = ".skops"
 _CARD, _FORMAT = "meshmash-viewer.json", 1
 #: Largest size of the unpacked archive, and of the card, in bytes.
 _LARGEST, _LARGEST_CARD = 2_000_000_000, 50_000_000
-#: What skops does not trust by itself: its indices are checked here before it is used.
+#: Types that skops does not trust by default; their indices are checked before use.
 _CHECKED = "sklearn.tree._tree.Tree"
 _VERSIONS = ("scikit-learn", "skops", "numpy")
 
@@ -165,7 +165,7 @@ def read_classes(path: str | Path) -> ClassModel:
 
 
 class _Unacceptable(Exception):
-    """A sentence on a model that is not used."""
+    """Return the error for a model that cannot be used."""
 
 
 def _card(path: Path) -> dict[str, Any]:
@@ -202,7 +202,7 @@ def _check_versions(path: Path, card: dict[str, Any]) -> None:
 
 
 def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
-    """Load the classifier, and check all that its compiled parts rely on."""
+    """Load the classifier, and check the arrays that its compiled code indexes."""
     from sklearn.ensemble import VotingClassifier
     from skops import io
 
@@ -240,7 +240,7 @@ def _is_of_kind(loaded: Any, kind: str, n_columns: int, n_classes: int) -> bool:
 
 
 def _is_sound(tree: Any, n_columns: int, n_classes: int) -> bool:
-    """Whether the indices of a tree are within it, and ascend so that every walk ends."""
+    """Whether the node indices of a tree are in range, and ascend so that each descent ends."""
     nodes = tree.__getstate__()["nodes"]
     places = np.arange(len(nodes))
     left, right = nodes["left_child"], nodes["right_child"]

@@ -39,7 +39,7 @@ _LARGEST_WEBP = 16_383
 def movie_file(
     path: str | Path, size: tuple[int, int], rate: float, n_frames: int
 ) -> Iterator[Add]:
-    """Write a movie; the file appears when the body has ended, and not at all if that raises.
+    """Write a movie; the file is made when the body has ended without an exception.
 
     The path has one of `MOVIE_ENDINGS`, the size is width and height in pixels, and the rate in
     frames per second. What is yielded takes the next frame, uint8 of shape (height, width, 3),
@@ -64,7 +64,7 @@ def movie_file(
 
 
 def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
-    """Check, before anything is drawn, that the format supports this size and frame rate.
+    """Check, before drawing, that the format supports a size and frame rate.
 
     `InputError` is raised if the ending is unknown, its encoder is missing, or size or rate are not
     supported.
@@ -95,7 +95,7 @@ def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
 
 
 def missing_encoder(ending: str) -> str:
-    """Why movies with this ending cannot be written, and the remedy; empty if they can."""
+    """Return why movies with an ending cannot be written, and the remedy; "" if they can."""
     if ending != ".mp4" or _ffmpeg() is not None:
         return ""
     return (
@@ -130,7 +130,7 @@ def _delays(rate: float, unit: float) -> Iterator[int]:
 
 
 def _encoded(frame: Frame, form: str, **options: int) -> bytes:
-    """One frame as a still picture."""
+    """Return a frame as a still picture."""
     from PIL import Image
 
     image: Image.Image = Image.fromarray(np.ascontiguousarray(frame))
@@ -146,7 +146,7 @@ def _encoded(frame: Frame, form: str, **options: int) -> bytes:
 
 @contextmanager
 def _gif(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """GIF89a: every frame has a colour table of its own."""
+    """Writer of GIF89a with a colour table per frame."""
     delays = _delays(rate, 0.01)
     with part.open("wb") as file:
         file.write(b"GIF89a" + struct.pack("<HHBBB", *size, 0x70, 0, 0))
@@ -176,7 +176,7 @@ def _gif(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Itera
 
 @contextmanager
 def _webp(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """RIFF with one chunk per frame, which holds the data of a still WebP."""
+    """Writer of WebP: RIFF with a chunk per frame, the data of a still WebP."""
     delays = _delays(rate, 0.001)
     sides = b"".join((side - 1).to_bytes(3, "little") for side in size)
     with part.open("wb") as file:
@@ -210,7 +210,7 @@ def _riff(name: bytes, data: bytes) -> bytes:
 
 @contextmanager
 def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """PNG with a control chunk before the data of each frame."""
+    """Writer of APNG: PNG with a control chunk before the data of each frame."""
     from PIL import Image
     from PIL.PngImagePlugin import getchunks, putchunk
 
@@ -244,7 +244,7 @@ def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iter
 
 
 def _ffmpeg() -> str | None:
-    """Path of the program: that of imageio-ffmpeg, or the one that is installed."""
+    """Return the path of ffmpeg: of imageio-ffmpeg, or on the PATH."""
     try:
         import imageio_ffmpeg
 
@@ -282,7 +282,7 @@ def _mp4(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Itera
 
         failed = True
         try:
-            with suppress(BrokenPipeError):  # ffmpeg has ended, and its message says why
+            with suppress(BrokenPipeError):  # ffmpeg has ended; its message is reported later
                 yield add
                 with closed_pipe_errors():
                     pipe.close()
@@ -299,7 +299,7 @@ def _mp4(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Itera
         finally:
             process.kill()
             process.wait()
-            with suppress(OSError):  # unsent frames are of no use
+            with suppress(OSError):  # frames that were not sent are not needed
                 pipe.close()
 
 

@@ -70,7 +70,7 @@ def read_pins(path: str | Path) -> PinTable:
     Columns named such as ``pt_x``, ``pt_y``, ``pt_z`` are positions, too.
 
     `InputError` is raised if the file cannot be read, has none of these columns or too many rows,
-    or has something else where a number should be.
+    or has text in place of a number.
     """
     path = Path(path)
     try:
@@ -134,7 +134,7 @@ def is_pin_table(path: str | Path) -> bool:
 
 
 def _columns(names: Sequence[str]) -> dict[str, int]:
-    """Places of the columns by their names in lower case."""
+    """Return the index of each column by its name in lower case."""
     plain = [name.strip().lower() for name in names]
     columns = {_ALIASES.get(name, name): at for at, name in reversed(list(enumerate(plain)))}
     for stem in [name.removesuffix("_x") for name in plain if name.endswith("_x")]:

@@ -30,40 +30,40 @@ from meshmash_viewer.plug_ins import PlugIn
 from meshmash_viewer.vertex_map import COLOR, Label, VertexMap, labels_in_use, unused_number
 from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child
 
-#: Maps that are taken of one file.
+#: Largest number of maps read from one file.
 MOST_MAPS = 64
-#: Colour of a label whose file has another text there.
+#: Colour of a label whose colour in the file is not of the form #rrggbb.
 _NO_COLOR = "#808080"
 
 
 @dataclass(frozen=True)
 class RawMap:
-    """Values per vertex as a file has them, before any check."""
+    """Values per vertex as read from a file, not yet checked."""
 
-    #: "" for that of the file.
+    #: Name of the map; "" for the name of the file.
     name: str
     #: Shape (n,).
     values: npt.NDArray[Any]
-    #: One without a name has that of the map, and one of several its number.
+    #: A single label without a name gets that of the map; one of several gets its number as name.
     labels: tuple[Label, ...] = ()
-    #: Shape (n,): The vertices of the mesh's file that the values are of; None for all of them.
+    #: Shape (n,): Index in the mesh file of the vertex of each value; None if all have one.
     rows: IntArray | None = None
-    #: Whether labels without a vertex are kept; tables of other programs have hundreds of them.
+    #: Whether labels without a vertex are kept; False for tables of other programs, with hundreds.
     keep_unused: bool = False
-    #: The shape that the values have in the file, where it may be that of a volume.
+    #: Shape of the array in the file, if it may be a volume.
     volume: tuple[int, ...] = ()
     #: Unit of the values, "" if it is not stated.
     unit: str = ""
 
     @property
     def last(self) -> int:
-        """The last vertex that it names; -1 where it names none."""
+        """Largest index in `rows`; -1 without rows."""
         return -1 if self.rows is None else int(self.rows.max())
 
     def checked(self, n_vertices: int, path: Path | None = None) -> VertexMap:
-        """Convert to a map of a mesh with n vertices, as a rule without unused labels.
+        """Convert to a map of a mesh with n vertices; unused labels are dropped, see `keep_unused`.
 
-        `InputError` is raised as by `VertexMap`, and if it names a vertex that does not exist.
+        `InputError` is raised as by `VertexMap`, and if an index in `rows` is too large.
         """
         name = self.name or (path.name if path else "")
         origin = str(path.absolute()) if path else ""
@@ -93,7 +93,7 @@ class RawMap:
 def checked_maps(
     maps: Iterable[RawMap], n_vertices: int, path: Path | None = None
 ) -> tuple[list[VertexMap], list[InputError], tuple[str, ...]]:
-    """Convert to maps; return these, the faults of the others, and a clause on each fault."""
+    """Return the maps that are valid, the errors of the others, and each error as a clause."""
     found, faults = [], []
     for each in maps:
         try:
@@ -113,7 +113,7 @@ def maps_of_columns(
 
 
 def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
-    """Whether an array holds whole numbers from 0, each larger than the one before."""
+    """Whether an array holds strictly ascending whole numbers from 0 on."""
     if values.ndim != 1 or values.dtype.kind not in "fiu":
         return False
     whole = np.isfinite(values).all() and np.array_equal(values, np.floor(values))
@@ -122,29 +122,28 @@ def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
 
 @dataclass(frozen=True)
 class RawMesh:
-    """What a file holds, before any check; a file of maps alone has no vertices and no faces."""
+    """Content of a file, not yet checked; a file of maps alone has no vertices and no faces."""
 
     #: Shape (n, 3): Coordinates as written in the file.
     vertices: FloatArray
     #: Shape (m, 3): Vertex indices, counted from zero; they may be out of range.
     faces: IntArray
-    #: The unit the format or the file states; None where it states none.
+    #: Unit of length stated by the format or the file; None if unstated.
     unit: str | None = None
-    #: What it has at each vertex besides.
+    #: Values per vertex in the file.
     maps: tuple[RawMap, ...] = ()
-    #: What was left out of the file, as clauses that follow its name: "holds 12 lines, which are
-    #: left out".
+    #: Clauses on content that was not read: "holds 12 lines, which are left out".
     remarks: tuple[str, ...] = ()
-    #: The part of a brain that the file says it is of, "" if it does not.
+    #: Brain structure stated in the file, such as "CortexLeft"; "" if unstated.
     structure: str = ""
-    #: What our own exports say of it, see `io.provenance`.
+    #: JSON text of `io.provenance` in our own exports, "" in other files.
     meta: str = ""
-    #: Why the unit is not that of the format, as a clause that follows the name of the file.
+    #: Clause on why `unit` is not the usual unit of the format; "" if it is.
     unit_remark: str = ""
 
     @property
     def described_maps(self) -> tuple[RawMap, ...]:
-        """The maps, with the units and labels that our own exports state."""
+        """Maps with the units and labels stated in `meta`."""
         units, labels = stated_units(self.meta), stated_map_labels(self.meta)
         return tuple(
             _labelled(replace(each, unit=units.get(each.name, each.unit)), labels.get(each.name))
@@ -168,7 +167,7 @@ def _labelled(known: RawMap, labels: tuple[Label, ...] | None) -> RawMap:
 def maps_alone(
     maps: Iterable[RawMap], remarks: tuple[str, ...] = (), meta: str = "", structure: str = ""
 ) -> RawMesh:
-    """What a file holds that has no mesh."""
+    """Return the content of a file without a mesh."""
     no_vertices, no_faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     return RawMesh(no_vertices, no_faces, None, tuple(maps), remarks, structure, meta)
 
@@ -184,7 +183,7 @@ def read_raw(reader: Callable[[Path], RawMesh | MeshLike], path: Path) -> RawMes
 
 
 def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
-    """What a reader gives: those of plug-ins give a mesh in any accepted form."""
+    """Convert the result of a reader; readers of plug-ins may return a mesh of any type."""
     if isinstance(given, RawMesh):
         return given
     mesh = as_mesh(given)
@@ -211,7 +210,7 @@ _IDLE_SECONDS = 60.0
 
 
 def is_child() -> bool:
-    """Whether this process reads for another one, and may read what it is given itself."""
+    """Whether this process is the child of `read_guarded`, which runs under limits already."""
     return _watched
 
 

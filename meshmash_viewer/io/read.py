@@ -49,7 +49,7 @@ from meshmash_viewer.units import NO_VOXEL, counted
 
 Reader: TypeAlias = Callable[[Path], RawMesh]
 
-#: The one table of formats: lower-case ending to reader.
+#: Readers by lower-case ending.
 READERS: dict[str, Reader] = {
     ".ply": read_ply,
     ".obj": read_obj,
@@ -70,11 +70,11 @@ READERS: dict[str, Reader] = {
 READERS |= plug_ins("readers", READERS)
 
 
-#: Formats that are packed or refer to other files are not found gzipped.
+#: Formats that are not read from gzip files, as they are packed or refer to other files.
 _NEVER_GZIPPED = (".npz", ".gltf", ".glb", ".h5", LINK_ENDING)
 
-#: Limits of formats whose libraries crash or never end on some broken files, or whose files may
-#: unpack to much more than their size; None where a file is harmless.
+#: Limits for formats whose libraries crash or hang on some broken files, or whose files may unpack
+#: to much more than their size; None if a file needs no limits.
 _LIMITS: dict[Reader, Callable[[Path], ReadLimits | None]] = {
     **dict.fromkeys(
         (read_vtk_xml, read_legacy_vtk, read_gifti, read_meshparty, read_draco),
@@ -107,8 +107,8 @@ def read_mesh(
     coordinates are merged, and texture seams do not cut the surface. Other values per vertex in
     PLY, VTP, VTU, VTK, GLB, glTF, NPZ and GIFTI files become `Mesh.maps`.
 
-    `InputError` is raised if there is no such file or it holds no usable mesh; one sentence that
-    names the file, the fault and the remedy.
+    `InputError` is raised if the file does not exist or has no usable mesh; the message names the
+    file, the fault and the remedy.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def read_mesh(
     Warns
     -----
     MeshWarning
-        For each kind of content that is not read.
+        For each kind of content that is not read, and a unit that was guessed.
 
     Examples
     --------
@@ -225,7 +225,7 @@ def _read_raw(path: Path, ending: str) -> RawMesh:
 
 
 def mesh_name(path: str | Path) -> str:
-    """Name of a mesh by its file: "neuron" for "neuron.obj" and "neuron.obj.gz"."""
+    """Return the name of a mesh: "neuron" for "neuron.obj" and "neuron.obj.gz"."""
     name = Path(path).name
     if name.lower().endswith(".gz"):
         name = name[:-3]
@@ -310,7 +310,7 @@ def _check_content(raw: RawMesh) -> None:
 
 
 def _with_remedy(fault: str, ending: str) -> str:
-    """Complete the clause of a reader with the remedy; messages of `Mesh` have one."""
+    """Return the clause of a reader with a remedy; messages of `Mesh` have one already."""
     if "not installed" in fault:
         return f"{fault}."
     if fault.endswith("."):

@@ -70,7 +70,7 @@ class _Color(Text):
 
 
 class _Mask(Text):
-    """Vertices as `packed_mask` writes them, or none."""
+    """A mask as text of `packed_mask`, or none."""
 
     def __call__(self, value: object) -> str:
         text = super().__call__(value)
@@ -91,7 +91,7 @@ class _FileNames(Listing):
 
 
 class _Target(Kind):
-    """A kind and a value that suits it."""
+    """A kind of target with its value."""
 
     def __call__(self, value: object) -> dict[str, Any]:
         kinds = Record({"kind": Choice(dict.fromkeys(TARGET_KINDS))})(value)
@@ -135,7 +135,7 @@ _POINTS = Record(
 
 @dataclass(frozen=True)
 class Session(Parameters):
-    """State of a window as it is written to a session file."""
+    """State of a window, as written to a session file."""
 
     #: File of the mesh; written as a relative path if it is below the folder of the session file,
     #: so that both can be moved together. A link is written as it is.
@@ -163,23 +163,23 @@ class Session(Parameters):
     target: dict[str, Any] = parameter(dict, _Target())
     #: The displayed field with its limits and colours, as the model writes it.
     display: dict[str, Any] = parameter(dict, Record({}))
-    #: How classes are learned, and what is known of their prediction, as the model writes it.
+    #: Settings of the classes, and the state of their prediction, as the model writes them.
     classes: dict[str, Any] = parameter(dict, Record({}))
     #: Pinned vertices, by their index in the file, and the numbers of their pins.
     pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
     pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
-    #: Names and colours that were given to them, "" for none.
+    #: Names and colours of the pins, "" for none.
     pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
     pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
     #: The selected vertices, by their index in the file, as `packed_mask` writes them.
     selection: str = parameter("", _Mask(_LARGEST))
-    #: The vertices that are hidden, likewise.
+    #: The hidden vertices, written the same way.
     hidden: str = parameter("", _Mask(_LARGEST))
     #: The vertices that eigenpairs are computed on, written the same way; "" for all.
     part: str = parameter("", _Mask(_LARGEST))
     #: The points, as `PointSet.plain` writes them, whose path is relative as `mesh_path` is.
     points: dict[str, Any] = parameter(dict, _POINTS)
-    #: Names of files next to this one with maps that are in no other.
+    #: Names of files, next to this one, with maps that no other file has.
     kept_maps: list[str] = parameter(list, _FileNames(Text(200), 1000))
     #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
     file_indices: bool = True
@@ -286,7 +286,7 @@ def packed_mask(mask: npt.NDArray[np.bool_] | None) -> str:
 
 
 def unpacked_mask(text: str, n: int) -> npt.NDArray[np.bool_] | None:
-    """Read what `packed_mask` wrote of a mask of shape (n,); None for "".
+    """Return the mask of shape (n,) in a text of `packed_mask`; None for "".
 
     `InputError` is raised if it is of another length.
     """
@@ -321,12 +321,12 @@ class KeptMaps:
     maps: tuple[VertexMap, ...]
     #: Content hash of the mesh.
     mesh: str
-    #: Names of those that replace maps of files.
+    #: Names of maps that replace maps of files.
     edited: Sequence[str] = ()
 
 
 def write_kept_maps(path: Path, kept: KeptMaps) -> None:
-    """Write maps; `OSError` is raised if that fails, and an older file is left as it was."""
+    """Write maps; `OSError` is raised if that fails, and an older file is unchanged."""
     named = [
         {"name": each.name, "unit": each.unit, "labels": [astuple(label) for label in each.labels]}
         for each in kept.maps

@@ -67,7 +67,7 @@ def obtain_eigenpairs(
 
     keeper = _Keeper(stores, in_file=spare is not None)
     try:
-        # computed by another process meanwhile
+        # another process has computed the pairs meanwhile
         return _answer(stores, request) or keeper.run(mesh, operator, request), keeper.remark
     finally:
         for store in stores:
@@ -105,7 +105,7 @@ def _answer(stores: list[EigenpairStore], request: Request) -> Eigenpairs | None
 def _longest(
     stores: list[EigenpairStore], count: int | None, cancel: CancelCallback | None
 ) -> tuple[Eigenpairs | None, str, EigenpairStore | None]:
-    """Return the pairs of the store with most of them, a remark on damage, and that store."""
+    """Return the pairs of the store with most pairs, a remark on damage, and the store."""
     longest, source = None, None
     for store in stores:
         found = store.load(count, cancel)
@@ -138,7 +138,7 @@ class _Keeper:
 
     @property
     def remark(self) -> str:
-        """What the user has to know about the stores."""
+        """Remark for the user on unusable or damaged stores."""
         return " ".join(self._remarks)
 
     def run(self, mesh: Mesh, operator: OperatorOptions, request: Request) -> Eigenpairs:

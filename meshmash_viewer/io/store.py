@@ -59,7 +59,7 @@ _THRESHOLD_MARGIN = 1e-11
 
 
 class StoreUnusable(InputError):
-    """Nothing can be written to the cache folder; results have to be kept elsewhere."""
+    """The cache folder cannot be written to."""
 
 
 class StoreBusy(StoreUnusable):
@@ -99,7 +99,7 @@ class EigenpairStore:
         }
         self._lock = FileLock(self._cache.lock_path(key))
         self.damage = ""
-        #: What is published, as far as it is intact.
+        #: Published data on the intact pairs.
         self._published = Published()
         #: All rows, mapped for writing, and the identity of their file, to detect a replaced one.
         self._rows: np.memmap[Any, np.dtype[np.float64]] | None = None
@@ -172,7 +172,7 @@ class EigenpairStore:
         )
 
     def _read(self) -> None:
-        """Read what is published; rows are not read."""
+        """Read the published data, without the eigenvectors."""
         self._published, self.damage = Published(), ""
         try:
             found = Published.read(self.folder / PAIRS, self.folder.name)
@@ -256,7 +256,7 @@ class EigenpairStore:
             # before rows behind the damaged one are written
             self._published.write(self.folder / PAIRS, self.folder.name)
         make_room(path, 8 * highest * self.n_vertices)
-        # of the open file, as it is compared: on Windows the device differs for the path
+        # of the open file, as on Windows the device of the path differs
         with path.open("rb") as file:
             self._opened = os.fstat(file.fileno())
         self._lost = False
@@ -339,7 +339,7 @@ class EigenpairStore:
     def close(self) -> None:
         """Stop writing; published pairs stay, and a run can resume from them."""
         mapped, self._rows = self._rows is not None, None
-        if mapped and not self._lost:  # else the rows may still be mapped elsewhere
+        if mapped and not self._lost:  # the rows may still be mapped elsewhere if lost
             with contextlib.suppress(OSError), self._row_file() as file:
                 file.truncate(8 * len(self._published) * self.n_vertices)  # not on all systems
         self._lock.release()
@@ -350,7 +350,7 @@ class EigenpairStore:
         needed = max(0, size - already)
         self._cache.root.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(self._cache.root).free
-        if needed < free + self._cache.size():  # else removing the others does not suffice
+        if needed < free + self._cache.size():  # if removing other stores suffices
             self._cache.evict(keep=self.folder.name, room_for=needed)
             free = shutil.disk_usage(self._cache.root).free
         if needed > free:

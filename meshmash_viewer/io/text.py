@@ -18,7 +18,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, printable
 
-#: What text may begin with, longer ones first: those of UTF-32 begin with those of UTF-16.
+#: Byte order marks and their encodings; UTF-32 first, as its marks begin with those of UTF-16.
 _MARKS = {
     codecs.BOM_UTF32_LE: "utf-32-le",
     codecs.BOM_UTF32_BE: "utf-32-be",
@@ -30,17 +30,17 @@ _MARKS = {
 def read_text(path: Path) -> bytes:
     r"""Read a text file as UTF-8 without byte order marks, its lines ended by ``\n``.
 
-    `InputError` is raised if it begins as UTF-16 or UTF-32 and is not.
+    `InputError` is raised if it has a mark of UTF-16 or UTF-32 and cannot be decoded.
     """
     data = with_newlines(unmarked(path.read_bytes()))
-    # of files that were copied one after the other
+    # concatenated files have a mark in front of each part
     return data.replace(b"\n" + codecs.BOM_UTF8, b"\n") if codecs.BOM_UTF8 in data else data
 
 
 def unmarked(data: bytes) -> bytes:
-    """The same without a byte order mark at its beginning, as UTF-8.
+    """Return text as UTF-8 without byte order mark.
 
-    `InputError` is raised if it begins as UTF-16 or UTF-32 and is not.
+    `InputError` is raised if it has a mark of UTF-16 or UTF-32 and cannot be decoded.
     """
     while data.startswith(codecs.BOM_UTF8):
         data = data[len(codecs.BOM_UTF8) :]
@@ -55,7 +55,7 @@ def unmarked(data: bytes) -> bytes:
 
 
 def with_newlines(data: bytes) -> bytes:
-    r"""The same with lines ended by ``\n``."""
+    r"""Return text with all line ends replaced by ``\n``."""
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data
@@ -70,7 +70,7 @@ class NotANumber(InputError):
         super().__init__(f"holds {token!r}{comma} where a {kind} should be")
 
     def in_line(self, number: int) -> InputError:
-        """The same with the number of the line in the file, counted from 1."""
+        """Return the error with the number of the line in the file, counted from 1."""
         return InputError(f"{self}, in line {number}")
 
 
@@ -109,24 +109,24 @@ def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
         except ValueError:
             word = printable(token[0].decode("latin-1"), 20)
             return NotANumber(word, text, token.start(), kind)
-    odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # as little a number as it is white space
+    odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # neither a number nor white space
     return NotANumber("\ufffd", text, odd.start() if odd else 0)
 
 
 class Lines:
-    r"""Lines of text by the words that they begin with, as arrays: there may be millions.
+    r"""Lines of a text, selected by their first word with array operations, for millions of lines.
 
     Lines end with ``\n``; ``\v`` is white space that counts as the end of a line in messages.
     """
 
     def __init__(self, text: bytes) -> None:
-        # a word at the end of the text can be looked at beyond it
+        # padding, so that a word can be compared at the end of the text
         self._characters = np.frombuffer(text + 16 * b"\n", dtype=np.uint8)
         self._ends = np.flatnonzero(self._characters[: len(text) + 1] == ord("\n"))
         self._starts = self._without_spaces(np.append(0, self._ends[:-1] + 1))
 
     def drop_until(self, line: int) -> None:
-        """Leave out the lines before one."""
+        """Remove the lines before a line."""
         self._starts, self._ends = self._starts[line:], self._ends[line:]
 
     def number(self, line: int) -> int:
@@ -139,11 +139,11 @@ class Lines:
         return InputError(f"{what}, in line {self.number(line)}")
 
     def last(self) -> int:
-        """The last line that is not empty; -1 if there is none."""
+        """Return the last line that is not empty; -1 if there is none."""
         return int(np.flatnonzero(self._starts < self._ends)[-1:].max(initial=-1))
 
     def beginning_with(self, *parts: bytes) -> IntArray:
-        """Lines that begin with a word, in lower case or capitals, its parts apart or not."""
+        """Return the lines that begin with a word in any case; its parts may be separated."""
         chosen = np.arange(len(self._starts))
         places = self._starts
         for part in parts:
@@ -192,7 +192,7 @@ _NUMBER: np.dtype[Any] = np.dtype("f8")
 
 @dataclass(frozen=True)
 class Property:
-    """A number in a row, or where `count_type` is given a list of numbers after their count."""
+    """A number in a row; with `count_type` a list of numbers, preceded by their count."""
 
     name: str
     value_type: np.dtype[Any] = _NUMBER
@@ -225,15 +225,13 @@ class _ShortRow(InputError):
 def rows_of_text(
     elements: list[Element], numbers: FloatArray, counts: IntArray, *, ragged: bool = False
 ) -> list[Columns]:
-    """Take the elements of a text one after the other, each row a line if possible.
+    """Return the columns of the elements in a text, reading a row from each line if possible.
 
-    Lines without a number are left out. Lines may have more numbers than their rows, the same
-    number more in each of an element. Where there are more or fewer lines than rows, line ends have
-    no meaning, and all numbers are used.
+    Lines without a number are skipped. If there are as many lines as rows, a line may have extra
+    numbers, equally many in all rows of an element. Otherwise line ends are ignored.
 
     All properties are 64-bit floating-point numbers; `numbers` and `counts` are those of
-    `meshmash_viewer.io.text.parse_rows`. Where `ragged`, lines with lists may differ in what they
-    have more.
+    `parse_rows`. If `ragged`, lines with lists may have differently many extra numbers.
 
     `CutShort` is raised if there are too few numbers; `InputError` if there are too many, or a list
     has no length.
@@ -253,7 +251,7 @@ def rows_of_text(
 
 
 def take_rows(elements: list[Element], data: Bytes) -> tuple[list[Columns], int]:
-    """Take the elements from the front of bytes; return their columns and the end of the last.
+    """Return the columns of the elements at the front of binary data, and the end of the last.
 
     `CutShort` is raised if there are too few bytes, and `InputError` if a list has no length.
     """
@@ -293,7 +291,7 @@ def _rows_by_lines(
 
 
 def _row_starts(element: Element, data: Bytes, place: int) -> IntArray:
-    """Return where each row begins; lists are first assumed to be as long as in the first row."""
+    """Return the first byte of each row; first tries lists of the length in the first row."""
     if not element.count:
         return np.zeros(0, dtype=np.int64)
     width = _counted_starts(element, data, place, 1)[1] - place
@@ -309,7 +307,7 @@ def _row_starts(element: Element, data: Bytes, place: int) -> IntArray:
 
 
 def _counted_starts(element: Element, data: Bytes, place: int, count: int) -> tuple[list[int], int]:
-    """Return where some rows begin, one after the other, and where the last one ends."""
+    """Return the first bytes of consecutive rows, and the end of the last row."""
     steps = [
         (prop.value_type.itemsize, prop.count_type and _at_each_byte(data, prop.count_type))
         for prop in element.properties
@@ -336,7 +334,7 @@ def _counted_starts(element: Element, data: Bytes, place: int, count: int) -> tu
 def _layout(
     element: Element, data: Bytes, starts: IntArray, limits: IntArray
 ) -> tuple[list[tuple[Property, IntArray, IntArray | None]], IntArray]:
-    """Return where the values of each property are in each row, the lengths of lists, and row ends.
+    """Return the place of each property in each row with the lengths of lists, and the row ends.
 
     `_ShortRow` is raised if a row ends beyond its limit, and `InputError` if a list has no length.
     """
@@ -373,7 +371,7 @@ def _columns(layout: list[tuple[Property, IntArray, IntArray | None]], data: Byt
 
 
 def _at_each_byte(data: Bytes, kind: np.dtype[Any]) -> npt.NDArray[Any]:
-    """Return the number that begins at each byte, without a copy."""
+    """Return a view with the number that begins at each byte."""
     return np.ndarray(max(len(data) - kind.itemsize + 1, 0), kind, data, strides=(1,))
 
 

@@ -196,8 +196,8 @@ def write_table(
 ) -> None:
     """Write a table with its provenance, to a second file for formats without metadata.
 
-    That one holds the checksum of the table, as two files cannot be replaced at once. Options in
-    `meta`, which may be a whole provenance, replace those of the result, `said`.
+    The second file has the checksum of the table, as two files cannot be replaced at once. Options
+    in `meta`, which may be a whole provenance, replace those in `said`.
     """
     path, given = Path(path), meta or {}
     made = dict(given)
@@ -232,7 +232,7 @@ def _ranges(indices: npt.NDArray[np.int64]) -> list[list[int]]:
 
 
 def unused_path(path: str | Path) -> Path:
-    """Return a path, or if it exists the first free one with a number: `hks_2.npz` for `hks.npz`.
+    """Return a path, or if it exists the first unused one with a number: `hks_2.npz`.
 
     Examples
     --------
@@ -265,14 +265,14 @@ def check_output(path: str | Path, kind: str = "features") -> None:
 
 # -- layers of napari, without napari ------------------------------------------------------------
 
-#: Of vertices without a label, RGBA.
+#: RGBA of vertices without a label.
 _NO_LABEL = (0.7, 0.7, 0.7, 1.0)
 
 
 def to_napari(
     mesh: MeshLike, field: npt.ArrayLike | VertexMap | None = None
 ) -> tuple[tuple[npt.NDArray[Any], ...], dict[str, Any], str]:
-    """A mesh as the layer tuple that napari takes.
+    """Return a mesh as a layer tuple of napari.
 
     `InputError` is raised if there is not one value for each vertex.
 
@@ -280,9 +280,9 @@ def to_napari(
     ----------
     mesh : MeshLike
     field : array_like, shape (n,), or VertexMap, optional
-        A value for each vertex; NaN has no colour. Labels give each vertex the colour of its own,
-        their names are in ``metadata["labels"]`` by their numbers; napari's own layers of labels
-        are of images only.
+        A value for each vertex; NaN has no colour. With labels, vertices have the colours of their
+        labels, whose names are in ``metadata["labels"]`` by their numbers; layers of labels in
+        napari are for images only.
 
     Returns
     -------
@@ -325,7 +325,7 @@ def to_napari(
 
 
 def _napari_colors(labelled: VertexMap) -> npt.NDArray[np.float32]:
-    """RGBA of the label of each vertex, shape (n, 4)."""
+    """Return the RGBA of the label of each vertex, shape (n, 4)."""
     table = [
         (*(int(label.color[at : at + 2], 16) / 255.0 for at in (1, 3, 5)), 1.0)
         for label in labelled.labels

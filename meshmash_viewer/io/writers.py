@@ -1,4 +1,4 @@
-"""Features, eigenpairs and meshes in files: one function a format, each with its provenance."""
+"""Writers of features, eigenpairs and meshes with provenance: one function per format."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
 @dataclass(frozen=True, eq=False)
 class FeatureTable:
-    """All that a writer can put into a file."""
+    """Input of a writer."""
 
     #: Shape (n, f).
     values: npt.NDArray[Any]
@@ -40,20 +40,19 @@ class FeatureTable:
     extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     #: Names of the numbers in a label set.
     labels: tuple[Label, ...] = ()
-    #: What a row is: a "vertex", or else a "pair", "region" or "point" of which the archive has all
-    #: columns.
+    #: Kind of a row: "vertex", or "pair", "region" or "point", whose columns are all in `archive`.
     index: str = "vertex"
 
     @property
     def rows(self) -> npt.NDArray[np.int64]:
-        """Index of each row; for vertices that in the mesh file, shape (n,)."""
+        """Index of each row, shape (n,); for vertices the index in the mesh file."""
         if self.index == "vertex":
             return self.mesh.file_indices
         return np.arange(len(self.values))
 
     @property
     def repaired(self) -> bool:
-        """Whether vertices have other indices in the mesh file than in the arrays."""
+        """Whether vertex indices differ between the mesh file and the arrays."""
         return self.mesh.numbering is not None and self.index == "vertex"
 
 
@@ -99,7 +98,7 @@ def _parquet(path: Path, table: FeatureTable) -> None:
 
 
 def _vtp(path: Path, table: FeatureTable) -> None:
-    """Points, triangles, one point array a column; anything else as field data."""
+    """Write points, triangles, a point array per column, and other arrays as field data."""
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
     poly = mesh_to_poly(table.mesh)
@@ -157,7 +156,7 @@ def _ply(path: Path, table: FeatureTable) -> None:
 
 
 def _gifti(path: Path, table: FeatureTable, intent: str = "NIFTI_INTENT_NONE") -> None:
-    """One array a column."""
+    """Write an array for each column."""
     arrays = [
         _gifti_array(column, intent, {"Name": name})
         for name, column in zip(table.columns, table.values.T, strict=True)
@@ -167,7 +166,7 @@ def _gifti(path: Path, table: FeatureTable, intent: str = "NIFTI_INTENT_NONE") -
 
 
 def _gifti_surface(path: Path, table: FeatureTable) -> None:
-    """The mesh in mm, which is the unit of GIFTI; one without a unit as it is."""
+    """Write the mesh in mm, the unit of GIFTI; a mesh without a unit is written unscaled."""
     vertices = table.mesh.vertices * _MILLIMETRES.get(table.mesh.unit, 1.0)
     arrays = [
         _gifti_array(vertices, "NIFTI_INTENT_POINTSET", _structure(table.mesh)),
@@ -177,7 +176,7 @@ def _gifti_surface(path: Path, table: FeatureTable) -> None:
 
 
 def _structure(mesh: Mesh) -> dict[str, str]:
-    """The entry without which Connectome Workbench does not combine files."""
+    """Return the metadata of the brain structure, which Connectome Workbench needs."""
     return {"AnatomicalStructurePrimary": mesh.structure} if mesh.structure else {}
 
 
@@ -242,7 +241,7 @@ def _annotation(path: Path, table: FeatureTable) -> None:
 
 
 def _one_label(path: Path, table: FeatureTable) -> None:
-    """The vertices of one label and their places in mm, as text."""
+    """Write the vertices of one label and their positions in mm, as text."""
     used = labels_in_use(table.labels, table.values)
     if len(used) != 1:
         raise InputError(
@@ -267,14 +266,14 @@ def _obj(path: Path, table: FeatureTable) -> None:
 def _by_trimesh(path: Path, table: FeatureTable) -> None:
     import trimesh
 
-    # single precision does not reach as far as a vertex of no face may be
+    # an unreferenced vertex may be beyond the range of float32
     largest = np.finfo(np.float32).max
     vertices = np.clip(table.mesh.vertices, -largest, largest)
     plain = trimesh.Trimesh(vertices, table.mesh.faces, process=False)
     plain.export(path, file_type=path.suffix[1:].lower())
 
 
-#: The one table of feature formats: lower-case ending to writer.
+#: Writers of features by lower-case ending.
 WRITERS: dict[str, Writer] = {
     ".npz": _npz,
     ".npy": _npy,

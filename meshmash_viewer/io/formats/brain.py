@@ -18,8 +18,8 @@ from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, numbered_labels
 
-#: What most surfaces are called in a FreeSurfer subject's ``surf`` folder, after "lh" or "rh";
-#: the others are known by how they begin.
+#: Endings of usual surfaces of FreeSurfer, after "lh" or "rh"; other surfaces are recognized by
+#: their first bytes.
 FREESURFER_ENDINGS = (
     ".pial",
     ".white",
@@ -31,15 +31,15 @@ FREESURFER_ENDINGS = (
     ".nofix",
     ".fsurf",
 )
-#: What FreeSurfer surfaces begin with: triangles, and the two kinds of quadrangles.
+#: First bytes of FreeSurfer surfaces of triangles, and of two kinds of quadrangles.
 _TRIANGLES, _QUADS, _SHORT_QUADS = b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff"
-#: Units of the values in files of one number a vertex, by ending.
+#: Units of files of one number per vertex, by ending.
 _UNITS = {".thickness": "mm", ".curv": "mm⁻¹", ".area": "mm²", ".volume": "mm³"}
 #: Smallest extent of a surface that is taken for a brain in metres; that of a mouse is 0.015.
 _SMALLEST_IN_METRES = 0.005
-#: Colour of a label that has none of its own.
+#: Colour of the label of a ``.label`` file.
 _INSIDE = "#d55e00"
-#: Version of tables of labels that have numbers of their own.
+#: Version of label tables with a number for each label.
 _NUMBERED = -2
 
 
@@ -69,8 +69,8 @@ def freesurfer_label(path: Path) -> RawMesh:
 def mgh_maps(path: Path) -> RawMesh:
     """Read a surface's values from MGH or MGZ, one map a frame.
 
-    The values are along any axis, or folded over several as FreeSurfer does for large surfaces,
-    the first axis running fastest.
+    The vertices may be along any axis, or over several, the first running fastest, as FreeSurfer
+    does for large surfaces.
     """
     from nibabel.freesurfer.mghformat import MGHImage
 
@@ -79,7 +79,7 @@ def mgh_maps(path: Path) -> RawMesh:
     with gzip.open(path) if packed else path.open("rb") as file:
         data = np.asarray(image.from_bytes(file.read()).dataobj)
     sides, n_frames = data.shape[:3], int(np.prod(data.shape[3:]))
-    if max(sides) == 1:  # the axis of frames is that of the values
+    if max(sides) == 1:  # the vertices are along the axis of frames
         sides, n_frames = data.shape, 1
     frames = data.reshape((-1, n_frames), order="F").T
     volume = sides if sum(side > 1 for side in sides) > 1 else ()
@@ -93,7 +93,7 @@ def mgh_maps(path: Path) -> RawMesh:
 def read_freesurfer(path: Path) -> RawMesh:
     """Read a FreeSurfer surface (triangle or quadrangle file).
 
-    `InputError` is raised if the file does not begin like one, or ends before what it promises.
+    `InputError` is raised if the file is of another kind, or shorter than its header states.
     """
     from nibabel.freesurfer.io import read_geometry
 
@@ -110,7 +110,7 @@ def read_freesurfer(path: Path) -> RawMesh:
     with path.open("rb") as file:
         magic = file.read(3)
         if magic == _TRIANGLES:
-            file.readline(), file.readline()  # who made it, and an empty line
+            file.readline(), file.readline()  # creator, and an empty line
             n_vertices, n_faces = struct.unpack(">ii", file.read(8).ljust(8, b"\xff"))
         else:
             header = file.read(6).ljust(6, b"\0")
@@ -142,7 +142,7 @@ def _unit(vertices: FloatArray) -> tuple[str, str]:
 
 
 def freesurfer_kind(path: Path) -> str:
-    """Return "surface", "values" or "patch" (a part of a surface) by how a file begins, or ""."""
+    """Return "surface", "values" or "patch" (a part of a surface) by the first bytes, else ""."""
     with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
         header, size = file.read(15), path.stat().st_size
     magic, n_vertices, _, n_values = struct.unpack(">3siii", header.ljust(15, b"\0"))
@@ -158,9 +158,9 @@ def freesurfer_kind(path: Path) -> str:
 def freesurfer_annotation(path: Path) -> RawMesh:
     """Read a parcellation with its names and colours (``.annot``).
 
-    The annotation of a vertex is the packed colour of its label. nibabel drops the index of each
-    vertex, gives annotations without a label that of another one, and cannot place the names of a
-    table with gaps, such as FreeSurfer's own of 1,266 labels with numbers up to 14,175.
+    The annotation of a vertex is the packed colour of its label. nibabel is not used: it ignores
+    the vertex indices, gives vertices without a label another one, and fails on tables whose
+    numbers have gaps, such as FreeSurfer's own of 1,266 labels with numbers up to 14,175.
 
     Without a table of names and colours, the labels are named after their numbers.
 
@@ -199,7 +199,7 @@ def freesurfer_annotation(path: Path) -> RawMesh:
 
 
 def _labels(take: Callable[[int], bytes], numbers: Callable[[int], list[int]]) -> tuple[Label, ...]:
-    """Labels in their order in the file, by their numbers where they have some."""
+    """Return the labels in the order of the file; their keys are their numbers or places."""
     (count,) = numbers(1)
     numbered = count == _NUMBERED
     if count < 0 and not numbered:
@@ -224,7 +224,7 @@ def _labels(take: Callable[[int], bytes], numbers: Callable[[int], list[int]]) -
 def read_gifti(path: Path) -> RawMesh:
     """Read the point set and triangles of a GIFTI surface.
 
-    `InputError` is raised if one of the two is absent, or an array is not what its attributes say.
+    `InputError` is raised if one of the two is missing, or the data do not match the attributes.
     """
     image = _gifti(path)
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
@@ -270,7 +270,7 @@ def _structure(described: Any) -> str:
 
 
 def gifti_maps(path: Path) -> RawMesh:
-    """Read the arrays of a GIFTI file with one number a vertex, labels with their table."""
+    """Read the arrays of a GIFTI file with one number per vertex, labels with their table."""
     image = _gifti(path)
     found = _gifti_maps(image, path.name)
     return maps_alone(found, meta=_said(image), structure=_structure(image))
@@ -282,12 +282,12 @@ def _gifti(path: Path) -> Any:
     from nibabel.gifti import parse_gifti_fast
 
     content = path.read_bytes()
-    if many := re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", content):  # nibabel looks for all
+    if many := re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", content):  # nibabel parses each
         raise InputError(f"has an array of {printable(many[1].decode(), 20)} dimensions")
     untyped: Any = parse_gifti_fast
     parser = untyped.GiftiImageParser()
     try:
-        with path.open("rb") as file:  # its name is where external data are looked for
+        with path.open("rb") as file:  # nibabel finds external data by its name
             parser.parse(fptr=file)
     except ExpatError as fault:
         raise InputError(f"is not the XML of a GIFTI file ({printable(fault)})") from fault
@@ -297,13 +297,13 @@ def _gifti(path: Path) -> Any:
 
 
 def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
-    """Every array that is neither the points nor the triangles; numbered if it has no name."""
+    """Yield the arrays other than points and triangles; those without a name are numbered."""
     from nibabel.nifti1 import intent_codes
 
     table = tuple(
         Label(int(each.key), str(getattr(each, "label", "")), _hexadecimal(each.rgba))
         for each in image.labeltable.labels
-        if each.key != 0 or each.alpha != 0.0  # as Connectome Workbench has what has no label
+        if each.key != 0 or each.alpha != 0.0  # a transparent 0 is no label in Connectome Workbench
     )
     others = ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE", "NIFTI_INTENT_NODE_INDEX")
     indices = image.get_arrays_from_intent("NIFTI_INTENT_NODE_INDEX")
@@ -333,13 +333,13 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
 
 
 def _numbered(column: npt.NDArray[Any]) -> tuple[Label, ...]:
-    """Labels named after their numbers, for an array without a table; none if they are too many."""
+    """Return labels named after their numbers, for files without a table; none if too many."""
     whole = column.dtype.kind in "iu" or np.array_equal(column, np.rint(column))
     labels = numbered_labels(column) if whole else ()
     return labels if len(labels) <= MOST_LABELS else ()
 
 
 def _hexadecimal(rgba: Any) -> str:
-    """A colour from shares of red, green and blue; grey where a file does not say."""
+    """Return "#rrggbb" of red, green and blue from 0 to 1; a missing one is 0.5."""
     shares = [0.5 if share is None else min(max(float(share), 0.0), 1.0) for share in rgba[:3]]
     return "#" + "".join(f"{round(255 * share):02x}" for share in shares)

@@ -40,6 +40,6 @@ def decode_draco(data: bytes) -> RawMesh:
     except (ValueError, DracoPy.FileTypeException) as fault:
         raise InputError("is a Draco file that is cut short or damaged") from fault
     vertices = np.asarray(content.points, dtype=np.float64).reshape(-1, 3)
-    # a cloud of points has no faces
+    # a point cloud has no attribute faces
     faces = np.asarray(getattr(content, "faces", ()), dtype=np.int64).reshape(-1, 3)
     return RawMesh(vertices, faces)

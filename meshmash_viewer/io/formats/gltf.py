@@ -1,4 +1,4 @@
-"""glTF and GLB scenes: all their triangles, placed as the scene says, as one mesh."""
+"""Reader of glTF and GLB scenes: all triangles with the transforms of their nodes, as one mesh."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from meshmash_viewer.triangulation import fan_triangles, strip_triangles
 from meshmash_viewer.units import counted
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-#: Attributes that give the joints of a vertex and how far each moves it, four in a set.
+#: Attributes with the joints of a vertex and their weights, four in a set.
 _SKIN = "JOINTS_", "WEIGHTS_"
-#: Modes of primitives that have no triangles.
+#: Modes of primitives without triangles.
 _NO_TRIANGLES = {0: "of points", 1: "of lines", 2: "of lines", 3: "of lines"}
 
 
@@ -49,7 +49,7 @@ def gltf_limits(path: Path) -> ReadLimits:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The triangles of a primitive, or of a mesh, in its own coordinates."""
+    """Triangles of a primitive or mesh in local coordinates."""
 
     vertices: FloatArray
     faces: IntArray
@@ -58,18 +58,18 @@ class _Part:
 
 
 class _Scene:
-    """The nodes that a file shows, and what is left out of it on the way."""
+    """Reads the nodes of a scene, and counts the content that is left out."""
 
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._parts: dict[tuple[object, ...], _Part] = {}
         self._shown: set[object] = set()
-        #: How often something was left out, by a noun and which of them.
+        #: Number of things that were left out, by their noun and kind.
         self._left_out: Counter[tuple[str, str]] = Counter()
         self._matrices: dict[int, FloatArray] = {}
 
     def mesh(self) -> RawMesh:
-        """All that is shown, as one mesh."""
+        """Return all meshes of the scene as one."""
         for index, node, matrix in self._nodes():
             self._matrices[index] = matrix
             if "mesh" in node:
@@ -80,7 +80,7 @@ class _Scene:
         if not placed:
             raise InputError(self._nothing())
         whole = _concatenated(placed)
-        # attributes of the format itself have names without an underscore
+        # standard attributes have names without an underscore
         maps = [
             RawMap(name[1:], values[:, 0])
             for name, values in whole.values.items()
@@ -98,7 +98,7 @@ class _Scene:
                 yield f"holds {counted(count, noun)} {which}, which {verb} left out"
 
     def _nothing(self) -> str:
-        """What a file without triangles is."""
+        """Return the error for a file without triangles."""
         kinds = sorted(which for (_, which), count in self._left_out.items() if count)
         named = " and ".join(which.removeprefix("of ") for which in kinds)
         if kinds == ["of points"]:
@@ -111,7 +111,7 @@ class _Scene:
     # -- nodes --------------------------------------------------------------------------------
 
     def _nodes(self) -> Iterator[tuple[int, Entry, FloatArray]]:
-        """Nodes of the scene, with their index and what takes them to its coordinates."""
+        """Yield the nodes of the scene with index and transform to scene coordinates."""
         seen: set[object] = set()
         left = [(root, np.eye(4)) for root in reversed(self._roots())]
         while left:
@@ -125,7 +125,7 @@ class _Scene:
             left += [(child, matrix) for child in reversed(node.get("children") or [])]
 
     def _roots(self) -> list[Any]:
-        """Nodes that the scene names; of a file without scenes, all that are under no other."""
+        """Return the root nodes of the scene; without a scene, all nodes without a parent."""
         description = self._file.description
         nodes = description.setdefault("nodes", [])
         if not nodes:  # a library of meshes
@@ -156,7 +156,7 @@ class _Scene:
                 yield _copies(part, matrices[sized], values)
 
     def _instances(self, node: Entry) -> tuple[FloatArray, dict[str, npt.NDArray[Any]]]:
-        """What places each copy of a node's mesh, shape (k, 4, 4), and values that each has."""
+        """Return the transform of each instance of a node, shape (k, 4, 4), and its values."""
         extension = (node.get("extensions") or {}).get(INSTANCING)
         if not extension:
             return np.eye(4)[None], {}
@@ -169,7 +169,7 @@ class _Scene:
         return _placements(arrays), _columns(arrays)
 
     def _posed(self, part: _Part, index: object) -> _Part:
-        """A mesh whose vertices follow the joints of a skin, in the pose that the nodes have."""
+        """Return a mesh deformed by a skin, in the pose of the nodes."""
         skin = self._file.entry("skins", index)
         joints = skin["joints"]
         if any(joint not in self._matrices for joint in joints):
@@ -191,7 +191,7 @@ class _Scene:
     # -- meshes -------------------------------------------------------------------------------
 
     def _part(self, index: object, weights: list[float]) -> _Part:
-        """A mesh with its vertices joined, in its own coordinates, however often it is placed."""
+        """Return a mesh in local coordinates, with equal vertices merged; it is cached."""
         key = (index, *weights)
         if key not in self._parts:
             primitives = self._file.entry("meshes", index)["primitives"]
@@ -235,7 +235,7 @@ class _Scene:
         return _Part(places, faces, skin | _columns(arrays))
 
     def _triangles(self, mode: object, indices: object, n_vertices: int) -> IntArray:
-        """Corners of the triangles of a primitive, shape (m, 3)."""
+        """Return the corners of the triangles of a primitive, shape (m, 3)."""
         corners = np.arange(n_vertices)
         if indices is not None:
             found = self._file.array(indices)
@@ -255,7 +255,7 @@ class _Scene:
     def _unpacked(
         self, packed: Entry, wanted: Entry
     ) -> tuple[dict[str, npt.NDArray[Any]], IntArray]:
-        """Attributes and triangles of a primitive that is packed by Draco."""
+        """Return the attributes and triangles of a primitive packed by Draco."""
         try:
             import DracoPy
         except ImportError:
@@ -282,7 +282,7 @@ class _Scene:
 
 
 def _concatenated(parts: list[_Part]) -> _Part:
-    """Join parts; vertices that lack a value have NaN, those that lack a joint have weight 0."""
+    """Concatenate parts; missing values become NaN, and missing joints get weight 0."""
     starts = np.cumsum([0, *(len(each.vertices) for each in parts)]).tolist()
     values: dict[str, npt.NDArray[Any]] = {}
     for part, start in zip(parts, starts, strict=False):
@@ -299,7 +299,7 @@ def _concatenated(parts: list[_Part]) -> _Part:
 
 
 def _columns(arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """The columns of the file's own attributes, whose names begin with an underscore."""
+    """Return the columns of custom attributes, whose names begin with an underscore."""
     return {
         name if values.shape[1] == 1 else f"{name} {at}": values[:, at, None]
         for name, values in arrays.items()
@@ -309,7 +309,7 @@ def _columns(arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]
 
 
 def _copies(part: _Part, matrices: FloatArray, values: dict[str, npt.NDArray[Any]]) -> _Part:
-    """A mesh placed by each of some matrices, shape (k, 4, 4), with values that each copy has."""
+    """Return copies of a mesh transformed by matrices, shape (k, 4, 4), with values per copy."""
     linear, shift = matrices[:, :3, :3], matrices[:, :3, 3]
     vertices = part.vertices @ linear.transpose(0, 2, 1) + shift[:, None]
     faces = np.repeat(part.faces[None], len(matrices), axis=0)
@@ -323,7 +323,7 @@ def _copies(part: _Part, matrices: FloatArray, values: dict[str, npt.NDArray[Any
 
 
 def _matrix(node: Entry) -> FloatArray:
-    """What takes the coordinates of a node to those above it, shape (4, 4)."""
+    """Return the transform from a node to its parent, shape (4, 4)."""
     if "matrix" in node:
         columns: FloatArray = np.array(node["matrix"], dtype=np.float64).reshape(4, 4)
         return np.asarray(columns.T)
@@ -333,7 +333,7 @@ def _matrix(node: Entry) -> FloatArray:
 
 
 def _placements(arrays: dict[str, npt.NDArray[Any]]) -> FloatArray:
-    """Matrices of translations, rotations (quaternions, w last) and scales, shape (k, 4, 4)."""
+    """Return matrices of translations, rotations (quaternions, w last) and scales, (k, 4, 4)."""
     count = len(next(iter(arrays.values())))
     matrices = np.tile(np.eye(4), (count, 1, 1))
     if "ROTATION" in arrays:

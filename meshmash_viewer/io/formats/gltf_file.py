@@ -1,4 +1,4 @@
-"""The parts of a glTF file: its description, its buffers, and the arrays in them."""
+"""Content of a glTF file: its JSON description, buffers and arrays."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Entry: TypeAlias = dict[str, Any]
 
 DRACO = "KHR_draco_mesh_compression"
 INSTANCING = "EXT_mesh_gpu_instancing"
-#: Extensions that a reader has to understand to read a surface, and this one does.
+#: Supported extensions that change the geometry.
 _UNDERSTOOD = (DRACO, INSTANCING, "KHR_mesh_quantization", "KHR_accessor_float64")
-#: How the names of those begin that only change how a surface looks.
+#: First parts of the names of extensions that only change the appearance.
 _APPEARANCE = (
     *("KHR_materials_", "EXT_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_"),
     *("KHR_lights_", "EXT_lights_", "KHR_animation_", "KHR_xmp", "KHR_techniques_webgl"),
 )
-#: They pack a part of a buffer; what is in its place is to be ignored.
+#: Extensions that compress a part of a buffer; the uncompressed part must be ignored.
 _PACKED_VIEWS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 _COMPONENTS = {
@@ -42,7 +42,7 @@ _JSON, _BIN = b"JSON", b"BIN\0"
 
 
 class GltfFile:
-    """What a ``.gltf`` or ``.glb`` file holds.
+    """Content of a ``.gltf`` or ``.glb`` file.
 
     `InputError` is raised if it is no glTF 2.0, requires an extension that is not understood, or
     names a file that does not exist.
@@ -67,17 +67,17 @@ class GltfFile:
 
     @cached_property
     def size(self) -> int:
-        """Bytes of the file and of all that it names."""
+        """Total size in bytes of the file and its buffers."""
         named = [self._file_of(each) for each in self.description.get("buffers") or []]
         return self._path.stat().st_size + sum(each.stat().st_size for each in named if each)
 
     @cached_property
     def unpacked_size(self) -> int:
-        """Bytes of all its arrays, which may be packed in its buffers."""
+        """Total size in bytes of all arrays when unpacked."""
         return sum(8 * _whole(each, "count", 0) for each in self.description.get("accessors") or [])
 
     def entry(self, kind: str, index: object) -> Entry:
-        """An object of one of the lists of the description.
+        """Return an entry of a list in the description.
 
         `InputError` is raised if there is none of this index.
         """
@@ -91,7 +91,7 @@ class GltfFile:
         return found
 
     def array(self, accessor: object) -> npt.NDArray[Any]:
-        """Values of an array, shape (count, width); integers in units of their range are float64.
+        """Return an array of shape (count, width); normalized integers become float64.
 
         `InputError` is raised if it is not an array, or is not within its buffer.
         """
@@ -105,13 +105,13 @@ class GltfFile:
             offset = _whole(entry, "byteOffset", 0)
             values = self._rows(entry["bufferView"], offset, count, width, dtype)
         else:
-            values = np.zeros((count, width), dtype)  # as the format says
+            values = np.zeros((count, width), dtype)  # as the format specifies
         if "sparse" in entry:
             values = self._replaced(values, entry["sparse"])
         return scaled(values) if entry.get("normalized") else values
 
     def view(self, index: object) -> memoryview:
-        """The bytes of a part of a buffer.
+        """Return the bytes of a buffer view.
 
         `InputError` is raised if the buffer is shorter, or the part is packed in a way that is not
         understood.
@@ -136,7 +136,7 @@ class GltfFile:
         return np.ndarray((count, width), dtype, data, offset if count else 0, strides)
 
     def _replaced(self, values: npt.NDArray[Any], sparse: Entry) -> npt.NDArray[Any]:
-        """The same with the rows that a sparse array gives."""
+        """Return values with the rows of a sparse accessor replaced."""
         count, indices, given = _whole(sparse, "count"), sparse["indices"], sparse["values"]
         kind, width = _dtype(indices), values.shape[1]
         at = self._rows(indices["bufferView"], _whole(indices, "byteOffset", 0), count, 1, kind)
@@ -169,7 +169,7 @@ class GltfFile:
         return self._loaded[index]
 
     def _file_of(self, buffer: Entry) -> Path | None:
-        """The file of a buffer; None where its data is in the description or the GLB."""
+        """Return the file of a buffer; None if its data are in the description or the GLB."""
         uri = buffer.get("uri", "data:")
         if uri[:5].lower() == "data:":
             return None
@@ -184,7 +184,7 @@ class GltfFile:
 
 
 def scaled(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Integers as shares of the largest of their type, from -1 where they have a sign to 1."""
+    """Return integers divided by the maximum of their type: 0 to 1, or -1 to 1 if signed."""
     if values.dtype.kind not in "iu":
         return values
     largest = float(np.iinfo(values.dtype).max)
@@ -205,7 +205,7 @@ def _shorter() -> InputError:
 
 
 def _whole(entry: Entry, key: str, default: int | None = None) -> int:
-    """A number of bytes, rows or of an entry."""
+    """Return a count, offset or index; `InputError` is raised if it is no whole number from 0."""
     value = entry.get(key, default)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise InputError(f"has an entry whose {key} is {printable(value, 30)}, not a whole number")
@@ -243,7 +243,7 @@ def _content(path: Path) -> tuple[bytes, memoryview | None]:
 
 
 def _data_of(uri: str) -> bytes:
-    """What a data URI holds, in base64 or with percent signs."""
+    """Decode a data URI, base64 or percent-encoded."""
     head, _, body = uri.partition(",")
     data = urllib.parse.unquote_to_bytes(body) if "%" in body else body.encode()
     if not head.lower().rstrip().endswith(";base64"):

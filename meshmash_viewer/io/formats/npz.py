@@ -26,12 +26,12 @@ from meshmash_viewer.io.raw import (
 from meshmash_viewer.triangulation import triangulate
 from meshmash_viewer.vertex_map import Label
 
-#: What our own exports hold for every pair, not for every vertex.
+#: Arrays of our own exports that have one entry per eigenpair.
 _NOT_READ = ("eigenvalues", "eigenvectors", "residuals")
 #: Names of the arrays of a mesh in files of other programs, preferred ones first.
 _VERTICES = ("vertices", "verts", "points", "coords", "coordinates", "positions", "pos", "xyz", "V")
 _FACES = ("faces", "triangles", "tris", "simplices", "cells", "face", "F")
-#: What the numbers in an array ``labels`` mean.
+#: Arrays of our own exports with the labels of the array ``labels``.
 _LABELS = ("label_numbers", "label_names", "label_colors")
 
 
@@ -87,9 +87,10 @@ def npz_limits(path: Path) -> ReadLimits | None:
 
 
 def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
-    """Corners of all faces, and how many each has: its row, or what a row or the list says first.
+    """Return the corners of all faces, and the number of corners of each.
 
-    pyvista and VTK write ``[3, a, b, c]``, in rows or one after the other.
+    A face is a row of corners; or its number of corners and then these, as pyvista and VTK write
+    them: ``[3, a, b, c]``, in rows or one after the other.
     """
     if faces.ndim == 1:
         return _listed_polygons(faces)
@@ -125,7 +126,7 @@ def _listed_polygons(cells: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def npy_maps(path: Path) -> RawMesh:
-    """Read an array of one number a vertex, or of one a vertex and column."""
+    """Read an array of shape (n,), or (n, columns), as maps."""
     try:
         values = np.load(path)
     except ValueError as fault:
@@ -149,7 +150,7 @@ def npy_maps(path: Path) -> RawMesh:
 
 
 def npz_maps(path: Path) -> RawMesh:
-    """Read the arrays with one number a vertex, or one a vertex and column."""
+    """Read the arrays of shape (n,) and (n, columns) as maps."""
     with _opened(path) as archive:
         if {"X", "labels"} <= set(archive.files):
             return maps_alone(
@@ -168,7 +169,7 @@ def npz_maps(path: Path) -> RawMesh:
 
 
 def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) -> Iterator[RawMap]:
-    """The domain of each vertex, and the columns of condensed features at it."""
+    """Yield a map of the domain of each vertex, and one of each column of condensed features."""
     names = condensed_columns(path, values, labels)
     domains = labels.astype(np.float64)
     yield RawMap(DOMAINS, np.where(domains < 0.0, np.nan, domains))
@@ -177,7 +178,7 @@ def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) 
 
 
 def _said(archive: Any) -> str:
-    """What our own exports say of an archive; "" for those of other programs."""
+    """Return the provenance text of our own exports; "" for other archives."""
     try:
         return str(_array(archive, "meta"))
     except InputError:
@@ -185,7 +186,7 @@ def _said(archive: Any) -> str:
 
 
 def holds_a_mesh(path: Path) -> bool:
-    """Whether an archive is that of a mesh; one that cannot be opened is said to be one."""
+    """Whether an archive contains a mesh; True if it cannot be opened."""
     try:
         with zipfile.ZipFile(path) as archive:
             return bool(_mesh_names(name.removesuffix(".npy") for name in archive.namelist()))
@@ -194,10 +195,10 @@ def holds_a_mesh(path: Path) -> bool:
 
 
 def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
-    """Arrays of any length, or of n vertices, one column at a time.
+    """Yield a map of each column of the arrays, which have any length, or that of n vertices.
 
-    The array ``vertex`` of our own exports after a repair gives the vertices of the file that the
-    others are of, where maps alone are read.
+    Our own exports after a repair have an array ``vertex``: the index in the mesh file of each row.
+    It is used if maps alone are read.
     """
     rows = _rows(archive)
     passed = {*_mesh_names(archive.files), "vertices", "faces", "meta", "columns", *_NOT_READ}
@@ -211,7 +212,7 @@ def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
             continue
         try:
             values = _array(archive, name)
-        except InputError:  # the others are whole without it
+        except InputError:  # a damaged array does not prevent reading the others
             continue
         length = n_vertices or (len(values) if rows is None else len(rows)) if values.ndim else 0
         if values.ndim not in (1, 2) or len(values) != length or not length:
@@ -228,7 +229,7 @@ def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
 
 
 def _labels(archive: Any) -> tuple[Label, ...]:
-    """The labels that the numbers in the array ``labels`` mean, none if it does not say."""
+    """Return the labels of the array ``labels``, none if their names or colours are missing."""
     if not {"labels", *_LABELS} <= set(archive.files):
         return ()
     numbers, names, colors = (np.ravel(_array(archive, name)).tolist() for name in _LABELS)
@@ -241,7 +242,7 @@ def _labels(archive: Any) -> tuple[Label, ...]:
 
 
 def _rows(archive: Any) -> IntArray | None:
-    """Which vertices of the file the other arrays are of, where the archive says so."""
+    """Return the index in the mesh file of each row; None without an array ``vertex``."""
     values = _array(archive, "vertex") if "vertex" in archive.files else np.zeros(0)
     return values.astype(np.int64) if len(values) and are_ascending_indices(values) else None
 

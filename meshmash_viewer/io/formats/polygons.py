@@ -1,9 +1,8 @@
 """OFF, OBJ, STL and PLY: vertices and polygons, as text or binary.
 
-OFF files of Geomview may have colours and normals, OBJ files texture coordinates and normals; they
-are not read. An OBJ corner written ``v/vt/vn`` is vertex ``v``: a surface is never cut along its
-texture seams. The triangles of STL share no vertices and are joined on reading. PLY has polygons or
-triangle strips, in text or either byte order.
+Colours, normals and texture coordinates are not read. An OBJ corner ``v/vt/vn`` is vertex ``v``, so
+that texture seams do not cut the surface. Equal vertices of STL triangles are merged. PLY files may
+have polygons or triangle strips, as text or binary in either byte order.
 """
 
 from __future__ import annotations
@@ -42,15 +41,15 @@ from meshmash_viewer.io.text import (
 from meshmash_viewer.triangulation import strip_triangles, triangulate
 from meshmash_viewer.units import counted
 
-#: The word, with what may be written before it, and how numbers begin after it.
+#: First word of an OFF file with its prefixes; a number may follow without a blank.
 _OFF_HEADER = re.compile(rb"\s*((?:ST|C|N|4)*OFF)(?=[\s\d]|$)\s*(BINARY\b)?", re.IGNORECASE)
 
 
 def read_off(path: Path) -> RawMesh:
     """Read the vertices and polygons of a text OFF file.
 
-    `InputError` is raised if the header is missing or that of another kind, or the file has less or
-    more than its counts promise.
+    `InputError` is raised if the header is missing or unsupported, or its counts do not
+    match the content.
     """
     data = read_text(path)
     if b"#" in data:
@@ -72,7 +71,7 @@ def read_off(path: Path) -> RawMesh:
     counts = counts[counts > 0]
     if len(numbers) < 2:
         raise InputError("does not state how many vertices and faces it holds")
-    # The third number, that of edges, says nothing, and some leave it out.
+    # the third number, of edges, is ignored, and some programs omit it
     stated = 2 if counts[0] == 2 else 3
     promised = numbers[:2]
     rest = np.diff(np.maximum(np.cumsum(counts) - stated, 0), prepend=0)
@@ -102,7 +101,7 @@ def read_off(path: Path) -> RawMesh:
 
 # -- OBJ ----------------------------------------------------------------------------------------
 
-#: A comment, and what follows the vertex of a corner.
+#: Comments, and the texture and normal indices of a corner.
 _OBJ_NOT_READ = re.compile(rb"#[^\n\v]*|/\S*")
 
 
@@ -113,8 +112,8 @@ def read_obj(path: Path) -> RawMesh:
     and groups become one mesh. Coordinates after the third of a vertex (weight or colour) are
     ignored.
 
-    `InputError` is raised if a vertex or face is not as it should be, or names a vertex that does
-    not exist; the message names the line.
+    `InputError` is raised if a vertex or face is malformed, or an index is out of range; the
+    message names the line.
     """
     text = read_text(path)
     if b"\\" in text:  # a line that ends with a backslash continues in the next
@@ -146,7 +145,7 @@ def _obj_vertices(lines: Lines, which: IntArray) -> FloatArray:
 def _obj_faces(
     lines: Lines, which: IntArray, vertices_before: IntArray, n_vertices: int
 ) -> tuple[IntArray, IntArray]:
-    """Return the corners of all faces, counted from 0, and how many each has."""
+    """Return the corners of all faces, counted from 0, and the number of corners of each."""
     given, counts = lines.rows(which, b"f", np.int64)
     if not counts.all():
         raise lines.fault("has a face line without corners", which[counts.argmin()])
@@ -172,11 +171,11 @@ def _obj_faces(
 
 _STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_HEADER_BYTES = 80
-#: Numbers of triangles that mean that it was not known when the header was written.
+#: Numbers of triangles in the header of files that were written without knowing it.
 _UNKNOWN_COUNTS = (0, 0xFFFFFFFF)
-#: Where the number of triangles may be if the header has another length than it should.
+#: Longest header, in bytes, that is tried if the file does not fit one of 80 bytes.
 _LONGEST_STL_HEADER = 256
-#: Words within a line that begin one in other files.
+#: Blanks before a keyword within a line, for files with several statements in a line.
 _WITHIN_LINE = re.compile(
     rb"(?<=\S)[ \t]+"
     rb"(?=(?:facet\s+normal|outer\s+loop|vertex\s+[-+.\d]|end\s*(?:loop|facet|solid))\b)",
@@ -207,7 +206,7 @@ def read_stl(path: Path) -> RawMesh:
 
 
 def _is_whole_stl(data: bytes, header: int) -> bool:
-    """Whether a binary file with a header of so many bytes ends with its last triangle."""
+    """Whether the size of a binary file fits its number of triangles and a header length."""
     return header + 4 + _stated_count(data, header) * _STL_RECORD.itemsize == len(data)
 
 
@@ -216,7 +215,7 @@ def _stated_count(data: bytes, header: int) -> int:
 
 
 def _as_text(data: bytes) -> bytes | None:
-    """The file if it is text: some binary ones begin with "solid" too."""
+    """Return the text of a text file, else None; binary files may begin with "solid", too."""
     text = unmarked(data)
     begins = text[:100_000]
     is_text = b"\0" not in begins[:1_000] and re.search(
@@ -255,7 +254,7 @@ def _binary_corners(data: bytes) -> FloatArray:
 
 
 def _are_near(others: FloatArray, corners: FloatArray) -> bool:
-    """Whether what follows the last triangle are more triangles: near the others, and no points."""
+    """Whether the data after the last triangle are triangles: near the others, not degenerate."""
     lowest, highest = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     margin = (highest - lowest).max()
     is_near = (others >= lowest - margin) & (others <= highest + margin)
@@ -263,7 +262,7 @@ def _are_near(others: FloatArray, corners: FloatArray) -> bool:
 
 
 def _text_corners(text: bytes) -> tuple[FloatArray, IntArray]:
-    """Corners of all facets, one after the other, and how many each has."""
+    """Return the corners of all facets, and the number of corners of each."""
     try:
         return _corners_by_lines(text)
     except InputError:
@@ -274,7 +273,7 @@ def _text_corners(text: bytes) -> tuple[FloatArray, IntArray]:
 
 
 def _corners_by_lines(text: bytes) -> tuple[FloatArray, IntArray]:
-    # What comes after "solid" or in lines of other words may hold any word.
+    # names after "solid" and lines with other keywords may contain any word
     lines = Lines(text)
     lines.drop_until(int(lines.beginning_with(b"solid")[:1].max(initial=0)))
     begun, ended = lines.beginning_with(b"facet"), lines.beginning_with(b"end", b"facet")
@@ -318,7 +317,7 @@ _PLY_TYPES = {
 _PLY_TYPES |= {np.dtype(code).name: code for code in (*_PLY_TYPES.values(), "i8", "u8")}
 _PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNER_NAMES = ("vertex_indices", "vertex_index")
-#: Properties of a vertex that are no map: coordinates, normal, colour, place in a texture.
+#: Vertex properties that are not read as maps: coordinates, normals, colours, texture.
 _NO_MAPS = re.compile(r"[xyz]|n[xyz]|(diffuse_)?(red|green|blue|alpha)|[stuv]|texture_[uv]")
 
 
@@ -327,8 +326,7 @@ def read_ply(path: Path) -> RawMesh:
 
     The unit is taken from the comment in which our own exports state it.
 
-    `InputError` is raised if the header is not one of PLY, or the file ends before what the header
-    promises.
+    `InputError` is raised if the header is no PLY header, or the file is shorter than it states.
     """
     data = unmarked(path.read_bytes())
     is_text, elements, start = _ply_parse_header(data)
@@ -381,7 +379,7 @@ def _binary_body(elements: list[Element], data: bytes, start: int) -> list[Colum
 
 
 def _ply_corners(columns: Columns) -> tuple[IntArray, IntArray]:
-    """Return the corners of all faces, and how many each has."""
+    """Return the corners of all faces, and the number of corners of each."""
     corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
     if not isinstance(corners, tuple):
         raise InputError("has faces without a list of vertex indices")
@@ -392,7 +390,7 @@ def _ply_corners(columns: Columns) -> tuple[IntArray, IntArray]:
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
-    """Cut strips where an index is -1, which is no corner."""
+    """Split strips at indices of -1, which separate strips."""
     is_break = indices == -1
     strip = np.repeat(np.arange(len(counts)), counts) + np.cumsum(is_break)
     return indices[~is_break], np.bincount(strip[~is_break])

@@ -23,16 +23,16 @@ from meshmash_viewer.vertex_map import COLOR, Label
 if TYPE_CHECKING:
     import pyarrow
 
-#: What stands where a number is missing, besides those that pyarrow knows.
+#: Texts for a missing number, in addition to those of pyarrow.
 _MISSING = (
     "None", "none", "NONE", "Null", "<NA>", "Nan", "nAn", "-", ".", "?", "NaT", "missing",
     "#DIV/0!", "#NUM!", "#VALUE!", "#REF!",
 )  # fmt: skip
-#: Columns that only count the rows, as pandas calls them.
+#: Names that pandas gives to a column of row numbers.
 ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
 #: Columns that describe the one called "label".
 _TEXTS = ("name", "color", "colour")
-#: Bytes from which the kind of a table is known.
+#: Bytes that are read to find the separators of a table.
 _BEGINNING = 1_000_000
 #: The line in which Excel states the sign between columns.
 _SEPARATOR_LINE = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE)
@@ -53,12 +53,12 @@ def csv_maps(path: Path) -> RawMesh:
 
 
 def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
-    """Read a table of text; with `most`, only the lines in so many bytes."""
+    """Read a table of text; with `most`, only the lines within so many bytes."""
     import pyarrow
     import pyarrow.csv
 
     layout, separator, decimal = text_layout(path)
-    # in one block: the type of a column is that of all its rows, not of the first thousands
+    # in one block, as pyarrow infers the type of a column from the first block
     block = min(path.stat().st_size * 4 + 1000, _LARGEST_BLOCK)
     read = pyarrow.csv.ReadOptions(use_threads=False, block_size=block, **layout)
     convert = pyarrow.csv.ConvertOptions(decimal_point=decimal, strings_can_be_null=True)
@@ -77,7 +77,7 @@ def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
 
     try:
         found = table()
-        if is_label_set(found.column_names):  # of which one may be called "none", or 007
+        if is_label_set(found.column_names):  # a label may be called "none", or 007
             convert.quoted_strings_can_be_null = False
             convert.column_types = dict.fromkeys(_TEXTS, pyarrow.string())
             found = table()
@@ -86,7 +86,7 @@ def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
     named = zip(found.column_names, found.columns, strict=True)
     if wide := [name for name, column in named if _is_wide(column)]:
         convert.column_types = {**convert.column_types, **dict.fromkeys(wide, pyarrow.uint64())}
-        with contextlib.suppress(pyarrow.ArrowInvalid):  # they are no whole numbers
+        with contextlib.suppress(pyarrow.ArrowInvalid):  # not whole numbers
             found = table()
     if read.autogenerate_column_names and len(found.column_names) == 1:
         found = found.rename_columns([""])
@@ -103,7 +103,7 @@ def parquet_maps(path: Path) -> RawMesh:
 
 
 def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
-    """Return how a text is divided: its lines, and the signs between and within numbers."""
+    """Return reading options of pyarrow, the separator of columns, and the decimal sign."""
     with path.open("rb") as file:
         beginning = file.read(_BEGINNING)
     encoding = _encoding(beginning)
@@ -149,7 +149,7 @@ def _signs(first: str, rows: list[str], separator: str) -> tuple[str, str]:
 
 
 def _is_wide(column: pyarrow.ChunkedArray) -> bool:
-    """Whether numbers were read as floating-point ones that may be whole ones of 64 bits."""
+    """Whether a floating-point column may hold unsigned 64-bit integers."""
     import pyarrow.compute
 
     if not pyarrow.types.is_floating(column.type):
@@ -158,7 +158,7 @@ def _is_wide(column: pyarrow.ChunkedArray) -> bool:
 
 
 def text_rows(path: Path) -> tuple[list[list[str]], str]:
-    """Return the rows that are not empty, that of the names first, and the decimal sign."""
+    """Return the rows that are not empty, names first, and the decimal sign."""
     layout, separator, decimal = text_layout(path)
     lines = path.read_text(encoding=layout["encoding"], errors="replace").removeprefix("\ufeff")
     reader = csv.reader(
@@ -171,7 +171,7 @@ def text_rows(path: Path) -> tuple[list[list[str]], str]:
 
 
 def _encoding(beginning: bytes) -> str:
-    """UTF-16 or UTF-8 by their marks, UTF-8 without, and else that of Windows."""
+    """Return UTF-16 if it has its mark, UTF-8 if it can be decoded as such, else cp1252."""
     if beginning.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     try:
@@ -186,7 +186,7 @@ def _words(line: str, separator: str) -> list[str]:
 
 
 def _is_number(word: str) -> bool:
-    """Whether a field holds a number, or says that it is missing."""
+    """Whether a field holds a number or a text for a missing one."""
     try:
         float(word)
     except ValueError:
@@ -195,14 +195,14 @@ def _is_number(word: str) -> bool:
 
 
 def is_missing(word: str) -> bool:
-    """Whether a field says that there is no value, other than NaN."""
+    """Whether a field is empty or a text for a missing number, other than NaN."""
     return word in _MISSING or word.lower() in ("", "na", "n/a", "#n/a", "null")
 
 
 def _maps(table: pyarrow.Table) -> RawMesh:
-    """The columns of numbers; one called "vertex" says which vertex a row is for.
+    """Return a map of each column of numbers; a column "vertex" has the vertex of each row.
 
-    A column "label" is a set of labels if it is text, or next to a "name" or "color".
+    A column "label" is a label set if it is text, or there is a column "name" or "color".
     """
     numbers, labels = _label_set(table)
     columns: list[tuple[str, npt.NDArray[Any]]] = [("label", numbers)] if labels else []
@@ -238,14 +238,14 @@ def _maps(table: pyarrow.Table) -> RawMesh:
 
 
 def is_label_set(names: Iterable[str]) -> bool:
-    """Whether a table of these columns says how its labels are called, or coloured."""
+    """Whether a table with these columns has names or colours of labels."""
     return "label" in names and any(name in names for name in _TEXTS)
 
 
 def _label_set(table: pyarrow.Table) -> tuple[npt.NDArray[Any], tuple[Label, ...]]:
-    """The number of each row, and the labels of these numbers; none if there is no such set.
+    """Return the label number of each row, and the labels; none if the table has no label set.
 
-    A number without a name and a colour is no label, and neither is a missing one.
+    Missing numbers, and numbers with neither name nor colour, are no labels.
     """
     from pyarrow import types
 
@@ -281,7 +281,7 @@ def _label_set(table: pyarrow.Table) -> tuple[npt.NDArray[Any], tuple[Label, ...
 def _one_of_each(
     column: pyarrow.ChunkedArray, part: str, numbers: npt.NDArray[Any], first: npt.NDArray[Any]
 ) -> list[str | None]:
-    """The text in the first row of each number; `InputError` is raised if others differ."""
+    """Return the text of each label number; `InputError` is raised if its rows differ."""
     coded = column.combine_chunks().dictionary_encode()
     codes = coded.indices.fill_null(-1).to_numpy()
     places = np.searchsorted(numbers[first], numbers)
@@ -301,13 +301,13 @@ def _one_of_each(
 
 
 def _spread_color(place: int) -> str:
-    """A colour for the label at a place: hues next to each other are far apart."""
+    """Return a colour for the label at a place; consecutive places have distant hues."""
     shares = colorsys.hls_to_rgb(place * 0.618034 % 1.0, 0.55, 0.6)
     return "#" + "".join(f"{round(255 * share):02x}" for share in shares)
 
 
 def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
-    """The numbers of a column, NaN where one is missing."""
+    """Return the numbers of a column, NaN for missing ones."""
     import pyarrow
     from pyarrow import types
 
@@ -329,7 +329,7 @@ def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
 def _rows(
     named: list[npt.NDArray[Any]],
 ) -> tuple[npt.NDArray[np.int64] | None, npt.NDArray[np.int64] | None]:
-    """An order of rows in which their vertices ascend, and these if they are not all of them."""
+    """Return the order of rows by ascending vertex, and the vertices if some are missing."""
     if not named:
         return None, None
     if len(named) > 1:

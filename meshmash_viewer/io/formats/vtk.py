@@ -1,6 +1,6 @@
 """VTP, VTU and legacy VTK files, by VTK's own readers.
 
-On some broken files VTK does not fail but ends its process, loops forever or exhausts the memory:
+On some broken files VTK crashes, loops forever or exhausts the memory; therefore
 `meshmash_viewer.io.read` calls these functions in a child process.
 """
 
@@ -23,15 +23,15 @@ from meshmash_viewer.io.text import unmarked
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
-#: Values that a byte of a compressed file can stand for at most; deflate shrinks 1032-fold.
+#: Largest number of values per byte of a compressed file; deflate compresses 1032-fold at most.
 _VALUES_PER_BYTE = 260
-#: Of which VTK takes only the first each, if not asked for all.
+#: Attributes of which VTK reads only the first by default.
 _ATTRIBUTES = ("Scalars", "Vectors", "Normals", "ColorScalars", "TCoords", "Tensors", "Fields")
-#: What a legacy file counts, in front of the values themselves.
+#: Keywords of a legacy file that are followed by a count.
 _LEGACY_COUNTS = (b"POINTS", b"POLYGONS", b"TRIANGLE_STRIPS", b"CELLS", b"CELL_TYPES", b"LINES")
-#: Entries of a table of colours that VTK makes by itself: a ramp, and no colours of labels.
+#: Entries of the default colour table of VTK, which has no colours of labels.
 _RAMP = 256
-#: Where a legacy file has an array: an attribute, or one of a FIELD.
+#: Names of arrays in a legacy file: of an attribute, and in a FIELD.
 _ATTRIBUTE = re.compile(
     rb"(\n(?:SCALARS|VECTORS|NORMALS|TENSORS|COLOR_SCALARS|TEXTURE_COORDINATES)[ \t]+)(\S+)"
 )
@@ -100,7 +100,7 @@ def _surface(output: Any) -> Any:
 
 
 def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:
-    """Refuse a number of things that would not fit in the file, before VTK makes room for it."""
+    """Raise `InputError` for counts that the file is too small for, before VTK allocates memory."""
     count = re.compile(pattern)
     place = content.find(begin)
     while place >= 0:
@@ -117,13 +117,13 @@ def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> No
 def _output(reader: Any, path: Path) -> Any:
     from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
-    # VTK writes its errors to a window of its own and goes on; they are collected instead.
+    # VTK reports errors to an output window and continues
     collector = vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(collector)
     reader.SetFileName(str(path))
     reader.Update()
     complaints = collector.GetOutput()
-    # The end of a file cut short is but a warning to VTK: "Error reading binary data!"
+    # VTK only warns if a file is cut short: "Error reading binary data!"
     if reader.GetErrorCode() or "error" in complaints.lower():
         clauses = [
             re.sub(r"^\w+ \(0x[0-9a-f]+\): ", "", line.strip()).rstrip(".!")
@@ -149,7 +149,7 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
 def _maps(
     output: Any, colors: dict[str, tuple[str, ...]]
 ) -> tuple[tuple[RawMap, ...], tuple[str, ...]]:
-    """Read the arrays of numbers at the points, one map a component, and a clause on other data.
+    """Return a map of each component of the point arrays, and a clause on data that are left out.
 
     `colors` are those of the labels 0, 1, ... in an array, by its name.
     """
@@ -174,10 +174,10 @@ def _maps(
 
 
 def _no_map(data: Any, array: Any) -> str:
-    """What an array is that is no map; empty for one that is."""
+    """Return the kind of an array that is not read as a map; "" for a map."""
     if array.IsA("vtkDataArray") == 0:
         return "texts"
-    if array is data.GetNormals():  # equality is of each number
+    if array is data.GetNormals():  # == compares the numbers
         return "normals"
     if array is data.GetTCoords():
         return "places in a texture"
@@ -197,7 +197,7 @@ def _columns(
 
 
 def _labels(values: npt.NDArray[Any], colors: tuple[str, ...]) -> tuple[Label, ...]:
-    """Labels, where whole numbers count the colours of a table that is no ramp."""
+    """Return labels of integers that index a colour table, other than the default one of VTK."""
     counted = values.dtype.kind in "iu" and len(values) > 0
     if not counted or values.min() < 0 or values.max() >= len(colors) or len(colors) == _RAMP:
         return ()
@@ -207,7 +207,7 @@ def _labels(values: npt.NDArray[Any], colors: tuple[str, ...]) -> tuple[Label, .
 
 
 def _colors_of_labels(content: bytes) -> dict[str, tuple[str, ...]]:
-    """Colours of the tables in a legacy file, by the name of the array that refers to them."""
+    """Return the colour tables in a legacy file by the name of the array that uses them."""
     is_text = re.match(rb"[^\n]*\n[^\n]*\n\s*ASCII", content, re.IGNORECASE) is not None
     tables = {}
     for found in _TABLE.finditer(content):
@@ -234,7 +234,7 @@ def _colors_of_labels(content: bytes) -> dict[str, tuple[str, ...]]:
 
 
 def _with_names_apart(content: bytes) -> bytes:
-    """The same legacy file, with a number after a name that another array at its points has.
+    """Return the content with numbers after repeated names of point arrays.
 
     VTK keeps only the last of two arrays of one name.
     """
@@ -260,7 +260,7 @@ def _with_names_apart(content: bytes) -> bytes:
 
 
 def _array(values: Any) -> npt.NDArray[Any]:
-    """The numbers of a VTK array, shape (n,) or (n, components)."""
+    """Return the numbers of a VTK array, shape (n,) or (n, components)."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
