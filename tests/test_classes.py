@@ -273,7 +273,7 @@ def few(values: np.ndarray) -> np.ndarray:
     [
         (lambda v: v[:9], LABELS, "9 values and the mesh 642 vertices"),
         (lambda v: v * 0.5, (), "values that are no whole numbers"),
-        (lambda v: 0 * v, (), "each number is 0"),
+        (lambda v: 0 * v, (), "all numbers are 0"),
         (lambda v: 0 * v, LABELS, "No vertex is labelled"),
         (lambda v: np.minimum(v, 1), LABELS, "All labelled vertices are 'bump'"),
         (few, LABELS, "'bump' has 2 vertices"),

@@ -42,7 +42,7 @@ _ENERGIES = 100
 _FEW = 0.5
 #: Minimum number of nonzero eigenvalues for a comparison.
 _FEWEST = 3
-#: Name of the map of scores, which says nothing of another match.
+#: Name of the map of scores.
 SCORE = "match score"
 
 
@@ -53,15 +53,15 @@ class FunctionMatches:
     Parameters
     ----------
     indices : ndarray of int64, shape (k,)
-        Index in the other; -1 where it is not determined: within multiplets, of which any
-        orthogonal combination is an eigenfunction too, and where vertices of the two sides of a
-        symmetric shape have equal features.
+        Index in the other; -1 where it is not determined: within multiplets, since any orthogonal
+        combination of their functions is an eigenfunction, and where features do not distinguish
+        the sides of a symmetric shape.
     signs : ndarray of float64, shape (k,)
         1 or -1, the factor for the other; 0 where `indices` is -1.
     correlations : ndarray of float64, shape (k,)
-        Of the two functions, from 0 to about 1; above √½ if they correspond.
+        Correlation with the matched function, from 0 to about 1; above √½ if they correspond.
     rotations : Alignment
-        Rotations within multiplets of the other that were applied before; empty unless requested
+        Rotations within multiplets of the other before the comparison; empty unless requested
         (`match_functions`).
 
     Examples
@@ -103,10 +103,10 @@ class Comparison:
     features : tuple of two ndarrays of float32, shapes (n, f) and (m, f)
         Features used for matching, in units of their spread over the second.
     given : bool
-        Whether corresponding vertices were given: these are the matches then, with the distances
-        of their features as scores.
+        Whether corresponding vertices were given. They are the matches, and distances of their
+        features the scores.
     functional : FunctionalMap, optional
-        The refined functional map that the matches are from.
+        The refined functional map, if vertices were matched by one.
 
     Examples
     --------
@@ -140,13 +140,13 @@ class Comparison:
 
     @property
     def is_moved_copy(self) -> bool:
-        """Whether vertices are matched by position, as of a moved, scaled copy."""
+        """Whether the second is a moved, scaled copy, matched by position."""
         return self.functional is not None and self.functional.rigid is not None
 
     def carried(self, maps: Sequence[VertexMap], *, back: bool = False) -> tuple[VertexMap, ...]:
         """Carry maps of the second to the first, or with `back` those of the first to the second.
 
-        Each vertex gets the value or the label of its match, and none without a match.
+        Each vertex gets the value or label of its match; a vertex without a match gets none.
 
         Parameters
         ----------
@@ -156,8 +156,8 @@ class Comparison:
         Returns
         -------
         tuple of VertexMap
-            The carried maps, and last one with the scores of the matches: distances in the space
-            that they were found in, so that small ones are to be trusted.
+            The carried maps, and a map of the scores, distances in the space of the match: small
+            scores are more reliable.
 
         Examples
         --------
@@ -207,7 +207,7 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """Correspondence of one shape to another, as far as it is known."""
+    """Correspondence of one shape to another; what is not known is None."""
 
     #: Length scale of the other relative to this shape.
     length: float = 1.0
@@ -229,8 +229,8 @@ def unit_area_spectrum(pairs: Eigenpairs) -> FloatArray:
 
 
 def matched_top(first: Eigenpairs, area: float) -> float:
-    """Return the eigenvalue up to which a shape of some area is compared with the first."""
-    # the last eigenvalue of an equal shape may be larger by rounding
+    """Return the eigenvalue up to which a shape with an area is compared with the first."""
+    # rounding may increase the last eigenvalue of an equal shape
     return float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9) / area
 
 
@@ -271,12 +271,11 @@ def comparison_remarks(
 def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
     """Return the corresponding vertices of two meshes with the same connectivity.
 
-    Their faces join the same vertices, in any orientation (as in a mirror image). This is so for a
-    rotated, scaled or deformed mesh, for two subjects on one template, and for a part of one of
-    these (`Mesh.masked`). An equal number of vertices is not sufficient. A left and a right
-    hemisphere (by `Mesh.structure` or name) are mirror images: if their faces have the same
-    orientation, as those of FreeSurfer's fsaverage, equal indices are not the same place, and None
-    is returned.
+    Their faces join the same vertices, in any orientation (as in a mirror image). Examples are a
+    rotated, scaled or deformed mesh, two subjects on one template, and a part of these
+    (`Mesh.masked`). An equal number of vertices is not sufficient. Left and right hemispheres (by
+    `Mesh.structure` or name) are mirror images: with faces of the same orientation, as in
+    FreeSurfer's fsaverage, equal indices are different places, and the result is None.
 
     Returns
     -------
@@ -303,7 +302,7 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
 
 
 def _faces_on(mesh: Mesh, other: Mesh) -> IntArray:
-    """Return the faces of a mesh, without those that `other` lacks if it is a part of it."""
+    """Return the faces of a mesh, or if `other` is a part of it, the faces of that part."""
     if len(mesh.faces) <= len(other.faces):
         return mesh.faces
     kept: IntArray = mesh.faces[other.referenced[mesh.faces].all(axis=1)]
@@ -313,14 +312,12 @@ def _faces_on(mesh: Mesh, other: Mesh) -> IntArray:
 def _hemispheres_of_one_orientation(
     first: Mesh, second: Mesh, faces: tuple[IntArray, IntArray]
 ) -> bool:
-    """Whether these are a left and a right hemisphere with most of their faces turned alike."""
+    """Whether the meshes are a left and a right hemisphere with faces of the same orientation."""
     sides = {brain_side(mesh.structure, mesh.name) for mesh in (first, second)}
     if sides != {"left", "right"}:
         return False
-    odd = []
-    for a, b, c in (each.T for each in faces):
-        odd.append((a > b) ^ (b > c) ^ (a > c))
-    return bool(np.mean(odd[0] == odd[1]) > 0.5)
+    odd, other = ((a > b) ^ (b > c) ^ (a > c) for a, b, c in (each.T for each in faces))
+    return bool(np.mean(odd == other) > 0.5)
 
 
 def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> None:
@@ -328,8 +325,9 @@ def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> Non
     above = int(np.count_nonzero(eigenvalues > 0.0))
     if above < _FEWEST:
         raise InputError(
-            f"{name or 'A mesh'} has {counted(above, 'eigenvalue')} above zero to be compared, of"
-            f" {counted(n_vertices, 'vertex')}: compute more, or give a mesh of more vertices."
+            f"{name or 'A mesh'} of {counted(n_vertices, 'vertex')} has"
+            f" {counted(above, 'nonzero eigenvalue')}, too few for a comparison: compute more, or"
+            " give a mesh with more vertices."
         )
 
 
@@ -351,14 +349,14 @@ def compare_shapes(
     first, second : Eigenpairs
         Both up to about the same eigenvalue times area; additional pairs of one are ignored.
     bank : FilterBank, optional
-        Filters for eigenvalues times area, in whose columns vertices are matched: by default the
-        wave kernel signature of 100 energies of the first.
+        Filters for eigenvalues times area, of the features that match vertices. Default: the wave
+        kernel signature of 100 energies of the first.
     cancel : callable, optional
         Called while vertices are matched; `Cancelled` is raised if it returns True.
     vertices : array_like of int, shape (n,), optional
-        For each vertex of the first the corresponding one of the second, -1 for none, if that is
-        known (`corresponding_vertices`). Eigenfunctions are then matched with these vertices, those
-        of a multiplet after a rotation (`FunctionMatches.rotations`).
+        For each vertex of the first the corresponding one of the second, -1 for none, if it is
+        known (`corresponding_vertices`). Eigenfunctions are matched with these vertices, and within
+        multiplets rotated first (`FunctionMatches.rotations`).
     refine : bool
         Match vertices by a functional map from the features and the `landmarks`, refined with all
         eigenfunctions up to 150 (`functional_map`, `zoomout`), and not by the nearest features
@@ -372,9 +370,9 @@ def compare_shapes(
     Returns
     -------
     Comparison
-        The spectral distance is that of Reuter, Wolter and Peinecke (2006). Vertices are matched by
-        the nearest features, each column in units of its spread; on a symmetric shape vertices of
-        both sides are equally near, and only one is found.
+        The spectral distance is that of Reuter, Wolter and Peinecke (2006). Vertices match the
+        nearest features, each column in units of its spread. On a symmetric shape the vertices of
+        both sides are equally near, and either is found.
 
     Raises
     ------
@@ -394,7 +392,7 @@ def compare_shapes(
     spectra = unit_area_spectrum(first)[:count], unit_area_spectrum(second)[:count]
     if bank is None:
         bank = wave_kernel_bank(spectra[0], _ENERGIES)
-    # a last eigenvalue larger by rounding would be outside of all bands
+    # rounding may move the last eigenvalue outside of all bands
     top = spectra[0][-1]
     forth_features, back_features = (
         accumulate_features(

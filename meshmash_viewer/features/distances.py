@@ -144,8 +144,7 @@ def missing_square(kind: str, eigenvalues: FloatArray, area: float, n: int, time
 
     For two vertices that are not close it is ``Σ h φ(v)² + Σ h φ(w)²`` beyond the last eigenvalue
     Λ, and by the local law either sum is ``1/4π ∫ h dλ`` from Λ to the last of the n eigenvalues of
-    the mesh. On average it is at most h(Λ) / area for each pair that is not
-    among the given ones, so that of all n nothing is missing.
+    the mesh. It is at most h(Λ) / area, on average, for each pair that is not given: 0 with all n.
     """
     last, end = float(eigenvalues[-1]), 4.0 * math.pi * n / area
     n_left = n - len(eigenvalues)
@@ -245,7 +244,7 @@ class GeodesicSolver:
         mesh, labels = self.mesh, self.mesh.component_labels
         _check_vertex(vertex, mesh.n_vertices)
         distances = np.full(mesh.n_vertices, np.nan)
-        # the package does not check its arguments
+        # potpourri3d does not check its arguments
         if mesh.referenced[vertex]:
             found = np.asarray(self._solver.compute_distance(int(self._number[vertex])))
             distances[mesh.referenced] = self._size * found

@@ -1,12 +1,11 @@
 """Functional maps between two shapes, refined to maps of vertices (ZoomOut).
 
 A functional map is a matrix C that takes the spectral coefficients of a function on the second
-shape to those of the corresponding function on the first [1]_. It is estimated from descriptors and
-landmarks, by least squares in which it commutes with the Laplacians and with products by the
-descriptors [2]_, and refined by conversion to a map of vertices and back with more and more
-eigenfunctions [3]_. With meshes it also commutes with operators that change sign in a mirror image
-[4]_, and copies are matched by position. Eigenvalues and eigenfunctions are those of the shapes
-scaled to an area of 1.
+shape to those of the corresponding function on the first [1]_. The least-squares estimate maps
+descriptors and landmarks to one another, and commutes with the Laplacians and with multiplication
+by descriptors [2]_. The refinement converts it to a map of vertices and back with more and more
+eigenfunctions [3]_. With meshes the estimate also commutes with operators that change sign in a
+mirror image [4]_, and copies are matched by position. Both shapes are scaled to an area of 1.
 
 References
 ----------
@@ -47,21 +46,22 @@ if TYPE_CHECKING:
 _FIRST, _LAST = 30, 150
 #: Eigenfunctions added in a step of the refinement.
 _STEP = 10
-#: Energies of the default descriptors, and of those whose products the map commutes with.
+#: Number of energies of the default descriptors, and of descriptors whose multiplication commutes
+#: with the map.
 _ENERGIES, _PRODUCTS = 100, 10
-#: Weights of the commutators with the Laplacians and with products, relative to the descriptors.
+#: Weights of the commutators with Laplacians and with descriptors, relative to the descriptors.
 _LAPLACIANS, _COMMUTATORS = 1.0, 0.3
-#: Residual of a map that reverses orientation relative to one that preserves it, below which it
-#: counts: they are equal on a shape with a mirror symmetry, whose sides are then not swapped.
+#: Ratio of residuals below which the map that reverses orientation replaces the one that preserves
+#: it. On a shape with a mirror symmetry the ratio is 1, so that its sides are not swapped.
 _MIRRORED = 0.8
-#: Singular value of the first map below which a function is not determined, and share of
-#: determined functions below which the map is ambiguous: a rotation of order 2 leaves half of them.
+#: Singular value of the first map below which a function is undetermined, and share of determined
+#: functions below which the map is ambiguous: a symmetry of order 2 determines half of them.
 _UNDETERMINED, _AMBIGUOUS = 0.25, 0.67
-#: Volume, as a share of that of a ball of the same area, above which faces are turned outward.
+#: Enclosed volume, relative to a ball of the same area, above which faces are oriented outward.
 _SOLID = 0.01
-#: Vertices of the first shape with which a map is refined; vertices matched at once.
+#: Number of vertices of the first shape that the refinement uses, and of those matched at a time.
 _SAMPLES, _AT_ONCE = 6000, 1024
-#: Number of candidate vertices up to which distances to all of them are computed.
+#: Number of candidate vertices up to which all distances are computed, and not a k-d tree.
 _ALL = 20_000
 
 
@@ -72,20 +72,20 @@ class FunctionalMap:
     Parameters
     ----------
     matrix : ndarray of float64, shape (k, l)
-        Spectral coefficients on the first, of those on the second, for both scaled to an area of 1.
+        Maps l spectral coefficients on the second to k on the first, both scaled to an area of 1.
     matches : Matches
-        For each vertex of the first the corresponding one of the second; scores are distances in
-        the space of the l eigenfunctions, or for a copy (`rigid`) between positions, as shares of
+        For each vertex of the first the corresponding one of the second. Scores are distances in
+        the space of the l eigenfunctions; of a copy (`rigid`), distances of positions divided by
         √area.
     mirrored : bool
-        Whether the orientation of the surface is reversed: descriptors fit a mirror image better.
+        Whether the map reverses orientation, because descriptors fit a mirror image better.
     determined : float
-        Share of the functions that the descriptors, landmarks and orientation determine. Below
-        about ⅔ the shape has a symmetry, and the map is one of several equally good ones, or the
-        shapes differ much: landmarks are needed.
+        Share of the functions that descriptors, landmarks and orientation determine. Below about ⅔
+        landmarks are needed: the shape has a symmetry, with several equally good maps, or the
+        shapes differ much.
     rigid : ndarray of float64, shape (4, 4), optional
-        Similarity of the positions of the first to those of the second, if the one is a moved,
-        scaled copy of the other but for noise, so that nearest positions are the matches.
+        Similarity transform from positions of the first to those of the second, if they are copies
+        up to noise. The matches are then the nearest positions.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class FunctionalMap:
 
     @property
     def remark(self) -> str:
-        """What is to be known of the map; "" for nothing."""
+        """Warning about the map; "" for none."""
         if self.determined < _AMBIGUOUS:
             return (
                 "several matches are equally good, as on a shape with a symmetry, or the shapes"
@@ -133,10 +133,11 @@ class FunctionalMap:
         given, at = np.asarray(values), self.matches.indices
         if not len(given) > at.max(initial=-1):
             raise InputError(f"There are {len(given):,} values for more vertices.")
+        whole = not np.issubdtype(given.dtype, np.inexact)
         carried = given[at]
-        if not np.issubdtype(given.dtype, np.inexact):
+        if whole:
             carried = carried.astype(np.result_type(given.dtype, np.int8), copy=False)
-        carried[at < 0] = np.nan if np.issubdtype(given.dtype, np.inexact) else -1
+        carried[at < 0] = -1 if whole else np.nan
         return carried
 
 
@@ -149,7 +150,7 @@ class _Shape:
     mass: FloatArray
     vertices: IntArray
     n_vertices: int
-    #: Of the mesh if there is one, with its faces turned outward.
+    #: Positions, and faces oriented outward; both are empty without a mesh.
     placed: Placed
 
     @classmethod
@@ -180,17 +181,17 @@ class _Shape:
         )
 
     def sampled(self) -> IntArray | slice:
-        """Return some random vertices only, of equal areas."""
-        if len(self.mass) <= _SAMPLES:
+        """Return up to 6,000 random vertices, with probabilities proportional to area."""
+        if (n := len(self.mass)) <= _SAMPLES:
             return slice(None)
         share = self.mass / self.mass.sum()
-        return np.random.default_rng(0).choice(len(share), _SAMPLES, replace=False, p=share)
+        return np.random.default_rng(0).choice(n, _SAMPLES, replace=False, p=share)
 
     def coefficients(self, values: FloatArray, count: int) -> FloatArray:
         return np.asarray(self.functions[:, :count].T @ (self.mass[:, None] * values))
 
-    def turned(self, values: FloatArray, count: int) -> FloatArray:
-        """Return the matrix of g ↦ n · (∇ values × ∇g), with a norm of 1."""
+    def orientation_operator(self, values: FloatArray, count: int) -> FloatArray:
+        """Compute the matrix of g ↦ n · (∇ values × ∇g), divided by its norm, (count, count)."""
         faces, functions = self.placed.faces, self.functions[:, :count]
         corners = values[faces]
         size = len(corners), len(functions)
@@ -255,18 +256,19 @@ def functional_map(
     shapes = _shapes_of(first, second, known, meshes)
     if bank is None:
         bank = wave_kernel_bank(shapes[0].eigenvalues, _ENERGIES)
-    top = shapes[0].eigenvalues[-1]
+    top, step = shapes[0].eigenvalues[-1], max(bank.n_filters // _PRODUCTS, 1)
     columns = []
     for shape, pairs, points in zip(
         shapes, (first, second), _checked(landmarks, first, second), strict=True
     ):
         heights = bank(np.minimum(shape.eigenvalues, top))
         features = accumulate_features(pairs.rows[:known], heights)[shape.vertices]
-        # the kernels of some filters around each landmark
-        chosen = heights[:: max(bank.n_filters // _PRODUCTS, 1)]
+        # kernels of some filters, centred at each landmark
         around = shape.functions[np.searchsorted(shape.vertices, points)]
-        kernels = shape.functions @ (chosen[None] * around[:, None]).reshape(-1, known).T
-        columns.append(_of_length_one(features, kernels, mass=shape.mass))
+        kernels = shape.functions @ (heights[::step] * around[:, None]).reshape(-1, known).T
+        joined = np.hstack([features, kernels])
+        norms = np.sqrt(np.square(joined).T @ shape.mass)
+        columns.append(joined / np.where(norms > 0.0, norms, 1.0))
     mine, other = (
         shape.coefficients(features, count) for shape, features in zip(shapes, columns, strict=True)
     )
@@ -276,7 +278,6 @@ def functional_map(
         np.subtract.outer(shapes[0].eigenvalues[:count], shapes[1].eigenvalues[:count])
     )
     normal[np.diag_indices(count * count)] += _LAPLACIANS * (gaps / gaps.max()).ravel()
-    step = max(bank.n_filters // _PRODUCTS, 1)
     used = [features[:, ::step].T for features in columns]
     products = [
         np.stack(
@@ -288,7 +289,7 @@ def functional_map(
     normal += squares - mixed
     if meshes is not None:
         turns = [
-            np.stack([shape.turned(each, count) for each in some])
+            np.stack([shape.orientation_operator(each, count) for each in some])
             for shape, some in zip(shapes, used, strict=True)
         ]
         squares, mixed = _commutators(turns[0], turns[1])
@@ -336,8 +337,7 @@ def zoomout(
     Returns
     -------
     FunctionalMap
-        Of a first shape with more than 6,000 vertices the steps take so many random ones, and the
-        last step takes all.
+        Steps use up to 6,000 random vertices of the first shape; the last step uses all of them.
 
     Examples
     --------
@@ -356,8 +356,12 @@ def zoomout(
     here, there = first_shape.functions[some], second_shape.functions
     matrix, count = start.matrix[:last, :last], min(*start.matrix.shape, last)
     near = _nearest(here[:, : len(matrix)] @ matrix, second_shape, cancel)[0]
-    placed = first_shape.placed, second_shape.placed
-    copy = copied(*placed, some, near, start.mirrored) if meshes is not None else None
+
+    def as_copy(near: IntArray) -> tuple[FloatArray, IntArray, FloatArray] | None:
+        placed = first_shape.placed, second_shape.placed
+        return copied(*placed, some, near, start.mirrored) if meshes is not None else None
+
+    copy = as_copy(near)
     while copy is None and count < last:
         count = min(count + step, last)
         mine = here[:, :count]
@@ -367,7 +371,7 @@ def zoomout(
     if copy is None:
         found = _with_matches(matrix, *whole, cancel=cancel)
         near = np.searchsorted(second_shape.vertices, found.matches.indices[first_shape.vertices])
-        copy = copied(*placed, some, near[some], start.mirrored) if meshes is not None else None
+        copy = as_copy(near[some])
     if copy is not None:
         rigid, near, distances = copy
         matrix = scipy.linalg.lstsq(here.T @ here, here.T @ there[near[some]])[0]
@@ -382,7 +386,7 @@ def inverse_matches(
     cancel: CancelCallback | None = None,
     meshes: tuple[MeshLike, MeshLike] | None = None,
 ) -> Matches:
-    """Return for each vertex of the second the nearest one of the first, by the same map."""
+    """Find the nearest vertex of the first for each vertex of the second, with the same map."""
     shapes = _shapes_of(first, second, len(found.matrix), meshes)[::-1]
     if found.rigid is not None and meshes is not None:
         placed = shapes[1].placed, shapes[0].placed
@@ -401,9 +405,9 @@ def _shapes_of(
 
 
 def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the terms of the mean of |C there - here C|², their difference, for the rows of C.
+    """Return matrices S and X for which S - X is the quadratic form mean |C there - here C|².
 
-    The second ones, of both sides, change sign with either.
+    Its variables are the joined rows of C. X changes sign with `here` and with `there`, S does not.
     """
     one = np.eye(here.shape[1])
     squares = np.kron(one, (there @ there.transpose(0, 2, 1)).sum(axis=0))
@@ -413,29 +417,21 @@ def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, Float
     return weight * squares, weight * (both + both.T)
 
 
-def _of_length_one(*columns: FloatArray, mass: FloatArray) -> FloatArray:
-    """Join columns, each divided by its norm."""
-    joined = np.hstack(columns)
-    length = np.sqrt(np.square(joined).T @ mass)
-    return np.asarray(joined / np.where(length > 0.0, length, 1.0))
-
-
 def _checked(
     landmarks: npt.ArrayLike, first: Eigenpairs, second: Eigenpairs
 ) -> tuple[IntArray, IntArray]:
     """Return the landmarks of each shape; raise `InputError` unless all of them have mass."""
     points = np.asarray(landmarks)
-    points = points.reshape(0, 2) if points.size == 0 else points
+    if not points.size:
+        points = np.empty((0, 2), dtype=np.int64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.issubdtype(points.dtype, np.integer):
-        if points.size:
-            raise InputError("Landmarks are pairs of vertices, of the first and of the second.")
-        points = points.astype(np.int64)
+        raise InputError("Landmarks are pairs of vertices, of the first and of the second.")
     for pairs, column in zip((first, second), points.T, strict=True):
         inside = (column >= 0) & (column < len(pairs.mass))
         bad = column[~inside] if not inside.all() else column[~(pairs.mass[column] > 0.0)]
         if len(bad):
             raise InputError(
-                f"Vertex {bad[0]} is no landmark: there is none of that index, or no face uses it."
+                f"Vertex {bad[0]} cannot be a landmark: it does not exist, or no face uses it."
             )
     return points[:, 0], points[:, 1]
 

@@ -95,8 +95,8 @@ def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectru
     decomposition : Decomposition
         Of its mesh, with its mass matrix.
     values : VertexMap or array_like, shape (n,)
-        One number for each vertex. NaN and infinite values have no weight: the mean of the others
-        stands there, weighted by area, as in `filter_map` and `spectral_coefficients`.
+        One number for each vertex. NaN and infinite values are replaced by the area-weighted mean
+        of the others, as in `filter_map` and `spectral_coefficients`.
 
     Warns
     -----
@@ -143,7 +143,7 @@ def inner_products(
 ) -> FloatArray:
     """Compute products of eigenvectors `first` to `last` (exclusive) with weighted values.
 
-    These have shape (n,) or (m, n), and are 0 at vertices not `used`.
+    The values, shape (n,) or (m, n), are 0 at vertices that are not `used`.
     """
     products = np.zeros((*weighted.shape[:-1], last - first))
     for some in blocks(last, _ROWS, first):

@@ -60,7 +60,7 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     values = without_gaps(values, mass)
     used = mass > 0.0
     weighted = (mass[used] * values[used].T).T
-    # Transposed first, since rows are contiguous in memory.
+    # transposed first: rows are contiguous in memory
     rows = columns.T if used.all() else columns.T[:, used]
     return np.asarray(rows @ weighted, dtype=np.float64)
 
@@ -99,8 +99,7 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     bad = np.argwhere(~np.isfinite(weights))
     if len(bad):
         raise InputError(
-            f"Coefficient {bad[0][0]} is {weights[tuple(bad[0])]}, which would make all values so: "
-            "give finite ones."
+            f"Coefficient {bad[0][0]} is {weights[tuple(bad[0])]}: give finite coefficients."
         )
     return np.asarray(columns[:, : len(weights)] @ weights, dtype=np.float64)
 
@@ -178,7 +177,7 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
     if isinstance(given, VertexMap):
         if given.labels:
             raise InputError(
-                f"Map {given.name!r} has labels, whose numbers are names: no function."
+                f"Map {given.name!r} has labels, whose numbers are not values of a function."
             )
         given = given.values
     if hasattr(given, "tocsr") or callable(given):
@@ -242,7 +241,7 @@ def without_gaps(values: FloatArray, mass: FloatArray) -> FloatArray:
     gaps = int((~(finite if finite.ndim == 1 else finite.all(axis=1))).sum())
     warnings.warn(
         f"{gaps:,} of {int(used.sum()):,} vertices of the surface have no finite value in the map: "
-        "they have no weight, the mean of the others over the area stands for them.",
+        "they have no weight, and are replaced by the mean of the others.",
         MissingValuesWarning,
         stacklevel=3,
     )
@@ -252,8 +251,8 @@ def without_gaps(values: FloatArray, mass: FloatArray) -> FloatArray:
 def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
     if hasattr(given, "tocsr") or hasattr(given, "eigenvectors"):
         raise InputError(
-            "Eigenvectors come first, as a matrix of shape (n, k), not of type "
-            f"{type(given).__name__}: of eigenpairs they are `pairs.eigenvectors`."
+            "Eigenvectors come first, as a matrix of shape (n, k) such as `pairs.eigenvectors`, "
+            f"not of type {type(given).__name__}."
         )
     columns = np.asarray(given)
     if columns.ndim != 2 or columns.dtype.kind not in "iuf":
@@ -265,7 +264,7 @@ def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
 
 
 def _diagonal(given: Any, n: int) -> FloatArray:
-    """Diagonal of a mass matrix of n vertices."""
+    """Return the diagonal of a mass matrix of n vertices."""
     if hasattr(given, "tocoo"):
         entries = given.tocoo()
         if (entries.data[entries.row != entries.col] != 0.0).any():

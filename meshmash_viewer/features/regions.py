@@ -24,34 +24,26 @@ if TYPE_CHECKING:
 
     from meshmash_viewer.features.points import ProjectedPoints
 
-#: Columns that are quantities, and their powers of length.
-POWERS = {
-    "area": 2,
-    "volume": 3,
-    "extent": 1,
-    "neck_width": 1,
-    "lambda2": -2,
-    **dict.fromkeys("xyz", 1),
-}
-
-
-#: Labels of which a remark has the names.
+#: Columns with a unit of length, and its power.
+POWERS = {"area": 2, "volume": 3, "lambda2": -2}
+POWERS |= dict.fromkeys(("extent", "neck_width", *"xyz"), 1)
+#: Maximum number of labels named in a remark.
 _NAMED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """A table of regions, one a row; see `regions` for its columns.
+    """A table with a row for each region; see `regions` for its columns.
 
     Parameters
     ----------
     columns : dict of str to ndarray, shape (k,)
-        A list of names for ``label``, numbers for the others.
+        Names for ``label``, numbers for the others.
     rows : ndarray of int64, shape (n,)
-        The row of each vertex, -1 for those in no region.
+        Row of the region of each vertex, -1 for no region.
     mesh : Mesh
     remarks : tuple of str
-        What is not in the table, such as vertices without a region.
+        Descriptions of what the table leaves out, such as vertices without a region.
 
     Examples
     --------
@@ -72,13 +64,13 @@ class Regions:
         return len(self.columns["label"])
 
     def __getitem__(self, column: str) -> npt.NDArray[Any]:
-        """The values of a column, shape (k,)."""
+        """Return the values of a column, shape (k,)."""
         if column not in self.columns:
             raise InputError(f"There is no column {column!r}: there are {', '.join(self.columns)}.")
         return self.columns[column]
 
     def mask(self, row: int) -> npt.NDArray[np.bool_]:
-        """Return which vertices are in the region of a row, shape (n,)."""
+        """Return whether each vertex is in the region of a row, shape (n,)."""
         return np.asarray(self.rows == row)
 
     def unit_of(self, column: str) -> str:
@@ -92,12 +84,12 @@ class Regions:
         Parameters
         ----------
         found : ProjectedPoints
-            On the mesh of the regions; for the columns see `ProjectedPoints.sums`.
+            Points on the mesh of the regions; see `ProjectedPoints.sums` for the new columns.
 
         Returns
         -------
         Regions
-            With a remark on points in no region.
+            With remarks on points in no region, and far from the mesh.
 
         Examples
         --------
@@ -127,7 +119,7 @@ class Regions:
         return pandas.DataFrame(self.columns)
 
 
-#: What is measured of the values of a map in a region.
+#: Statistics of the values of a map in a region.
 _OF_MAPS = ("mean", "min", "max")
 
 
@@ -144,8 +136,8 @@ def regions(
 ) -> Regions:
     """Measure the connected parts of each label, or whole labels.
 
-    A region consists of faces whose three corners have the label and that share a vertex with one
-    another. Vertices with the label that are in no such face are in no region; `Regions.remarks`
+    A region is a connected set of faces whose three corners have the label; faces that share a
+    vertex are connected. Labelled vertices in no such face are in no region; `Regions.remarks`
     counts them. With `whole`, a region consists of all vertices with the label.
 
     `InputError` is raised if labels or maps are of another number of vertices, labels are no whole
@@ -155,34 +147,34 @@ def regions(
     ----------
     mesh : MeshLike
     labels : VertexMap or array_like, shape (n,)
-        With or without names. Without, numbers are the names; 0, False and NaN are no label.
+        Without names, the numbers are the names; 0, False and NaN are no label.
     maps : sequence of VertexMap
-        Values of which the mean over the area, the smallest and the largest are columns.
+        Maps whose area-weighted mean, minimum and maximum are columns.
     neck : bool
         Whether to measure ``neck_width``.
     lambda2 : bool
-        Whether to compute ``lambda2``, which takes longest.
+        Whether to compute ``lambda2``, the slowest column.
     whole : bool
-        Whether each label is one region, without ``neck_width`` and ``lambda2``, which are of
-        connected ones.
+        Whether each label is one region; ``neck_width`` and ``lambda2``, which need connected
+        regions, are left out.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
     Returns
     -------
     Regions
-        In the order of the labels, and of each from the largest area on. Columns are
+        In the order of the labels, and for each label by descending area. Columns are
 
         ``label``, ``part``
-            Name of the label, and number of the part of it, from 1.
+            Name of the label, and number of its part, from 1.
         ``vertices``
             Number of vertices.
         ``area``
-            A third of each face for each corner in the region: of faces between two labels, both
-            have a share. In squared unit.
+            A third of the area of each face for each of its corners in the region, so that faces
+            between two labels are shared. In squared unit.
         ``volume``
-            Of the region with each loop of its border closed by a fan of triangles around the
-            mean of its vertices; negative if the faces point inwards. NaN where faces of the region
+            Volume of the region, each loop of its border closed by a fan of triangles around the
+            mean of the loop's vertices; negative if faces point inwards. NaN if faces of the region
             disagree on which side is outside, or more than two share an edge. In cubed unit.
         ``loops``
             Number of loops that were closed for the volume; 0 for a closed surface.
@@ -190,14 +182,14 @@ def regions(
             The largest of the extents along the principal axes, in `unit`.
         ``neck_width``
             Length of the shortest cut that separates the far half of the region from the rest of
-            the surface, see `meshmash_viewer.surface.curvature`. NaN where it does not join any.
+            the surface, see `meshmash_viewer.surface.curvature`. NaN without such a rest.
         ``lambda2``
             The first eigenvalue above zero of the region with a free border, per squared unit. NaN
-            for faces without area.
+            if the faces have no area.
         ``x``, ``y``, ``z``
             Mean position over the area.
         ``mean NAME``, ``min NAME``, ``max NAME``
-            Of each map, without its NaN.
+            Statistics of each map, without its NaN.
 
     Examples
     --------
@@ -217,12 +209,11 @@ def regions(
     of_row = rows[order]
     points, areas = surface.vertices[order], surface.vertex_areas[order]
     area = np.bincount(of_row, areas, k)
-    weights = np.where((area > 0.0)[of_row], areas, 1.0)  # of faces without area: all the same
+    weights = np.where((area > 0.0)[of_row], areas, 1.0)  # equal weights in regions without area
     centroids = _means(points, weights, of_row, k)
-    part = np.arange(k) - np.searchsorted(numbers, numbers) + 1
     columns: dict[str, npt.NDArray[Any]] = {
         "label": np.array([known.labels[number].name for number in numbers]),
-        "part": part,
+        "part": np.arange(k) - np.searchsorted(numbers, numbers) + 1,
         "vertices": np.bincount(of_row, minlength=k),
         "area": area,
     }
@@ -249,7 +240,7 @@ def regions(
 
 
 def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
-    """The labels as a map with labels: numbers are names where there are none."""
+    """Convert labels to a map with labels; numbers without names are named after themselves."""
     if isinstance(given, VertexMap) and given.labels:
         return given
     name = given.name if isinstance(given, VertexMap) else "labels"
@@ -261,17 +252,17 @@ def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
     numbers = np.nan_to_num(raw) if raw.dtype.kind == "f" else raw
     if not np.array_equal(numbers, np.rint(numbers)):
         raise InputError(
-            f"{name!r} has values that are no whole numbers, so they are no labels: give those, or"
-            " round them."
+            f"{name!r} has values that are no whole numbers, so they are not labels: give labels,"
+            " or round the values."
         )
     labels = numbered_labels(numbers)
     if not labels:
-        raise InputError(f"{name!r} has no vertex with a label: each number is 0.")
+        raise InputError(f"{name!r} has no vertex with a label: all numbers are 0.")
     return VertexMap(name, numbers, labels)
 
 
 def _rows(mesh: Mesh, known: VertexMap, whole: bool) -> tuple[IntArray, IntArray]:
-    """Find the row of each vertex, shape (n,), and the place of the label of each row."""
+    """Find the row of each vertex, shape (n,), and the index of the label of each row."""
     places = np.nan_to_num(known.shown, nan=-1.0).astype(np.int64)
     if whole:
         label, rows = np.unique(places, return_inverse=True)
@@ -303,26 +294,23 @@ def _means(points: FloatArray, weights: FloatArray, of_row: IntArray, k: int) ->
 
 
 def _extents(offsets: FloatArray, weights: FloatArray, of_row: IntArray, k: int) -> FloatArray:
-    """The largest extent along the principal axes of each row; points are sorted by row."""
-    moments = np.empty((k, 3, 3))
-    for i in range(3):
-        for j in range(3):
-            moments[:, i, j] = np.bincount(of_row, weights * offsets[:, i] * offsets[:, j], k)
-    axes = np.linalg.eigh(moments)[1]
-    along = np.einsum("ni,nij->nj", offsets, axes[of_row])
+    """Compute the largest extent along the principal axes of each row; points are sorted by row."""
     starts = np.searchsorted(of_row, np.arange(k))
+    products = (weights[:, None] * offsets)[:, :, None] * offsets[:, None]
+    axes = np.linalg.eigh(np.add.reduceat(products, starts))[1]
+    along = np.einsum("ni,nij->nj", offsets, axes[of_row])
     spans = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
     return np.asarray(spans.max(axis=1))
 
 
 def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Volume of each row, closed by fans, and the number of loops that were closed."""
+    """Compute the volume of each row, closed by fans, and the number of its loops."""
     k, n = len(centers), mesh.n_vertices
     faces = mesh.faces[_whole_faces(mesh, rows)]
     of_face = rows[faces[:, 0]]
 
     def sixths(of: IntArray, *corners: FloatArray) -> FloatArray:
-        a, b, c = (each - centers[of] for each in corners)  # a far-away origin costs no digits
+        a, b, c = (each - centers[of] for each in corners)  # no cancellation far from the origin
         return np.bincount(of, np.einsum("ij,ij->i", a, np.cross(b, c)), k).astype(np.float64)
 
     volumes = sixths(of_face, *(mesh.vertices[faces[:, corner]] for corner in range(3)))
@@ -330,7 +318,7 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
     edges = edges_of(codes)
     at = np.searchsorted(edges.keys, codes >> 1)
     balance = np.bincount(at, 1 - 2 * (codes & 1), len(edges.keys))
-    # a side that no other face passes in the opposite direction
+    # sides of faces on the border
     open_ = np.flatnonzero(edges.counts[at] == 1)
     tails, tips = faces.ravel()[open_], faces[:, [1, 2, 0]].ravel()[open_]
     loops = np.zeros(k, dtype=np.int64)
@@ -338,8 +326,7 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
         on_border, loop = np.unique(connected(tails, tips, n)[tails], return_inverse=True)
         middles = _means(mesh.vertices[tails], np.ones(len(tails)), loop, len(on_border))
         of_side = rows[tails]
-        ends = mesh.vertices[tips], mesh.vertices[tails]
-        volumes += sixths(of_side, *ends, middles[loop])
+        volumes += sixths(of_side, mesh.vertices[tips], mesh.vertices[tails], middles[loop])
         of_loop = np.zeros(len(on_border), dtype=np.int64)
         of_loop[loop] = of_side
         loops += np.bincount(of_loop, minlength=k)
@@ -349,7 +336,7 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
 
 
 def _whole_faces(mesh: Mesh, numbers: IntArray) -> npt.NDArray[np.bool_]:
-    """Which faces have the same number at their corners, from 0, shape (m,)."""
+    """Return whether the corners of each face have the same number, from 0, shape (m,)."""
     corners = numbers[mesh.faces]
     same = (corners[:, 0] >= 0) & (corners == corners[:, :1]).all(axis=1)
     return np.asarray(same & mesh.distinct_corners)
@@ -362,7 +349,7 @@ def _first_eigenvalues(
     progress: ProgressCallback | None,
     cancel: CancelCallback | None,
 ) -> FloatArray:
-    """The first eigenvalue above zero of each row, with a free border."""
+    """Compute the first eigenvalue above zero of each row, with a free border."""
     from meshmash_viewer.spectral.eigensolver import solve
 
     faces = np.flatnonzero(_whole_faces(mesh, rows))

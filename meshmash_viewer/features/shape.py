@@ -16,7 +16,6 @@ from scipy.spatial import KDTree
 from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
-from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
@@ -55,10 +54,10 @@ class Matches:
         scores: FloatArray,
         quantile: float = 0.1,
     ) -> Matches:
-        """Make them of the matches and scores of some of n vertices, `rows`."""
+        """Create matches of n vertices, from indices and scores of the vertices `rows`."""
         found = cls(np.full(n, -1), np.full(n, np.nan), np.zeros(n, dtype=np.bool_), quantile)
         found.indices[rows], found.scores[rows] = indices, scores
-        # "<=", so that perfect matches, all of score 0, are confident.
+        # not "<": perfect matches, with scores of 0, are confident
         found.confident[rows] = scores <= np.quantile(scores, quantile)
         return found
 
@@ -331,7 +330,7 @@ def distinct_matches(
 def feature_distance(
     features: FeaturesLike, vertex: int, *, standardize: bool = True
 ) -> FloatArray:
-    """Compute the distance of every vertex from one of them in feature space.
+    """Compute the distance of every vertex from a given one in feature space.
 
     `InputError` is raised if there is no such vertex, or it has no features.
 
@@ -339,7 +338,7 @@ def feature_distance(
     ----------
     features : Features or array_like, shape (n, f)
     vertex : int
-        Index of the one to compare with.
+        Vertex from which distances are measured.
     standardize : bool
         Divide each column by its spread over the mesh first (`column_spread`), so that all columns
         have equal weight and the distance is dimensionless.
@@ -366,9 +365,7 @@ def feature_distance(
 
 
 def _values(features: FeaturesLike) -> FloatArray:
-    values = np.asarray(
-        features.values if isinstance(features, Features) else features, dtype=np.float64
-    )
+    values = np.asarray(features, dtype=np.float64)
     if values.ndim != 2:
         raise InputError(f"Features have one row a vertex, shape (n, f), not {values.shape}.")
     return values
@@ -381,12 +378,7 @@ def column_spread(values: FloatArray) -> FloatArray:
     whose features are thousands of times larger than the others. If two thirds of a column are one
     number it is the standard deviation; for a constant column it is 1.
     """
-    spread = np.ones(values.shape[1])
-    for at, column in enumerate(values.T):
-        rounding = 1e-12 * np.abs(column).max(initial=0.0)
-        low, high = np.percentile(column, (15.865525, 84.134475))
-        for candidate in ((high - low) / 2.0, column.std()):
-            if candidate > rounding:
-                spread[at] = candidate
-                break
-    return spread
+    rounding = 1e-12 * np.abs(values).max(axis=0, initial=0.0)
+    low, high = np.percentile(values, (15.865525, 84.134475), axis=0)
+    spread = np.where((high - low) / 2.0 > rounding, (high - low) / 2.0, values.std(axis=0))
+    return np.where(spread > rounding, spread, 1.0)

@@ -35,7 +35,7 @@ MOST_COLUMNS = 512
 
 
 def estimated_pairs(spectrum: Eigenpairs, eigenvalue: float) -> str:
-    """Return about how many pairs reach up to an eigenvalue, or that these are all."""
+    """Describe the number of pairs up to an eigenvalue: exact, estimated, or all of the mesh."""
     if spectrum.mesh is None:
         return "more pairs"
     translation = Translation(

@@ -46,10 +46,10 @@ class Eigenfunctions(Family):
 
     #: Index of the eigenfunction, from 0.
     index: int = parameter(1, Whole())
-    #: Indices of those drawn with flipped sign.
+    #: Indices of the functions drawn with flipped sign.
     flipped: frozenset[int] = parameter(frozenset(), Listing(Whole(), 1_000_000, into=frozenset))
-    #: An index, one of the same multiplet, and the angle in degrees by which the function of the
-    #: former is rotated towards that of the latter; empty for none.
+    #: Rotation within a multiplet, empty for none: an index, another index of the multiplet, and
+    #: the angle in degrees by which the first function is rotated towards the second.
     rotation: tuple[int, ...] = parameter((), Listing(Whole(), 3, into=tuple))
 
     @property
@@ -112,7 +112,7 @@ class Eigenfunctions(Family):
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
         written = format_eigenvalue(spectrum.eigenvalues[self.index], spectrum, unit, 4)
         quantity = f"λ{subscript(self.index)} = {written}"
-        if not spectrum.is_exact(self.index):  # shown on the render, and so in every picture
+        if not spectrum.is_exact(self.index):
             quantity = (
                 f"λ{subscript(self.index)} ≈ {written} · preview, within about"
                 f" {format_share(spectrum.error, 2)}"
@@ -177,5 +177,5 @@ class Eigenfunctions(Family):
             values = f"np.cos({angle}) * {columns[0]} + np.sin({angle}) * {columns[1]}"
         lines = [f"values = {values}"]
         if None in signs:
-            lines.insert(0, "# one of a multiplet: on screen it is rotated within that")
+            lines.insert(0, "# one of a multiplet, within which the screen shows it rotated")
         return lines

@@ -95,7 +95,7 @@ class Reading:
     title: str
     #: Values of `Family.facts`.
     facts: tuple[str, ...] = ()
-    #: What the computed pairs do not suffice for.
+    #: Sentence on values for which the computed pairs do not suffice.
     warning: str = ""
     #: The part of the spectrum that suffices.
     sufficient: Target | None = None
@@ -171,7 +171,7 @@ class Family(Parameters):
     page: ClassVar[str] = ""
     #: Drawing like those of `meshmash_viewer.app.theme.ICONS`.
     icon: ClassVar[str] = '<path d="M6 2v4M10 2v4M4 6h8v3a4 4 0 0 1-8 0zM8 13v3"/>'
-    #: What a position is called: "Band", "Bands".
+    #: Noun for a position, singular and plural: "Band", "Bands".
     nouns: ClassVar[tuple[str, str]] = ("Column", "Columns")
     #: Object names of the facts about a position, and their texts.
     facts: ClassVar[dict[str, str]] = {}
@@ -191,7 +191,7 @@ class Family(Parameters):
     required: ClassVar[str] = ""
     #: Label of the left axis of the response plot.
     response_label: ClassVar[str] = "Response"
-    #: What the response plot shows.
+    #: Noun for the contents of the response plot.
     response_noun: ClassVar[str] = "Filters"
     #: Powers of ten from 0 to 1 on that axis; 0 for a linear axis.
     response_decades: ClassVar[int] = 0
@@ -199,7 +199,7 @@ class Family(Parameters):
     contoured: ClassVar[bool] = False
     #: Whether a few vertices may have values far beyond all others.
     tailed: ClassVar[bool] = False
-    #: Whether the bright end of a colour map is that of low values.
+    #: Whether low values are at the bright end of the colour map.
     bright_low: ClassVar[bool] = False
     #: Milliseconds a step when played; 0 if it cannot be played.
     interval: ClassVar[int] = 0
@@ -327,7 +327,7 @@ class Family(Parameters):
 
     @property
     def definition(self) -> str:
-        """What the values are, as a short formula; "" for none."""
+        """Short formula of the values; "" for none."""
         return ""
 
     # -- values of resolved families ----------------------------------------------------------
@@ -349,9 +349,7 @@ class Family(Parameters):
 
     @property
     def limits_key(self) -> str:
-        """What limits and scale are chosen for, once the family is resolved: its name alone, or
-        with what its values are of.
-        """
+        """Key of the chosen limits and scale: the name, for maps with the name of the map."""
         return self.name
 
     @property

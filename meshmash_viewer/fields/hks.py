@@ -59,7 +59,7 @@ class HeatKernelSignature(BankFamily):
 
     #: In squared length units; None is the middle of the range in log scale.
     time: float | None = parameter(None, Number(ABOVE_ZERO), power=2)
-    #: Whether the range is chosen from the spectrum (Sun et al. 2009), or given by the next two.
+    #: Whether the range is chosen from the spectrum (Sun et al. 2009), not by `t_min` and `t_max`.
     automatic: bool = parameter(
         True,
         Flag(),

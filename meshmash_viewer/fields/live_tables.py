@@ -1,4 +1,4 @@
-"""Tables from which the next field is computed fast while a control moves, kept once made.
+"""Tables for fast computation of fields while a control moves.
 
 `PairTable` approximates the field of any filter from a few stored columns and a few pairs. A smooth
 filter is approximated by the few functions that span all heat kernels, any other one by a piecewise
@@ -12,7 +12,7 @@ inaccurate where ``exp(-λ t)`` decreases steeply; instead the six nodes around 
 with the weights of a least-squares fit of ``exp(-λ_k t)`` over the spectrum, with an error of at
 most 1e-4 of its sum.
 
-Of the maps of a mesh spectra, means and sums are kept.
+Spectra, means and sums of the maps of a mesh are cached.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ MOST_COLUMNS = _SMOOTH + _BENDS
 _MOST_PAIRS, _MOST_ALONE = 2, 10
 #: Number of vertices up to which one thread is faster than two.
 _FEW = 1 << 18
-#: Shares of the sum of a filter: above which a pair, or the whole remainder, is visible; that the
-#: remainder may have; and below which a column is not read.
+#: Shares of the sum of a filter: minimum of a visible pair or remainder, maximum of an accepted
+#: remainder, and minimum of a column that is read.
 _SEEN, _LEFT, _NOTHING = 5e-4, 2e-3, 5e-5
 
 

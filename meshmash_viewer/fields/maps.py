@@ -77,7 +77,7 @@ _FORMULAS = {
     "filter": "Σ h(λ) φ φᵀ M f",
     "band": "octave of λ with the largest |Σ φ φᵀ M f|",
 }
-#: Smallest share of what a filtered map lacks that is written.
+#: Smallest missing share of a filtered map that is displayed.
 _SAID = 1e-3
 #: Views that depend on the number of pairs.
 SUMS = ("pairs", "residual")
@@ -129,8 +129,8 @@ class OwnMaps(Family):
     )
     #: Number of the lowest pairs.
     pairs: int = parameter(30, Whole(1, MOST_INDEX))
-    #: Automatic limits of kept maps by their names, those of what they were kept from: both ends,
-    #: and 1 for those that are logarithmic, and signed.
+    #: Automatic limits of kept maps by name, copied from the field that each was kept from: both
+    #: ends, and 1 for logarithmic limits and for signed values.
     colors: tuple[tuple[str, tuple[float, ...]], ...] = parameter(
         (), Named(Listing(Number(), 4, 4, tuple), MOST_INDEX)
     )
@@ -138,7 +138,7 @@ class OwnMaps(Family):
     shown: VertexMap | None = None
     #: The filter, once resolved.
     filter: Filters | None = None
-    #: Whether the mean of the map is not in the values, once resolved.
+    #: Whether the mean of the map is not part of the values, once resolved.
     centred: bool = False
 
     # -- choices ------------------------------------------------------------------------------
@@ -165,7 +165,7 @@ class OwnMaps(Family):
 
     @property
     def _kept(self) -> tuple[float, ...]:
-        """Its entry in `colors`, if there is one."""
+        """Entry of the map in `colors`; empty without one."""
         return () if self.shown is None else dict(self.colors).get(self.chosen, ())
 
     @property
@@ -186,7 +186,7 @@ class OwnMaps(Family):
         return self.chosen in CURVATURES if self.shown is None else self.shown.signed
 
     def limits_of(self, spectrum: Eigenpairs) -> tuple[ColumnArray, bool] | None:
-        """Return the values of the map, so that all its views but the bands share limits."""
+        """Return the values of the map: all its views except the bands have its limits."""
         shown = self.vertex_map(spectrum) if self.view in (*SUMS, "filter") else None
         return None if shown is None else (shown.shown, self._map_signed)
 
@@ -195,12 +195,12 @@ class OwnMaps(Family):
         names = [*maps, *CURVATURES]
         name = self.chosen if self.chosen in names else names[0]
         shown = maps.get(name)
-        # labels have no spectrum, nor has a map without pairs
+        # a spectrum needs values, not labels, and pairs
         view = self.view if len(spectrum) and not (shown and shown.labels) else "map"
         pairs = self.within(spectrum).pairs if view in SUMS else 1
         passed = chosen.get(Filters.name) if view == "filter" else None
         through = passed.resolved(spectrum, chosen) if isinstance(passed, Filters) else None
-        # a filter that leaves less than half of the constant leaves the differences
+        # a filter that removes more than half of the constant centres the values
         centred = view == "residual" or (
             through is not None and bool(abs(through.weights(spectrum)[0]) < 0.5)
         )
@@ -353,15 +353,15 @@ class OwnMaps(Family):
         return found[1]
 
     def missing(self, spectrum: Eigenpairs) -> tuple[float, float]:
-        """Return bounds of what a filtered map f lacks beyond its K pairs.
+        """Return bounds of the part of a filtered map f beyond its K pairs.
 
         Returns
         -------
         passed : float
             The supremum of the filter |h| beyond the last eigenvalue.
         share : float
-            Of what varies, squared: with f_K the sum over the pairs,
-            ``‖h(L) (f - f_K)‖ <= passed ‖f - f_K‖``. NaN before the map was shown once.
+            Squared norm relative to that of the map without its mean: with f_K the sum over the
+            pairs, ``‖h(L) (f - f_K)‖ <= passed ‖f - f_K‖``. NaN before the map was shown once.
         """
         known = self.map_spectrum(spectrum)
         if known is None or self.filter is None:

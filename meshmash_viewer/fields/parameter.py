@@ -151,7 +151,7 @@ class Text(Kind):
 
 @dataclass(frozen=True)
 class Choice(Kind):
-    """One of some texts, keys of their labels; `named` describes them if they are too many."""
+    """A key of `labels`; `named` describes the keys in messages if they are too many to list."""
 
     labels: Mapping[str, Any]
     named: str = ""
@@ -246,7 +246,7 @@ class Parameter:
 
     #: Type and range.
     kind: Kind
-    #: Whether it may be None, which is chosen from the spectrum.
+    #: Whether it may be None, for a value chosen from the spectrum.
     optional: bool = False
     #: Unit as a power of length.
     power: int = 0
@@ -259,9 +259,9 @@ class Parameter:
     option: str = ""
     #: Description of the option.
     help: str = ""
-    #: Placeholder of its value there.
+    #: Placeholder of the value of the option.
     metavar: str | None = None
-    #: Values allowed there, if not all.
+    #: Values that the option allows; empty for all.
     offered: tuple[str, ...] = ()
     #: Text and description of its control; empty without one.
     text: str = ""
@@ -286,7 +286,7 @@ class Parameter:
 
     @property
     def parse(self) -> Callable[[str], Any]:
-        """Function that converts the text of the option; a length waits for the unit of a mesh."""
+        """Function that parses the text of the option; units of quantities are converted later."""
         if self.power:
             return partial(parse_quantity, power=self.power)
         kind = self.kind.kind if isinstance(self.kind, Listing) else self.kind

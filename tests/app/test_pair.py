@@ -896,7 +896,7 @@ def test_a_closed_second_mesh_is_let_go(
     ("name", "said"),
     [
         pytest.param("broken.ply", "broken.ply", marks=pytest.mark.slow),
-        ("small.npz", "above zero to be compared"),
+        ("small.npz", "too few for a comparison"),
     ],
 )
 def test_what_cannot_be_compared_costs_a_sentence(
