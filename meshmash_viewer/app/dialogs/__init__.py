@@ -1,1 +1,1 @@
-"""The dialogs of the window."""
+"""Dialogs of the window."""

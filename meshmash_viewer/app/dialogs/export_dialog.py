@@ -1,7 +1,8 @@
-"""Dialogs that write features or eigenpairs of the whole mesh, or a feature piece by piece."""
+"""Dialogs that export features, eigenpairs or maps, or compute a feature in pieces."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -51,7 +52,7 @@ class Format:
         return f"{self.name} (*{self.ending})"
 
 
-#: The formats of features, most complete first.
+#: Formats of features, in the order of the table.
 FORMATS = (
     Format("NumPy archive", ".npz", "features, names, λ, mesh, provenance", 8, 72),
     Format("NumPy array", ".npy", "the bare numbers; details in a .json file", 8, 0),
@@ -69,17 +70,23 @@ FORMATS = (
 )
 
 
-#: Kind of an export of maps alone.
+#: Kind of an export without features or eigenpairs.
 _MAPS = "maps"
-#: Remark on the rows of a mesh from which vertices were removed.
+#: Note on the rows of a mesh from which vertices were removed.
 _ROWS = " Rows have the index of their vertex in the file."
 
 
-class ExportDialog(SaveDialog):
-    """Asks for the parameters of an `ExportJob`; `job` returns it.
+def configured(document: Document, kind: type[Family]) -> Family:
+    """Return a family with its parameters in the window, measured from the pins."""
+    chosen = document.display.fields.get(kind.name) or kind()
+    return chosen.measured_from([pin.vertex for pin in document.pins.placed])
 
-    The document has a mesh. A file in `folder` is suggested, in the format with an `ending` if that
-    can hold what is exported; `shown` is the field on the render, which is one of the maps.
+
+class ExportDialog(SaveDialog):
+    """Asks for the parameters of an `ExportJob`, which `job` returns.
+
+    The document has a mesh. A file in `folder` is suggested, in the format with this `ending` if it
+    can hold the columns. `shown` is the displayed field, which can be exported as a map.
     """
 
     def __init__(
@@ -90,56 +97,48 @@ class ExportDialog(SaveDialog):
         ending: str = "",
         shown: VertexMap | None = None,
     ) -> None:
-        known = document.known
-        assert document.mesh is not None
-        assert known is not None
-        self._document = document
-        self._mesh, self._spectrum = document.mesh, known.exact
-        named = {each.name: each for each in self._mesh.maps}
-        # an own map as it is in the file, rather than as it is drawn
+        mesh, known = document.mesh, document.known
+        assert mesh is not None and known is not None  # noqa: PT018  the command needs them
+        self._document, self._mesh, self._spectrum = document, mesh, known.exact
+        named = {each.name: each for each in mesh.maps}
+        # an own map has the values of its file, not those that are drawn
         self._shown = named.get(shown.name, shown) if shown is not None else None
-        self._possible = True
-        self._missing = ""
+        self._possible, self._missing = True, ""
         suggested = suggested_path(document, "hks.npz", folder)
         file_row = FileRow(suggested, FORMATS[0].pattern, FORMATS[0].ending)
         super().__init__("export", "Export", file_row, parent, ("Export", "export_button"))
         labels = {
             kind: family.export_label or family.label
             for kind, family in EXPORTS.items()
-            if len(self._spectrum) or not self._set(family).of_pairs
+            if len(self._spectrum) or not configured(document, family).of_pairs
         }
         labels[_MAPS] = "Maps: what is shown, and own maps"
         self.kind_combo = make.combo("export_kind_combo", "What to export", entries=labels)
         most = len(self._spectrum)
         self.pairs_spin = make.spin(
-            "export_pairs_spin",
-            "Number of eigenpairs to use",
-            minimum=1,
-            maximum=max(most, 1),
-            value=most,
-            suffix=f" of {most:,} eigenpairs",
+            "export_pairs_spin", "Number of eigenpairs to use", self._refresh, minimum=1,
+            maximum=max(most, 1), value=most, suffix=f" of {most:,} eigenpairs",
             keyboardTracking=True,
-        )
+        )  # fmt: skip
         self.count_spin = make.spin(
-            "export_count_spin",
-            "Number of columns",
-            minimum=1,
-            maximum=MOST_COUNT,
-            keyboardTracking=True,
+            "export_count_spin", "Number of columns", self._refresh, minimum=1,
+            maximum=MOST_COUNT, keyboardTracking=True,
+        )  # fmt: skip
+        self.maps_check = make.check(
+            "", "export_maps_check", "Own maps as more columns", self._refresh
         )
-        self.maps_check = make.check("", "export_maps_check", "Own maps as more columns")
-        self._part = document.part_mesh
-        self._whole = self._document.file_mesh
-        if self._whole is not None and self._whole.n_vertices == self._mesh.n_vertices:
+        self._part, self._whole = document.part_mesh, document.file_mesh
+        if self._whole is not None and self._whole.n_vertices == mesh.n_vertices:
             self._whole = None
         repairs = listed_repairs(document.repairs)
         self.repairs_label = self._label("export_repairs_label", "Repairs made on the mesh", 2)
-        self.repairs_label.setText(f"{repairs}.{_ROWS if self._mesh.numbering else ''}")
+        self.repairs_label.setText(f"{repairs}.{_ROWS if mesh.numbering else ''}")
         self.whole_check = make.check(
-            f"At all {counted(self._mesh.n_file_vertices, 'vertex')} of the file,"
+            f"At all {counted(mesh.n_file_vertices, 'vertex')} of the file,"
             " NaN where nothing was computed",
             "export_whole_check",
             "Write results at all vertices of the mesh file",
+            self._refresh,
         )
         repaired = holder(column(self.repairs_label, self.whole_check, spacing=4))
         self._columns_row = holder(row(self.count_spin, (self.maps_check,), spacing=12))
@@ -158,11 +157,7 @@ class ExportDialog(SaveDialog):
         )
         self._form.setRowVisible(repaired, bool(document.repairs))
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
-        self.pairs_spin.valueChanged.connect(self._refresh)
-        self.count_spin.valueChanged.connect(self._refresh)
-        self.maps_check.toggled.connect(self._refresh)
         self.whole_check.setVisible(self._whole is not None)
-        self.whole_check.toggled.connect(self._refresh)
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
         family = document.display.family
@@ -206,21 +201,17 @@ class ExportDialog(SaveDialog):
         )
 
     def _chosen_maps(self) -> tuple[VertexMap, ...]:
-        """The maps to export, where there are no features."""
+        """Return the maps to export without features."""
         others = (each for each in self._mesh.maps if each is not self._shown)
         shown = () if self._shown is None else (self._shown,)
         return named_apart((*shown, *(others if self.maps_check.isChecked() else ())))
 
     def _chosen(self) -> Family:
-        """The family to export, with the parameters shown in the window."""
-        return self._set(EXPORTS[self.kind])
-
-    def _set(self, family: type[Family]) -> Family:
-        chosen = self._document.display.fields.get(family.name) or family()
-        return chosen.measured_from([pin.vertex for pin in self._document.pins.placed])
+        """Return the family to export, with its parameters in the window."""
+        return configured(self._document, EXPORTS[self.kind])
 
     def _family(self, used: Eigenpairs) -> Family:
-        """The family with its ranges resolved for the eigenpairs that are used."""
+        """Return the family with its ranges resolved for the eigenpairs that are used."""
         chosen = self._chosen()
         if chosen.counted:
             chosen = replace(chosen, **{chosen.counted: self.count_spin.value()})
@@ -267,10 +258,9 @@ class ExportDialog(SaveDialog):
         table.selectRow(0)
 
     def _holds(self, chosen: Format) -> bool:
-        """Whether a format can hold what is exported; only two formats hold eigenpairs."""
-        if self._maps_alone:
-            return True
-        return self._chosen().makes_features() or chosen.ending in EIGENPAIR_WRITERS
+        """Return whether a format can hold the columns; only two formats hold eigenpairs."""
+        features = self._maps_alone or self._chosen().makes_features()
+        return features or chosen.ending in EIGENPAIR_WRITERS
 
     def _change_kind(self) -> None:
         chosen = None if self._maps_alone else self._chosen()
@@ -282,7 +272,7 @@ class ExportDialog(SaveDialog):
         names = ", ".join(each.name for each in others)
         self.maps_check.setText(f"and {counted(len(others), 'own map')}: {names}")
         self.maps_check.setVisible(bool(others))
-        # what one looks at comes alone, unless there is nothing else
+        # the displayed map is exported alone, if there is one
         self.maps_check.setChecked(bool(others) and (chosen is not None or self._shown is None))
         has_columns = bool(counted_by) or (features and bool(others))
         self._form.setRowVisible(self._columns_row, has_columns)
@@ -340,7 +330,7 @@ class ExportDialog(SaveDialog):
         self._refresh_remark()
 
     def _columns(self) -> tuple[list[str], str]:
-        """Names of the columns in the file, and a sentence about them."""
+        """Return the names of the columns in the file, and a sentence about them."""
         self._missing = ""
         if self._maps_alone:
             maps = [each.name for each in self._chosen_maps()]
@@ -364,21 +354,20 @@ class ExportDialog(SaveDialog):
         return names, f"{about} Values in {values}.".lstrip() if values else about
 
     def _refresh_remark(self) -> None:
-        parts = [self._missing]
-        of_pairs = not self._maps_alone and self._chosen().of_pairs
-        if of_pairs and not self._spectrum.complete:
-            parts.append("The decomposition is not complete: the file will say so.")
-        parts.append(self.file_row.remark)
+        partial = ""
+        if not (self._maps_alone or self._spectrum.complete) and self._chosen().of_pairs:
+            partial = "The decomposition is not complete: the file will say so."
+        parts = self._missing, partial, self.file_row.remark
         self.remark_label.setText(" ".join(filter(None, parts)))
         self.accept_button.setEnabled(self._possible and self.file_row.named)
 
 
 class PiecesDialog(SaveDialog):
-    """Asks for a feature, the number of pieces, and the file.
+    """Asks for a feature, the number of pieces and a file.
 
     The feature has the parameters of its tab; those that depend on the spectrum of the whole mesh
-    are taken from Weyl's law. The spectrum of each piece is computed up to the target of the Mesh
-    panel.
+    are estimated by Weyl's law. The spectrum of each piece is computed up to the target of the
+    Mesh panel.
     """
 
     def __init__(self, document: Document, folder: Path, parent: QWidget | None = None) -> None:
@@ -387,11 +376,9 @@ class PiecesDialog(SaveDialog):
         self._document, self._mesh = document, mesh
         self._families: dict[str, Family] = {}
         for name in FEATURES:
-            try:
-                found = in_pieces(self._as_shown(name), mesh, document.solve.target)
-            except InputError:
-                continue  # needs the spectrum of the whole mesh
-            self._families[name] = found
+            with suppress(InputError):  # raised if it needs the spectrum of the whole mesh
+                shown = self._as_shown(name)
+                self._families[name] = in_pieces(shown, mesh, document.solve.target)
         patterns = " ".join(f"*{ending}" for ending in WRITERS)
         path = suggested_path(document, "pieces.npz", folder)
         row = FileRow(path, f"Tables ({patterns})", ".npz")
@@ -400,27 +387,21 @@ class PiecesDialog(SaveDialog):
         theme.named(self, "pieces_dialog")
         labels = {name: family.label for name, family in self._families.items()}
         self.family_combo = make.combo("pieces_family_combo", "Feature", entries=labels)
-        shown = self.family_combo.findData(document.display.kind)
-        self.family_combo.setCurrentIndex(max(shown, 0))
+        row_of_kind = self.family_combo.findData(document.display.kind)
+        self.family_combo.setCurrentIndex(max(row_of_kind, 0))
         n = mesh.n_vertices - len(mesh.unreferenced)
-        most = max(n // LEAST, 1)
         self.count_spin = make.spin(
-            "pieces_count_spin",
-            "Number of pieces",
-            minimum=1,
-            maximum=most,
-            value=usual_pieces(n),
-            keyboardTracking=True,
-        )
+            "pieces_count_spin", "Number of pieces", self._show_size, minimum=1,
+            maximum=max(n // LEAST, 1), value=usual_pieces(n), keyboardTracking=True,
+        )  # fmt: skip
         self.size_label = make.label("pieces_size_label", wordWrap=True, role="muted")
         self._arrange(
             ("Feature", self.family_combo), ("Pieces", self.count_spin), ("", self.size_label)
         )
-        self.count_spin.valueChanged.connect(self._show_size)
         self._show_size()
 
     def _as_shown(self, name: str) -> Family:
-        """The parameters of a family, with the position that is shown for the known pairs."""
+        """Return a family with its parameters, and the position that its tab shows."""
         fields, spectrum = self._document.display.fields, self._document.scaled_spectrum
         chosen = fields[name]
         if spectrum is None:
@@ -429,8 +410,8 @@ class PiecesDialog(SaveDialog):
         return replace(chosen, **{each: getattr(known, each) for each in chosen.position})
 
     def _show_size(self) -> None:
-        document, count = self._document, self.count_spin.value()
-        size = round(self._mesh.n_vertices / count)
+        document = self._document
+        size = round(self._mesh.n_vertices / self.count_spin.value())
         top, _ = document.solve.translation().eigenvalue(document.solve.target)
         self.size_label.setText(
             f"About {counted(size, 'vertex')} each, plus the overlap, up to"

@@ -1,9 +1,9 @@
-"""Dialogs that ask for a file: base classes of those that save one, and functions."""
+"""Base classes of dialogs that save a file, and functions that ask for files."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QMimeDatabase, Qt, Signal
@@ -33,11 +33,10 @@ from meshmash_viewer.model.notices import failure_of
 
 
 class SaveDialog(QDialog):
-    """Asks for a file among other things; it stays open while the file cannot be written.
+    """Base class of dialogs that ask for a file; they stay open if it cannot be written.
 
-    Subclasses lay out their widgets by `_arrange`. `kind` is what is written, as
-    in `check_output`, and the prefix of the names of the widgets; `accept` is text and name of the
-    button that writes.
+    Subclasses call `_arrange` with their widgets. `kind` is the kind of output for `check_output`
+    and begins the names of the widgets; `accept` is text and name of the button that saves.
     """
 
     def __init__(
@@ -69,21 +68,17 @@ class SaveDialog(QDialog):
         left: QLayout | None = None,
         width: int = 560,
     ) -> None:
-        """Lay out labelled rows, the file, and the buttons, next to something else.
+        """Lay out rows with labels, the file, and the buttons, to the right of `left`.
 
-        Between file and buttons is the remark, or what is `below`, with the remark.
+        Between the file and the buttons are the widgets `below`, by default the remark.
         """
         about = (("", each) for each in below or (self.remark_label,))
         self._form = form(*rows, ("File", self.file_row), *about)
         parts: Part = self._form
         if left is not None:
             parts = (row((left,), column(self._form, None), spacing=20),)
-        self.accept_button.setDefault(True)
         self.accept_button.pressed.connect(self._note_refusal)
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
-        buttons.addButton(self.accept_button, QDialogButtonBox.ButtonRole.AcceptRole)
-        buttons.accepted.connect(self._accept)
-        buttons.rejected.connect(self.reject)
+        buttons = button_box(self, self.accept_button, self._accept)
         self.setLayout(column(parts, buttons, spacing=theme.MARGIN, margins=(20, 16, 20, 16)))
         self.setMinimumWidth(width)
         self.file_row.changed.connect(self._refresh_remark)
@@ -92,13 +87,13 @@ class SaveDialog(QDialog):
         self._refresh_remark()
 
     def say_refusal(self, sentence: str) -> None:
-        """Show why a field refuses what was typed; see `number_field.show_refusal`."""
+        """Show why the text of a field is invalid; see `number_field.show_refusal`."""
         self._refresh_remark()
         if sentence:
             self.remark_label.setText(sentence)
 
     def _note_refusal(self) -> None:
-        """Note whether pressing the button committed a value that a field has refused."""
+        """Note whether pressing the button made a field refuse its text."""
         self._refused = any(each.just_refused for each in typed_fields(self))
 
     def _refresh_remark(self) -> None:
@@ -106,10 +101,9 @@ class SaveDialog(QDialog):
         self.remark_label.setText(self.file_row.remark)
 
     def _accept(self) -> None:
-        if self._refused:  # the field shows another value now, which the user has not seen yet
+        if self._refused:  # the field has restored a value that the user has not seen yet
             return
-        fault = self.file_row.fault(self._output)
-        if fault:
+        if fault := self.file_row.fault(self._output):
             self.remark_label.setText(fault)
         else:
             self._save()
@@ -119,10 +113,10 @@ class SaveDialog(QDialog):
 
 
 class FormatDialog(SaveDialog):
-    """Asks for a format as well; typing a file name with another ending chooses that format.
+    """Asks for a format, too; typing a file name with another ending chooses its format.
 
-    `formats` are names by ending; the suggested `path` has none. `missing` says of endings why such
-    files cannot be written, empty if they can; `needs` is the missing library.
+    `formats` are names by ending; the suggested `path` has no ending. `missing` has reasons by
+    ending why a format cannot be written, "" if it can; `needs` is the missing library.
     """
 
     def __init__(
@@ -153,7 +147,7 @@ class FormatDialog(SaveDialog):
         self.file_row.edit.textChanged.connect(self._follow_name)
 
     def lay_out(self) -> None:
-        """Lay out the format and the file alone, for a dialog without other choices."""
+        """Lay out format and file, for a dialog without other choices."""
         self._arrange(("Format", self.format_combo))
 
     @property
@@ -180,7 +174,7 @@ class FormatDialog(SaveDialog):
 
 
 def ask_for_maps(parent: QWidget, folder: Path, what: str = "maps") -> list[Path]:
-    """Ask for files with values per vertex; an empty list if the dialog is cancelled."""
+    """Ask for files with values per vertex; return an empty list if cancelled."""
     patterns = " ".join(
         [*(f"*{ending}" for ending in MAP_ENDINGS), "*.npz", "*.gii", "lh.*", "rh.*"]
     )
@@ -197,7 +191,7 @@ def ask_for_maps(parent: QWidget, folder: Path, what: str = "maps") -> list[Path
 def ask_to_save(
     parent: QWidget, document: Document, what: str, name: str, kind: str, endings: Iterable[str]
 ) -> Path | None:
-    """Ask for a file next to the open mesh, named after it; None if the dialog is cancelled."""
+    """Ask for a file, by default next to the open mesh; return None if cancelled."""
     pattern = f"{kind} ({' '.join(f'*{ending}' for ending in endings)})"
     suggested = str(suggested_path(document, name))
     path, _ = QFileDialog.getSaveFileName(parent, f"Export {what}", suggested, pattern)
@@ -205,13 +199,26 @@ def ask_to_save(
 
 
 def suggested_path(document: Document, name: str, folder: Path | None = None) -> Path:
-    """Return a file that is named after the open mesh, next to it if no folder is given."""
+    """Return a path with the name of the open mesh, by default in the folder of the mesh."""
     mesh = document.mesh.name if document.mesh is not None else ""
     return (folder or folder_of(document.path)) / f"{mesh or 'mesh'}_{name}"
 
 
+def button_box(dialog: QDialog, accept: QPushButton, act: Callable[[], None]) -> QDialogButtonBox:
+    """Make a row of buttons: one that Return presses, which calls `act`, and Cancel."""
+    accept.setDefault(True)
+    box = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
+    box.addButton(accept, QDialogButtonBox.ButtonRole.AcceptRole)
+    box.accepted.connect(act)
+    box.rejected.connect(dialog.reject)
+    return box
+
+
 class FileRow(QWidget):
-    """Where a file with an `ending` is written; `pattern` is one of Qt: "PNG picture (*.png)"."""
+    """A field for the path of a file to write, and a button that opens Qt's file dialog.
+
+    The `ending` is appended if none is typed; `pattern` is Qt's filter: "PNG picture (*.png)".
+    """
 
     changed = Signal()
 
@@ -229,15 +236,15 @@ class FileRow(QWidget):
 
     @property
     def named(self) -> bool:
-        """Whether there is a name to write to: a folder alone, or nothing, is none."""
+        """Whether a file is named, not only a folder."""
         text = self.edit.text().strip()
         return bool(Path(text).name) and not text.endswith(("/", os.sep))
 
     @property
     def path(self) -> Path:
-        # unlike Path.expanduser it takes "~r" on the way to "~root" as it is
+        # Path.expanduser raises an error for the unknown user "~r", typed before "~root"
         path = Path(os.path.expanduser(self.edit.text().strip()))
-        # "bun.jpg" means what it says, though it cannot be had; "t=0.5" has no ending yet
+        # the ending of "bun.jpg" is kept, although it is no format; "t=0.5" has no ending
         ended = path.name.lower().endswith(self._ending)
         if self.named and not ended and not QMimeDatabase().suffixForFileName(path.name):
             path = path.parent / (path.name + self._ending)
@@ -245,12 +252,12 @@ class FileRow(QWidget):
 
     @property
     def remark(self) -> str:
-        """What writing there would replace; empty if nothing."""
-        there = os.path.isfile(self.path)  # unlike Path.is_file of a name that is too long, too
-        return f"{self.path.name} exists and will be replaced." if there else ""
+        """A sentence if the file exists, otherwise ""."""
+        exists = os.path.isfile(self.path)  # Path.is_file raises an error if the name is too long
+        return f"{self.path.name} exists and will be replaced." if exists else ""
 
     def fault(self, kind: str) -> str:
-        """Why nothing of a kind (`check_output`) can be written there; empty if it can."""
+        """Return why output of a kind (see `check_output`) cannot be written there, or ""."""
         try:
             check_output(self.path, kind)
         except (InputError, OSError) as fault:
@@ -265,9 +272,9 @@ class FileRow(QWidget):
             self.edit.setText(str(path.parent / (stem + ending)))
 
     def _browse(self) -> None:
-        here, quietly = str(self.path), QFileDialog.Option.DontConfirmOverwrite
+        options = QFileDialog.Option.DontConfirmOverwrite
         chosen, _ = QFileDialog.getSaveFileName(
-            self, "Save as", here, self._pattern, options=quietly
+            self, "Save as", str(self.path), self._pattern, options=options
         )
         if chosen:
             self.edit.setText(chosen)

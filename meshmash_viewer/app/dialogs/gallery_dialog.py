@@ -1,4 +1,4 @@
-"""Gallery of the columns of the displayed family, to browse, display and save."""
+"""Dialog with pictures of the columns of the displayed family."""
 
 from __future__ import annotations
 
@@ -38,11 +38,9 @@ _DELAY = 250
 
 
 class GalleryDialog(SeriesDialog):
-    """Thumbnails of the columns of the displayed family, with the camera of the render.
+    """Shows the columns of the displayed family as thumbnails; a click displays one."""
 
-    `save_requested` is emitted when the gallery is to be saved as a picture, see `save`.
-    """
-
+    #: The user wants to save the gallery; the receiver asks for a file and calls `save`.
     save_requested = Signal()
 
     def __init__(self, document: Document, scene: MeshView, parent: QWidget | None = None) -> None:
@@ -98,13 +96,13 @@ class GalleryDialog(SeriesDialog):
         FieldWheel(self).watch(self)
 
     def say_refusal(self, sentence: str) -> None:
-        """Show why a field refuses what was typed; see `number_field.show_refusal`."""
+        """Show why the text of a field is invalid; see `number_field.show_refusal`."""
         self.remark_label.setText(sentence)
 
     # -- thumbnails ---------------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        """Follow the model: another family or spectrum has other thumbnails."""
+        """Draw new thumbnails if the family, the spectrum or their look has changed."""
         document, display = self._document, self._document.display
         if document.mesh is not self._mesh or not document.spectrum:
             self.close()
@@ -171,13 +169,13 @@ class GalleryDialog(SeriesDialog):
     # -- choosing one -------------------------------------------------------------------------
 
     def _go(self, item: QListWidgetItem) -> None:
-        """Display a column; the other parameters of the family stay as they are."""
+        """Display the column of a thumbnail."""
         chosen, display = self._families[self.list.row(item)], self._document.display
         places = {name: getattr(chosen, name) for name in _place_of(chosen)}
         display.show(replace(display.fields[chosen.name], **places))
 
     def _mark(self) -> None:
-        """Mark the thumbnail of the displayed column, if there is one."""
+        """Select the thumbnail of the displayed column, if there is one."""
         family = shown_family(self._document.display)
         here = [getattr(family, name) for name in _place_of(family)]
         for at, each in enumerate(self._families):
@@ -189,10 +187,10 @@ class GalleryDialog(SeriesDialog):
     # -- saving -------------------------------------------------------------------------------
 
     def save(self, path: Path, options: FigureOptions) -> None:
-        """Draw the columns in a sheet, and write it; `saved` follows.
+        """Draw the columns in a sheet and write it; `saved` is emitted afterwards.
 
-        Of `options`, width, resolution and background count; the sheet is as high as the list
-        is for its width.
+        Width, resolution and background are taken from `options`; the sheet has the aspect of the
+        list of thumbnails.
         """
         wide = options.width_mm / MM * options.dpi
         size = round(wide), round(wide * self.list.height() / self.list.width())
@@ -238,12 +236,12 @@ class GalleryDialog(SeriesDialog):
 
 
 def _place_of(family: Family) -> tuple[str, ...]:
-    """Names of the parameters that pictures of a family differ in."""
+    """Return the names of the parameters in which thumbnails of a family differ."""
     return (*family.position, *(("vertex",) if family.required == "vertex" else ()))
 
 
 def _at_pins(family: Family, document: Document) -> tuple[Family, ...]:
-    """The family from each pin, where it is one field for a vertex; else empty."""
+    """Return the family at each pin if it has one column per vertex, otherwise nothing."""
     assert document.spectrum is not None
     if family.required != "vertex" or n_columns(family, document.spectrum) > 1:
         return ()
@@ -252,7 +250,7 @@ def _at_pins(family: Family, document: Document) -> tuple[Family, ...]:
 
 
 class _Thumbnails(QListWidget):
-    """Pictures with captions, in as many columns as fit."""
+    """A list of pictures with captions, in as many columns as fit."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -279,9 +277,7 @@ class _Thumbnails(QListWidget):
         if item is not None:
             pixmap = QPixmap.fromImage(image)
             pixmap.setDevicePixelRatio(self.devicePixelRatioF())
-            icon = QIcon(pixmap)
-            icon.addPixmap(pixmap, QIcon.Mode.Selected)
-            item.setIcon(icon)
+            item.setIcon(make.untinted(pixmap))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.currentItem():

@@ -1,4 +1,4 @@
-"""Help with all commands, keys and gestures, a search box over them, pages, and “about”."""
+"""Dialogs of the Help menu, and the palette that searches commands and settings."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.io.atomic import page_file
 from meshmash_viewer.model.notices import versions
 
-#: Column of what commands do, and the pixels at its sides that are not for text.
+#: Column with the description of commands, and the width of its margins in pixels.
 _TEXT, _SIDES = 2, 20
 
 _WHAT = (
@@ -93,10 +93,10 @@ class HelpDialog(QDialog):
         self.tree.setHeaderLabels(["Command", "Keys", "What it does"])
         self._groups: list[tuple[QTreeWidgetItem, list[QTreeWidgetItem]]] = []
         for menu in MENUS:
-            mine = (each for each in COMMANDS if each.menu == menu)
             rows = [
                 (each.text.rstrip("…"), native_keys(*each.sequences()), each.tooltip)
-                for each in mine
+                for each in COMMANDS
+                if each.menu == menu
             ]
             self._add_group(menu, rows)
         gestures = [(native_text(gesture), "", what) for gesture, what in MOUSE_HELP]
@@ -133,7 +133,7 @@ class HelpDialog(QDialog):
 
 
 class _Wrapped(QStyledItemDelegate):
-    """Makes rows as tall as the text needs in the width of its column, which Qt leaves out."""
+    """Makes rows as tall as their wrapped text, which Qt's tree widget does not."""
 
     def sizeHint(
         self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
@@ -147,7 +147,7 @@ class _Wrapped(QStyledItemDelegate):
 
 
 class AboutDialog(QMessageBox):
-    """Version, licence and methods, with the versions of libraries for bug reports."""
+    """Shows licence and methods, and the versions of libraries for bug reports."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -160,19 +160,14 @@ class AboutDialog(QMessageBox):
         self.addButton(self.StandardButton.Close)
 
 
-#: What Qt does not show: formulas in LaTeX, and pictures.
+#: Parts of pages that Qt cannot show: formulas in LaTeX, and pictures.
 _LEFT_OUT = re.compile(r"^```math\n.*?^```\n|^!\[.*?\]\(.*?\)\n", re.DOTALL | re.MULTILINE)
 
 
 class PageDialog(QDialog):
-    """A page of the algorithms; links to other pages of that folder are followed.
+    """Shows a page on an algorithm, and the pages it links to.
 
-    Parameters
-    ----------
-    name : str
-        Of the file, without its ending.
-    formula : str
-        What is shown below the title.
+    `name` is that of the file without its ending; `formula` is shown below the title.
     """
 
     def __init__(self, name: str, formula: str = "", parent: QWidget | None = None) -> None:
@@ -204,7 +199,7 @@ class PageDialog(QDialog):
             self._show_page(name)
 
 
-#: Other words by which commands are looked for.
+#: Other words that find commands, by their names.
 SYNONYMS = {
     "open_mesh": "load import file",
     "open_sample": "example demo",
@@ -263,9 +258,9 @@ SYNONYMS = {
     "help": "manual keys shortcuts",
     "system_report": "bug versions debug",
 }
-#: Other words of gestures, by what they do in `actions.MOUSE_HELP`.
+#: Other words that find gestures, by their effects in `actions.MOUSE_HELP`.
 _GESTURES = {"Turn": "rotate orbit spin", "Shift": "pan move translate drag", "Roll": "rotate tilt"}
-#: Other words of panels, by their titles.
+#: Other words that find panels, by their titles.
 _PANELS = {
     "Mesh": "panel health defects repair decomposition information",
     "Shape": "panel reconstruction vibration morph",
@@ -277,13 +272,13 @@ _PANELS = {
 }
 _SETTINGS = QLineEdit, QAbstractSpinBox, QComboBox, QAbstractButton, QAbstractSlider
 _MAX_ROWS, _WIDTH = 12, 560
-#: Commands that were run last, the newest first.
+#: Keys of the entries that were run last, the newest first.
 _recent: list[str] = []
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A row: its text, where it belongs, its keys, words that find it, and what Enter does."""
+    """A row: text, menu or panel, shortcut, further words that find it, and effect of Enter."""
 
     key: str
     text: str
@@ -294,7 +289,7 @@ class Entry:
     enabled: bool = True
 
     def rank(self, wanted: list[str]) -> int | None:
-        """Return how well words match, 0 best; None if one of them does not."""
+        """Return how well words match, 0 best; None if a word does not match."""
         text, words = self.text.casefold(), self.words.casefold()
         if not all(word in text or word in words for word in wanted):
             return None
@@ -307,7 +302,7 @@ class Entry:
 
 
 class CommandPalette(QDialog):
-    """Runs the chosen command of a window, or puts the focus on the chosen setting."""
+    """Runs the chosen command, or gives the focus to the chosen setting."""
 
     def __init__(self, window: QMainWindow, actions: Actions) -> None:
         super().__init__(window, Qt.WindowType.Popup)
@@ -339,7 +334,7 @@ class CommandPalette(QDialog):
         self.search.setFocus()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Move the choice by the arrow keys, and run it by Enter."""
+        """Move the selection by the arrow keys; run the selected row by Enter."""
         if watched is self.search and isinstance(event, QKeyEvent):
             if event.type() != QEvent.Type.KeyPress:
                 return False
@@ -353,7 +348,7 @@ class CommandPalette(QDialog):
         return super().eventFilter(watched, event)
 
     def accept(self) -> None:
-        """Run the chosen row; one that is not available now stays."""
+        """Run the selected row; the palette stays open if the row is not available."""
         at = self._chosen()
         if not 0 <= at < len(self._shown) or not self._shown[at].enabled:
             return
@@ -382,7 +377,7 @@ class CommandPalette(QDialog):
         self._choose(0)
         self.list.setVisible(bool(self._shown))
         self.nothing.setVisible(not self._shown)
-        self.list.doItemsLayout()  # with the padding of the style, which came after the items
+        self.list.doItemsLayout()  # items made before the style was polished lack its padding
         self.list.setFixedHeight(len(self._shown) * max(self.list.sizeHintForRow(0), 1) + 4)
         self.adjustSize()
 
@@ -422,7 +417,7 @@ def _gestures(actions: Actions) -> Iterator[Entry]:
 
 
 def _settings(window: QMainWindow) -> Iterator[Entry]:
-    """Yield panels and their controls, those behind another tab, which are disabled, too."""
+    """Yield panels and their controls; panels behind another tab are disabled, but count too."""
     for dock in window.findChildren(QDockWidget):
         place, panel = dock.windowTitle(), dock.widget()
         words, front = _PANELS.get(place, ""), partial(_bring_to_front, dock)
@@ -440,7 +435,7 @@ def _settings(window: QMainWindow) -> Iterator[Entry]:
                 yield Entry(key, name, place, "", words, partial(_go_to, control, dock))
 
 
-#: Other words of controls, by their object names.
+#: Other words that find controls, by their object names.
 _SETTING_WORDS = {
     "colormap_combo": "colour color bar palette",
     "limits_combo": "threshold range percentiles colour color bar minimum maximum",
@@ -456,7 +451,7 @@ def _bring_to_front(dock: QDockWidget) -> None:
 def _go_to(control: QWidget, dock: QDockWidget) -> None:
     """Bring a control to the front and give it the focus."""
     _bring_to_front(dock)
-    # once Qt has said that it is shown, which enables what is in it
+    # after the event that the panel is shown, which enables its controls
     QTimer.singleShot(0, control, partial(_give_focus, control))
 
 

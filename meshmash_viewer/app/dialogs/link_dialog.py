@@ -1,4 +1,4 @@
-"""Dialog that asks for a link to the mesh of a segment."""
+"""Dialog for a link to the mesh of a segment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from PySide6.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QLineEdit, Q
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.field_events import FieldWheel
-from meshmash_viewer.app.controls.make import column, grid, reserved_note
+from meshmash_viewer.app.controls.make import column, form, reserved_note
+from meshmash_viewer.app.dialogs.files import button_box
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.links import MeshLink, layers_of, link_file, parse_link
 from meshmash_viewer.io.segments import MOST_VERTICES
@@ -22,11 +23,11 @@ _LEVELS = {
 
 
 class LinkDialog(QDialog):
-    """Asks for a link and a segment; segments of a URL of Neuroglancer are listed.
+    """Asks for a link to a layer and for a segment, and stays open until the link is valid.
 
-    It stays open until the link is valid. After it is accepted, `path` is the file of the link, and
-    `compares` is True for the second mesh, which `can_compare` offers. `source` is the layer at
-    first.
+    The segments that a URL of Neuroglancer names are listed; any other id can be typed. After
+    acceptance, `path` is the file of the link, and `compares` is whether to open it as the second
+    mesh, which is offered if `can_compare`. `source` is the initial link.
     """
 
     def __init__(
@@ -37,12 +38,8 @@ class LinkDialog(QDialog):
         self.path, self.compares = Path(), False
         self.link_edit = theme.named(QLineEdit(source), "link_edit", "Link")
         self.link_edit.setPlaceholderText("precomputed://gs://bucket/layer")
-        about = make.label(
-            "link_about_label",
-            text="A layer (precomputed://…, graphene://…), or a URL of Neuroglancer.",
-            wordWrap=True,
-            role="muted",
-        )
+        hint = "A layer (precomputed://…, graphene://…), or a URL of Neuroglancer."
+        about = make.label("link_about_label", text=hint, wordWrap=True, role="muted")
         self.segment_combo = make.combo("link_segment_combo", "Segment", editable=True)
         self.segment_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         edit = self.segment_combo.lineEdit()
@@ -51,24 +48,23 @@ class LinkDialog(QDialog):
         edit.setPlaceholderText("Id, such as 720575940612345678")
         self.level_combo = make.combo("link_level_combo", "Level of detail", entries=_LEVELS)
         self.fault_label = reserved_note("link_fault_label", 3)
-        rows = grid(
-            (make.label("link_label", text="Link"), self.link_edit),
-            (None, about),
-            (make.label("link_segment_label", text="Segment"), self.segment_combo),
-            (make.label("link_level_label", text="Level of detail"), self.level_combo),
-            spacing=(theme.MARGIN, theme.GAP),
+        rows = form(
+            ("Link", self.link_edit),
+            ("", about),
+            ("Segment", self.segment_combo),
+            ("Level of detail", self.level_combo),
         )
         open_button = theme.named(QPushButton("Open"), "link_open_button", role="primary")
-        open_button.setDefault(True)
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
-        buttons.addButton(open_button, QDialogButtonBox.ButtonRole.AcceptRole)
-        compare_button = theme.named(QPushButton("Compare"), "link_compare_button")
-        compare_button.setToolTip("Open it next to the mesh that is open")
+        buttons = button_box(self, open_button, lambda: self._accept(compares=False))
+        compare_button = make.button(
+            "Compare",
+            "link_compare_button",
+            "",
+            lambda: self._accept(compares=True),
+            tip="Open it next to the mesh that is open",
+        )
         buttons.addButton(compare_button, QDialogButtonBox.ButtonRole.ActionRole)
         compare_button.setVisible(can_compare)
-        open_button.clicked.connect(lambda: self._accept(compares=False))
-        compare_button.clicked.connect(lambda: self._accept(compares=True))
-        buttons.rejected.connect(self.reject)
         self.setLayout(column(rows, self.fault_label, buttons, margins=(20, 16, 20, 16)))
         self.setMinimumWidth(560)
         theme.pad_fields(self)
@@ -78,13 +74,13 @@ class LinkDialog(QDialog):
         (self.segment_combo if source else self.link_edit).setFocus()
 
     def _offer_segments(self) -> None:
-        """List the segments that the link names."""
+        """List the segments that the link names; keep a typed one otherwise."""
         self.fault_label.clear()
         typed = self.segment_combo.currentText() if not self.segment_combo.count() else ""
         self.segment_combo.clear()
         try:
             layers = layers_of(self.link_edit.text())
-        except InputError:  # reported by Open
+        except InputError:  # reported on acceptance
             layers = ()
         named = len({layer.name for layer in layers}) > 1
         for layer in layers:

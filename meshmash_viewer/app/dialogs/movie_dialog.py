@@ -1,4 +1,4 @@
-"""Dialog that makes a movie of the render: a sweep through columns, or a turn of the mesh."""
+"""Dialog that makes a movie: a sweep through columns, or a turn of the mesh."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from meshmash_viewer.units import counted
 _SWEEP, _TURN = "sweep", "turn"
 _NAMES = {".mp4": "MP4 (H.264)", ".gif": "GIF", ".webp": "WebP", ".apng": "APNG"}
 _LARGEST = 8192
-#: Number of frames that the size is estimated from, and milliseconds from a change to the estimate.
+#: Number of frames from which the size is estimated, and milliseconds until it is.
 _MEASURED, _DELAY = 6, 500
 
 
 class MovieDialog(SeriesDialog, FormatDialog):
-    """Asks for the parameters of a movie of the render, shows its length and size, and makes it.
+    """Asks for the parameters of a movie, shows its length and size, and makes it.
 
     `path` is the suggested file without its ending.
     """
@@ -98,7 +98,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.format_combo.currentIndexChanged.connect(self._refresh)
 
     def _pixels(self, name: str, text: str, value: int) -> WholeField:
-        # steps keep sizes even, which MP4 requires; odd ones can be typed
+        # the step keeps sizes even, which MP4 requires; odd ones can be typed
         return make.spin(
             name, f"{text} in pixels", minimum=16, maximum=_LARGEST, suffix=" px", value=value,
             singleStep=2, keyboardTracking=True,
@@ -113,13 +113,13 @@ class MovieDialog(SeriesDialog, FormatDialog):
 
     @property
     def turns(self) -> bool:
-        """Whether the mesh turns; otherwise columns follow one another."""
+        """Whether the mesh turns; otherwise the movie goes through the columns."""
         return bool(self.motion_combo.currentData() == _TURN)
 
     def _frames(self) -> tuple[list[Family], int, float]:
-        """Family of each frame (none for a turn), number of frames, and frames per second.
+        """Return the family of each frame (none for a turn), their number, and the frame rate.
 
-        `InputError` is raised if there is no such movie.
+        `InputError` is raised if the parameters of the movie are invalid.
         """
         spectrum, display = self._document.spectrum, self._document.display
         rate, seconds = self.rate_spin.value(), self.seconds_spin.value()
@@ -130,9 +130,9 @@ class MovieDialog(SeriesDialog, FormatDialog):
         return families, len(families), rate
 
     def _shots(self, drawing: MeshRenderer, *, has_field: bool) -> tuple[list[Shot], float]:
-        """All frames, and the frame rate; sets the view of the drawing.
+        """Set the view of the drawing; return all frames and the frame rate.
 
-        `has_field` says that the drawing shows its field already, which a turn does not change.
+        With `has_field`, the drawing shows its field already, and a turn need not compute it.
         """
         families, count, rate = self._frames()
         drawing.view = series_view(
@@ -146,7 +146,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     # -- following ----------------------------------------------------------------------------
 
     def _follow_model(self) -> None:
-        """Offer the columns of the displayed family; a movie that is being made goes on."""
+        """Offer the columns of the displayed family, unless a movie is being made."""
         document, display = self._document, self._document.display
         if document.mesh is not self._mesh:
             self._painter.close()
@@ -205,7 +205,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     # -- making -------------------------------------------------------------------------------
 
     def _draw_draft(self) -> None:
-        """Draw some frames of a coarse mesh, to estimate the size of the movie."""
+        """Draw some frames of a coarse mesh to estimate the size of the movie."""
         small = None if self._painter.busy else self._scene.frames.small_twin()
         if small is None:
             return
@@ -226,7 +226,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
             self._refresh_remark()
 
     def _save(self) -> None:
-        """Make the movie; the dialog closes when it is finished."""
+        """Make the movie; `_finish` closes the dialog."""
         drawing = self._scene.renderer.twin()
         try:
             shots, rate = self._shots(drawing, has_field=True)
@@ -256,7 +256,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.accept()
 
     def reject(self) -> None:
-        """Cancel the movie that is being made, without leaving a file; otherwise close."""
+        """Stop making the movie and delete its file; if none is being made, close."""
         if self._painter.busy:
             self._painter.close()
             self._show_saving(False)
@@ -276,7 +276,7 @@ def _movie_sink(
 def _estimate(
     ending: str, rate: float, count: int, of: int
 ) -> Iterator[Callable[[int, Picture, Caption | None], int | None]]:
-    """A sink that estimates, with the last picture, the size of the whole movie in bytes."""
+    """A sink that returns, with the last picture, the estimated size of the movie in bytes."""
     frames = []
 
     def take(at: int, picture: Picture, _caption: Caption | None) -> int | None:

@@ -1,4 +1,4 @@
-"""Dialogs of pins: which vertex is pinned, and what the exported table has."""
+"""Dialogs of pins: one that asks for a vertex, and one for the columns of an exported table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from PySide6.QtWidgets import (
     QCheckBox,
     QDialog,
-    QDialogButtonBox,
     QLabel,
     QLineEdit,
     QPushButton,
@@ -21,7 +20,8 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, holder, reserved_note
-from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog, suggested_path
+from meshmash_viewer.app.dialogs.export_dialog import configured
+from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog, button_box, suggested_path
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import Family
@@ -34,22 +34,20 @@ from meshmash_viewer.units import NO_VOXEL, counted, format_position, format_qua
 
 _NUMBER = r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
 _BETWEEN = r"(?:\s*[,;]\s*|\s+)"
-#: Three numbers, as Neuroglancer and tables have them: in brackets, with the names of axes, a unit.
+#: Three numbers, as Neuroglancer and tables write them: in brackets, with names of axes and a unit.
 _POSITION = re.compile(
     rf"[\[(]?\s*(?:x\s*)?{_NUMBER}{_BETWEEN}(?:y\s*)?{_NUMBER}{_BETWEEN}(?:z\s*)?{_NUMBER}"
     r"\s*[\])]?\s*([^\W\d_]*)"
 )
-#: One number, "1,234,567" or "1 234 567".
+#: One number with separators, "1,234,567" or "1 234 567", not a position.
 _GROUPED = re.compile(r"\d{1,3}(?:[, ]\d{3}){2}(?:\.\d*)?")
 
 
 class PinDialog(QDialog):
-    """Asks for an index in the file of a mesh, a position, or the name of one of its pins.
+    """Asks for a vertex by its index in the mesh file, a position, or the name of a pin.
 
-    It stays open until one is valid.
-
-    Once the dialog is accepted, `vertex` is the index in the mesh, and `remark` says how far it is
-    from a position.
+    It stays open until the text is valid. After acceptance, `vertex` is the index in the mesh, and
+    `remark` is a sentence about its distance from a typed position.
     """
 
     def __init__(self, mesh: Mesh, parent: QWidget | None = None, pins: Iterable[Pin] = ()) -> None:
@@ -67,11 +65,7 @@ class PinDialog(QDialog):
         label.setBuddy(self.edit)
         self.fault = reserved_note("pin_fault_label", 3)
         self.pin_button = theme.named(QPushButton("Pin"), "pin_button", role="primary")
-        self.pin_button.setDefault(True)
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
-        buttons.addButton(self.pin_button, QDialogButtonBox.ButtonRole.AcceptRole)
-        buttons.accepted.connect(self._accept)
-        buttons.rejected.connect(self.reject)
+        buttons = button_box(self, self.pin_button, self._accept)
         self.setLayout(column(label, self.edit, self.fault, buttons, margins=(20, 16, 20, 16)))
         self.setMinimumWidth(360)
         self.edit.textEdited.connect(self.fault.clear)
@@ -101,11 +95,15 @@ class PinDialog(QDialog):
 def nearest_vertex(
     mesh: Mesh, x: float, y: float, z: float, *, voxels: bool = True
 ) -> tuple[int, str]:
-    """Find the vertex nearest to a position in the mesh's unit or in its voxels, and a remark.
+    """Find the vertex nearest to a position; return its index and a sentence on the distance.
 
-    That is its distance from the position, and in which of both the position was read, if it may
-    be either. `InputError` is raised if the position is farther from the mesh than the mesh is
-    large.
+    The position is in the unit of the mesh. With `voxels` it may also be in voxels, if the mesh
+    has a voxel size: the nearer reading is taken, and the sentence names it.
+
+    Raises
+    ------
+    InputError
+        If the position is farther from the mesh than the diagonal of its bounding box.
     """
     position, used = np.array([x, y, z]), np.flatnonzero(mesh.referenced)
     places = mesh.vertices[used]
@@ -130,7 +128,10 @@ def nearest_vertex(
 
 
 class PinExportDialog(SaveDialog):
-    """Asks for the columns of a `PinExportJob`; `job` returns it. The document has pins."""
+    """Asks for the columns and the file of a `PinExportJob`, which `job` returns.
+
+    The document has pins.
+    """
 
     def __init__(self, document: Document, folder: Path, parent: QWidget | None = None) -> None:
         mesh, known = document.mesh, document.known
@@ -175,14 +176,12 @@ class PinExportDialog(SaveDialog):
         )
 
     def _prepared(self, kind: type[Family]) -> tuple[Family, tuple[str, ...], str]:
-        """A family with the parameters of the window, its columns, if any, and what they are."""
-        fields = self._document.display.fields
-        family = fields.get(kind.name) or kind()
-        family = family.measured_from([pin.vertex for pin in self._document.pins.placed])
+        """Return a family with its parameters in the window, its columns, and their description."""
+        family = configured(self._document, kind)
         if family.needs_pairs and not len(self._spectrum):
             return family, (), ""
         try:
-            family = family.resolved(self._spectrum, fields)
+            family = family.resolved(self._spectrum, self._document.display.fields)
             return family, *family.exported_columns(self._spectrum, self._mesh.unit)
         except InputError:  # such as a range without nonzero eigenvalues
             return family, (), ""

@@ -1,4 +1,4 @@
-"""Series of pictures, drawn in the background, and the base class of their dialogs."""
+"""Series of pictures drawn in the background, and the base class of their dialogs."""
 
 from __future__ import annotations
 
@@ -31,42 +31,45 @@ from meshmash_viewer.model.field import Field, LiveFeatures
 from meshmash_viewer.model.notices import Failure, failure_of
 from meshmash_viewer.progress import Cancelled
 
-#: See `OffScreen.draw`.
+#: Pixels of a picture, see `OffScreen.draw`.
 Picture: TypeAlias = npt.NDArray[np.uint8]
-#: Receives the pictures one by one, with number and caption. The context is entered and left in
-#: the painter's thread, by an exception if the series was stopped.
+#: A context whose function receives number, pixels and caption of each picture. It is entered and
+#: left in the painter's thread, with an exception if the series was stopped.
 Sink: TypeAlias = AbstractContextManager[Callable[[int, Picture, Caption | None], Any]]
 
 
 @dataclass(eq=False)
 class Run:
-    """One series, of which one picture is in memory at a time."""
+    """One series; only one of its pictures is in memory at a time."""
 
-    #: In no other window (`MeshRenderer.twin`).
+    #: A renderer without a window (`MeshRenderer.twin`).
     drawing: MeshRenderer
-    #: Of each picture, in pixels.
+    #: Width and height of the pictures in pixels.
     size: tuple[int, int]
     shots: Sequence[Shot]
-    #: Colours, limits and lines, which must not be changed afterwards.
+    #: Colours, limits and lines; a copy that does not change.
     display: Display
     sink: Sink
     transparent: bool = False
-    #: See `compute_shot`.
+    #: Vertices to compute fields at, see `compute_shot`.
     picked: npt.NDArray[np.int64] | None = None
     stopped: bool = False
-    #: Picture and caption that the thread waits for.
+    #: The picture and caption that the thread waits for.
     answer: Future[tuple[Picture, Caption | None]] = field(default_factory=Future)
     window: OffScreen | None = None
 
 
 class SeriesPainter(QObject):
-    """Draws series one after another: fields and files in a thread, frames in the main thread."""
+    """Draws series one after another.
 
-    #: Number of a picture, and what the sink returned for it.
+    Fields are computed and files written in a thread; pictures are drawn in the interface thread.
+    """
+
+    #: Number of a picture, and the value that the sink returned for it.
     drawn = Signal(int, object)
-    #: All pictures have been drawn, and the sink has been left.
+    #: All pictures of a series have been drawn, and its sink has been left.
     finished = Signal()
-    #: `Failure` of a series that was not stopped.
+    #: `Failure` of a series.
     failed = Signal(object)
     _due = Signal(object, object, object)
     _took = Signal(object, int, object)
@@ -88,12 +91,12 @@ class SeriesPainter(QObject):
         return bool(self._runs)
 
     def start(self, run: Run) -> None:
-        """Draw a series, after those requested before."""
+        """Draw a series after those started before."""
         self._runs.append(run)
         self._pool.start(lambda: self._work(run))
 
     def stop(self) -> None:
-        """Stop all series; the sinks leave no files."""
+        """Stop all series; their sinks delete unfinished files."""
         for run in self._runs:
             run.stopped = True
             run.answer.cancel()
@@ -122,12 +125,12 @@ class SeriesPainter(QObject):
                     found = compute_shot(shot, run.display, live, run.picked)
                     run.answer = Future()
                     self._due.emit(run, shot, found)
-                    if run.stopped:  # before there was an answer to cancel
+                    if run.stopped:  # before this answer was made, so that it is not cancelled
                         raise Cancelled
                     self._took.emit(run, at, take(at, *run.answer.result()))
-                    if run.stopped:  # while the sink took it
+                    if run.stopped:  # in the sink
                         raise Cancelled
-        except Exception as error:  # noqa: BLE001  reported
+        except Exception as error:  # noqa: BLE001  reported by `failed`
             fault = error
         self._ended.emit(run, fault)
 
@@ -142,7 +145,7 @@ class SeriesPainter(QObject):
             if run.window is None:
                 run.window = OffScreen(run.drawing, run.size, run.transparent)
             run.answer.set_result((run.window.draw(), run.drawing.caption))
-        except Exception as fault:  # noqa: BLE001  raised again in the thread
+        except Exception as fault:  # noqa: BLE001  raised in the thread by `Future.result`
             run.answer.set_exception(fault)
 
     @Slot(object, int, object)
@@ -169,7 +172,7 @@ def _close(run: Run) -> None:
 
 
 class ColumnRange(QWidget):
-    """First and last column and the step, as controls named ``<owner>_first_spin`` and so on."""
+    """Fields for first column, last column and step, named ``<owner>_first_spin`` and so on."""
 
     changed = Signal()
 
@@ -202,7 +205,7 @@ class ColumnRange(QWidget):
 
 
 class SeriesDialog(QDialog):
-    """Draws a draft once the choices have stopped changing, and a file on request.
+    """Base class of dialogs that draw a draft after each change, and save a file on request.
 
     Subclasses call `_set_up`, make `remark_label`, and implement `_draw_draft`, `_show_draft`,
     `_show_saving` and `_finish`.
@@ -213,7 +216,7 @@ class SeriesDialog(QDialog):
     remark_label: QLabel
 
     def _set_up(self, document: Document, scene: MeshView, name: str, delay: int) -> None:
-        """Make what both dialogs have; drafts are drawn `delay` milliseconds after a change."""
+        """Make common widgets and painters; a draft is drawn `delay` ms after the last change."""
         self._document, self._scene, self._mesh = document, scene, document.mesh
         self._state: tuple[Any, ...] = ()
         self.range = ColumnRange(name)
@@ -242,7 +245,7 @@ class SeriesDialog(QDialog):
         return self._scene.plotter.pixels()[:2]
 
     def _choose_range(self, n_columns: int, default: range, *, keep: bool) -> None:
-        """Offer the columns of a family; `keep` those chosen if they still exist."""
+        """Set the number of columns, and choose the default ones, or `keep` the chosen ones."""
         keep = keep and self.range.columns[-1] < n_columns
         self.range.choose(self.range.columns if keep else default, n_columns)
 
