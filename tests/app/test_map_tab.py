@@ -35,7 +35,7 @@ from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.tabs.parameters import ParameterRow
+from meshmash_viewer.app.tabs.parameters import FilterParameterRow
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.model.notices import Severity
@@ -579,7 +579,7 @@ def test_a_kept_map_is_renamed_in_the_list(window: MainWindow) -> None:
 def test_a_parameter_is_typed_as_the_length_that_it_means(
     qtbot: QtBot, power: int, wanted: float
 ) -> None:
-    row, given, said = ParameterRow("parameter"), [], []
+    row, given, said = FilterParameterRow("parameter"), [], []
     qtbot.addWidget(row)
     row.chosen.connect(lambda _name, value: given.append(value))
     row.field.refused.connect(said.append)

@@ -1,4 +1,4 @@
-"""The controls of each family of fields."""
+"""Controls of each family of fields."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.document import Document
 
-#: Controls of families with more than a form has.
-_MADE_BY_HAND: dict[type[Family], type[FamilyTab]] = {
+#: Families with controls that a form does not have.
+_OWN_TABS: dict[type[Family], type[FamilyTab]] = {
     Eigenfunctions: EigenfunctionTab,
     Filters: FilterTab,
     Similarity: SimilarityTab,
@@ -25,5 +25,5 @@ _MADE_BY_HAND: dict[type[Family], type[FamilyTab]] = {
 
 
 def make_tab(document: Document, family: type[Family]) -> FamilyTab:
-    """Return the controls of a family: a form, unless it has some of its own."""
-    return _MADE_BY_HAND.get(family, FamilyForm)(document, family)
+    """Return the controls of a family: its own tab, or a form."""
+    return _OWN_TABS.get(family, FamilyForm)(document, family)

@@ -1,4 +1,4 @@
-"""The controls of a family, made from the declarations of its parameters."""
+"""Controls of a family of fields, made from the declarations of its parameters."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from meshmash_viewer.units import power_unit
 
 
 class Player(QObject):
-    """Steps the field on the render while ``display.playing`` holds, round and round."""
+    """Steps through the displayed family, again and again, while ``display.playing`` is set."""
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -76,37 +76,37 @@ class PlayButton(QPushButton):
 
 
 class FamilyTab(QWidget):
-    """The controls of one family of fields.
+    """Base class of the controls of a family of fields.
 
-    Subclasses build themselves in `_build` and show the document in `refresh`.
+    Subclasses make their widgets in `_build` and show the document in `refresh`.
     """
 
     def __init__(self, document: Document, family: type[Family]) -> None:
         super().__init__()
         self._document, self.family = document, family
         self._build()
-        follow((document.spectrum_changed, document.display.events), self._refresh_in_front)
+        follow((document.spectrum_changed, document.display.events), self._refresh_displayed)
         self.refresh()
 
-    def _refresh_in_front(self) -> None:
-        """Refresh if this is the tab in front; the others do so when they come there."""
+    def _refresh_displayed(self) -> None:
+        """Refresh if the family is displayed; the panel refreshes other tabs as it shows them."""
         if self._document.display.kind == self.family.name:
             self.refresh()
 
     def refresh(self) -> None: ...
 
     def show_field(self, field: Field | None) -> None:
-        """Say what is known of the field on the render, of any family, or that there is none.
+        """Show facts about the displayed field, which may be of another family, or about none.
 
-        Nothing of an earlier one may be held: it holds its mesh and eigenvectors.
+        Implementations drop the field before: it refers to its mesh and eigenvectors.
         """
 
     def _build(self) -> None: ...
 
     def _fill(self, name: str, accessible: str, *parts: Part) -> None:
-        """Lay the controls out, under a title of these names."""
+        """Lay the controls out below a title with this object name and accessible name."""
         self.title = make.label(name, accessible, role="title")
-        # a long one, such as one with the name of a pin, goes on below: the panel stays as wide
+        # a long title, such as one with the name of a pin, wraps and does not widen the panel
         self.title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.title.setWordWrap(True)
         head: Part = self.title
@@ -120,7 +120,7 @@ class FamilyTab(QWidget):
         return make.button("?", name, spoken, self._open_page, role="link", tip=tip)
 
     def _open_page(self) -> None:
-        """Show the page of the family; it stays next to the window."""
+        """Show the page on the family in a modeless dialog."""
         from meshmash_viewer.app.dialogs.help_dialog import PageDialog
 
         formula = self._document.display.fields[self.family.name].definition
@@ -134,7 +134,7 @@ class FamilyTab(QWidget):
     # -- controls -----------------------------------------------------------------------------
 
     def _choose(self, value: int) -> None:
-        """Take what the slider or the index was moved to."""
+        """Set the value of the slider and the field for the index."""
         self._change(index=value)
 
     def _make_slider(self, name: str, accessible: str, tip: str = "") -> StepSlider:
@@ -167,7 +167,7 @@ class FamilyTab(QWidget):
         self._change(**{self.family.counted: count})
 
     def _make_range_box(self) -> RangeBox:
-        """The ends of a range: the parameters `ordered`, unless `automatic`."""
+        """Make the controls of the parameters `ordered`, the ends of a range, and `automatic`."""
         family, declared = self.family, self.family.declared()
         assert family.ordered is not None
         automatic, low, high = (declared[name] for name in ("automatic", *family.ordered))
@@ -184,7 +184,7 @@ class FamilyTab(QWidget):
         return self.range_box
 
     def _range(self) -> tuple[float, float] | None:
-        """The range in force, if there is a spectrum to take it from."""
+        """Return the current range; None without a spectrum."""
         chosen: Any = self._document.display[self.family]
         spectrum = self._document.scaled_spectrum
         return None if spectrum is None else chosen.range(spectrum)
@@ -194,7 +194,7 @@ class FamilyTab(QWidget):
         if on or between is None:
             self._change(automatic=on)
         else:
-            self._set_range(*between)  # go on from what was automatic
+            self._set_range(*between)  # begin with the automatic range
 
     def _set_range(self, low: float, high: float) -> None:
         assert self.family.ordered is not None
@@ -202,9 +202,9 @@ class FamilyTab(QWidget):
 
 
 class ParameterRow(QWidget):
-    """The control of a parameter, after its text: a number, a choice, or a box to tick.
+    """The text of a parameter and its control: a field, a combo box or a check box.
 
-    `name` begins the object name of the control; `take` gets values from the user.
+    `name` begins the object name of the control; `take` is called with values from the user.
     """
 
     def __init__(self, name: str, declared: Parameter, take: Callable[[Any], None]) -> None:
@@ -231,7 +231,7 @@ class ParameterRow(QWidget):
         self.setLayout(row(make.muted(text), None, self.control, self.unit, spacing=6))
 
     def show_value(self, value: Any, unit: str) -> None:
-        """Show a value, with its power of a unit of length."""
+        """Show a value with its unit, a power of a unit of length."""
         written = power_unit(unit, self._declared.power) if self._declared.power else ""
         self.unit.setText(written)
         if isinstance(self.control, NumberField):
@@ -243,7 +243,7 @@ class ParameterRow(QWidget):
 
 
 class FamilyForm(FamilyTab):
-    """The position in the family, facts about it, its parameters, and the exported columns."""
+    """Controls of the position in the family, facts about it, parameters, and exported columns."""
 
     def _build(self) -> None:
         family, (one, many) = self.family, self.family.nouns
@@ -253,7 +253,7 @@ class FamilyForm(FamilyTab):
         self.compute_button = ComputeButton(self._document, f"{family.name}_compute_button")
         counted = family.declared()[family.counted]
         (self.position,) = family.position
-        #: Whether the position is an index; else it is a number, in log scale.
+        #: Whether the position is an index, not a number in log scale.
         self.stepped = isinstance(family.declared()[self.position].kind, Whole)
         name = family.name if self.stepped else f"{family.name}_{self.position}"
         shown = {self.position, family.counted, "automatic", *(family.ordered or ())}
@@ -277,7 +277,7 @@ class FamilyForm(FamilyTab):
                 counted.tip or f"Columns of the exported feature. {family.tip}",
             ),
             *((self._make_range_box(),) if family.ordered else ()),
-            self.warning,  # last, because it takes room
+            self.warning,  # last, because it moves what is below it
             row(self.compute_button, None),
         )
 
@@ -335,7 +335,7 @@ class FamilyForm(FamilyTab):
     ) -> None:
         between = self._range()
         self.times.setEnabled(between is not None)
-        self.times.set_steps(count - 1)  # one is a column of the feature
+        self.times.set_steps(count - 1)  # between neighbouring columns of the feature
         self.times.set_hatched((0.0, min(reading.hatched, 1.0)) if reading.hatched else None)
         self.number.setEnabled(between is not None)
         if spectrum is None or between is None:
@@ -358,7 +358,7 @@ class FamilyForm(FamilyTab):
         self.range_box.show_range(self._range(), unit, bounds, automatic=chosen.automatic)
 
     def _bounds(self, name: str) -> tuple[float, float]:
-        """Least and largest value of a time or an eigenvalue on this mesh."""
+        """Return the smallest and largest time or eigenvalue of this mesh."""
         low, high = self._document.solve.translation().bounds
         is_time = self.family.declared()[name].power > 0
         return (resolved_time(high), resolved_time(low)) if is_time else (0.0, high)

@@ -1,17 +1,26 @@
-"""Controls of the maps: which one, and how much of it the lowest eigenpairs hold."""
+"""Controls of maps: a list, facts, and projections on the eigenpairs."""
 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from PySide6.QtCore import QPoint, QSignalBlocker, Qt
-from PySide6.QtWidgets import QListWidget, QListWidgetItem, QMenu, QWidget
+from PySide6.QtWidgets import QListWidget, QListWidgetItem, QMenu
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.make import Facts, column, note, row, show_note, show_quietly
+from meshmash_viewer.app.controls.make import (
+    Facts,
+    column,
+    holder,
+    note,
+    row,
+    show_note,
+    show_quietly,
+)
 from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.tabs.form import FamilyTab
@@ -42,14 +51,14 @@ _FACTS = {
     "map_count_label": "Vertices",
 }
 _SHARES = {"map_residual_label": "Residual", "map_share_label": "Energy in them"}
-#: Share of what varies from which a filtered map is said to lack it.
+#: Missing share of the variation of a filtered map above which a warning is shown.
 _FLAGGED = 0.01
-#: Lines of the list of maps that are in view, and of the labels.
+#: Largest number of visible lines in the lists of maps and of labels.
 _LINES, _LABEL_LINES = 6, 8
 
 
 class MapTab(FamilyTab):
-    """Choose a map, see what it is like, and rebuild it from its lowest pairs."""
+    """Controls that choose a map, show facts about it, and project it on eigenpairs."""
 
     def _build(self) -> None:
         self.list = _list("map_list", "Maps of this mesh")
@@ -63,18 +72,17 @@ class MapTab(FamilyTab):
         self.remove_button = make.button(
             "Remove", "map_remove_button", "Take the map away from the mesh", self._remove
         )
-        self.facts = Facts(_FACTS)
+        self.facts, self.shares = Facts(_FACTS), Facts(_SHARES)
         self.views = make.Segments("map_view", "What is shown of the map", VIEWS, in_row=3)
         self.views.chosen.connect(lambda key: self._change(view=key))
-        self.shares = Facts(_SHARES)
-        self.meaning = note("map_varying_label")
-        self.hint = note("map_hint")
+        self.meaning, self.hint = note("map_varying_label"), note("map_hint")
         self.labels = _list("map_label_list", "Labels and their colours")
         self.labels.setSelectionMode(QListWidget.SelectionMode.NoSelection)
         self._shown_labels: tuple[Label, ...] | None = None
         self._listed: tuple[str, ...] | None = None
-        #: A map, the part that eigenpairs are of, and the map there.
+        #: A map, the part of the mesh with eigenpairs, and the map on that part.
         self._part: tuple[VertexMap, Mesh, VertexMap] | None = None
+        self._field: Field | None = None
         slider = self._make_slider("map_pairs_slider", "Number of the lowest eigenpairs")
         pairs = self._make_index_row("map_pairs", "Number of the lowest eigenpairs")
         self.save_button = make.button(
@@ -84,21 +92,19 @@ class MapTab(FamilyTab):
             self._save,
             tip="Eigenvalue, coefficient and share of the energy of each pair, as a table",
         )
-        self._sum, self._on_pairs = QWidget(), QWidget()
-        self._sum.setLayout(
-            column(slider, pairs, self.shares, self.meaning, row(self.save_button, None))
-        )
+        save = row(self.save_button, None)
+        self._sum = holder(column(slider, pairs, self.shares, self.meaning, save))
         self.filter_combo = make.combo(
             "map_filter_combo",
             "Filter that the map is passed through",
             self._choose_filter,
             tip="Φ h(Λ) Φᵀ M f. A formula of one's own is written on the Filter tab",
         )
-        self.filter_fault = note("map_filter_fault", "warning")
+        fault = note("map_filter_fault", "warning")
         self.missing = note("map_filter_missing", "warning")
         self.parameters = FilterParameters(self._document, "map_")
-        self.parameters.tried.connect(lambda said: show_note(self.filter_fault, said))
-        self._filter = QWidget()
+        self.parameters.tried.connect(partial(show_note, fault))
+        self._filter = holder(column(self.filter_combo, self.parameters, fault, self.missing))
         self.keep_button = make.button(
             "Keep as a map",
             "map_keep_button",
@@ -106,26 +112,13 @@ class MapTab(FamilyTab):
             self._keep,
             tip="It joins the maps above: compare it with them, filter it again, export it",
         )
-        self._field: Field | None = None
-        self._filter.setLayout(
-            column(self.filter_combo, self.parameters, self.filter_fault, self.missing)
-        )
-        heading = make.heading("On the eigenpairs")
-        self._on_pairs.setLayout(
-            column(heading, self.views, self._sum, self._filter, row(self.keep_button, None))
-        )
-        self._fill(
-            "map_label",
-            "Map",
-            self.list,
-            row(self.add_button, self.remove_button, None),
-            self.facts,
-            self._on_pairs,
-            self.hint,
-            self.labels,
-        )
+        heading, keep = make.heading("On the eigenpairs"), row(self.keep_button, None)
+        self._on_pairs = holder(column(heading, self.views, self._sum, self._filter, keep))
+        buttons = row(self.add_button, self.remove_button, None)
+        parts = self.list, buttons, self.facts, self._on_pairs, self.hint, self.labels
+        self._fill("map_label", "Map", *parts)
 
-    # -- from the person --------------------------------------------------------------------
+    # -- input of the user ------------------------------------------------------------------
 
     def _choose(self, value: int) -> None:
         view = self._document.display[OwnMaps].view
@@ -137,7 +130,7 @@ class MapTab(FamilyTab):
 
     def _rename(self, item: QListWidgetItem) -> None:
         self._document.maps.rename(item.data(Qt.ItemDataRole.UserRole), item.text())
-        self._listed = None  # a name that is refused, or gets a number, is written as it is
+        self._listed = None  # fill the list again, as the name may be refused or get a number
         later(self.refresh)
 
     def _open_menu(self, position: QPoint) -> None:
@@ -156,14 +149,14 @@ class MapTab(FamilyTab):
         self._document.display.put(self._document.display[Filters].with_text(self._formulas()[row]))
 
     def _formulas(self) -> list[str]:
-        """Those that are ready, and one's own if it is none of them."""
+        """Return the ready formulas, and the current one if it is none of them."""
         return list(dict.fromkeys([*READY.values(), self._document.display[Filters].text]))
 
     def _add(self) -> None:
         self._document.maps.open(ask_for_maps(self, folder_of(self._document.path)))
 
     def _save(self) -> None:
-        """Write the coefficients; a few hundred rows take no time."""
+        """Write the coefficients, in the interface thread as there are only a few hundred."""
         document, spectrum = self._document, self._document.known
         chosen, mesh = document.display[OwnMaps], document.mesh
         found = None if spectrum is None else chosen.map_spectrum(spectrum)
@@ -185,12 +178,12 @@ class MapTab(FamilyTab):
     def _keep(self) -> None:
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
-            self.list.setFocus()  # as the button hides, and would pass the focus to any control
+            self.list.setFocus()  # otherwise Qt moves it to any control as the button hides
             colors = field.kept_colors(document.display)
             document.maps.add(document.mesh, [field.as_map()], colors=colors)
 
     def _can_keep(self) -> bool:
-        """Whether the render has the very sum that is chosen: no draft, no approximate pairs."""
+        """Return whether the displayed field is the chosen one, exact and complete."""
         document, field, spectrum = self._document, self._field, self._document.known
         if field is None or field.draft or spectrum is None or spectrum.preview:
             return False
@@ -203,7 +196,7 @@ class MapTab(FamilyTab):
     # -- from the model ---------------------------------------------------------------------
 
     def show_field(self, field: Field | None) -> None:
-        """A curvature, and the spectrum of a map, are known once its field has come."""
+        """Refresh, as the field comes with a curvature or the spectrum of a map."""
         self._field = field
         if field is not None and self._document.display.kind == self.family.name:
             later(self.refresh)
@@ -224,7 +217,7 @@ class MapTab(FamilyTab):
         self._refresh_labels(resolved.describe(spectrum, self._document.unit).labels)
 
     def _of_part(self, known: VertexMap) -> VertexMap:
-        """The map at the vertices that eigenpairs are of, as its mean is of these."""
+        """Return a map at the vertices with eigenpairs, over which its mean is taken."""
         part = self._document.part_mesh
         if part is None:
             return known
@@ -246,9 +239,8 @@ class MapTab(FamilyTab):
                     item.setToolTip(f"{name}\n{path}".rstrip())
                     if self._document.maps.can_rename(name):
                         item.setFlags(item.flags() | Qt.ItemFlag.ItemIsEditable)
-            every = [*names, *CURVATURES]
             _show_lines(self.list, _LINES)
-            self.list.setCurrentRow(every.index(chosen))
+            self.list.setCurrentRow([*names, *CURVATURES].index(chosen))
 
     def _refresh_pairs(self, spectrum: Eigenpairs, resolved: OwnMaps) -> None:
         labelled = resolved.shown is not None and bool(resolved.shown.labels)
@@ -267,7 +259,11 @@ class MapTab(FamilyTab):
         self.views.show_key(resolved.view)
         known = resolved.map_spectrum(spectrum) if usable else None
         self.save_button.setEnabled(known is not None)
-        self.shares.show_values({} if known is None else _shares(known, count))
+        shares = {}
+        if known is not None:
+            shares["map_residual_label"] = format_number(known.residual(count))
+            shares["map_share_label"] = format_share(known.share(count), 4)
+        self.shares.show_values(shares)
         show_note(self.meaning, "" if known is None else _meaning(known, count))
         hint = ""
         if labelled:
@@ -279,7 +275,7 @@ class MapTab(FamilyTab):
         show_note(self.hint, hint)
 
     def _missing(self, spectrum: Eigenpairs) -> str:
-        """Say what the filtered map lacks beyond the last pair, where that is over 1 %."""
+        """Return a warning if more than 1 % of the filtered map is missing, otherwise ""."""
         shown = self._document.display[OwnMaps].resolved(spectrum, self._document.display.fields)
         known, values = shown.map_spectrum(spectrum), shown.vertex_map(spectrum)
         passed, share = shown.missing(spectrum)
@@ -322,13 +318,13 @@ def _list(name: str, accessible: str) -> QListWidget:
 
 
 def _show_lines(shown: QListWidget, most: int) -> None:
-    """As tall as its lines, or as some of them."""
+    """Make a list as tall as its lines, but at most `most` lines."""
     line = max(shown.sizeHintForRow(0), 1)
     shown.setFixedHeight(line * min(max(shown.count(), 1), most) + 6)
 
 
 def _map_facts(shown: VertexMap, mean: float, n_vertices: int) -> dict[str, str]:
-    """Describe a map, or a part of one of more vertices."""
+    """Return facts about a map, which may be a part of one with `n_vertices` vertices."""
     of = "" if shown.n_values == n_vertices else f" of {n_vertices:,}"
     count = {"map_count_label": f"{shown.n_values:,}{of}"}
     if shown.labels:
@@ -338,13 +334,6 @@ def _map_facts(shown: VertexMap, mean: float, n_vertices: int) -> dict[str, str]
     return count | {
         "map_range_label": format_range(*shown.range, shown.unit, word="to", digits=4),
         "map_mean_label": written,
-    }
-
-
-def _shares(known: MapSpectrum, count: int) -> dict[str, str]:
-    return {
-        "map_residual_label": format_number(known.residual(count)),
-        "map_share_label": format_share(known.share(count), 4),
     }
 
 

@@ -1,8 +1,9 @@
-"""Controls of parameters: the ends of a range, and the parameters of a filter."""
+"""Controls for the ends of a range, and for the parameters of a filter."""
 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QWidget
@@ -26,15 +27,15 @@ _WIDTH_TIP = "Full width at half maximum of the smoothing, √(16 ln 2 · s); a 
 
 
 class RangeBox(QWidget):
-    """A check for automatic, and a field for each end, which always show the range in force.
+    """A check box for an automatic range, and a field for each end, which show the current range.
 
-    A whole new range is typed in either order: an end beyond the other waits for it. `names` and
-    `texts` are object names and labels of the check, the low and the high end; `noun` is the
-    quantity, "time".
+    Both ends can be typed in either order: an end beyond the other is kept until the other has
+    been typed. `names` and `texts` are object names and labels of the check box, the low and the
+    high end; `noun` is the quantity, such as "time".
     """
 
     automatic_chosen = Signal(bool)
-    #: Low and high end, in this order.
+    #: Low and high end.
     range_given = Signal(float, float)
 
     def __init__(self, names: tuple[str, str, str], texts: tuple[str, str, str], noun: str) -> None:
@@ -56,10 +57,10 @@ class RangeBox(QWidget):
             name, unit = make.muted(text), make.muted()
             name.setBuddy(field)
             self._units.append(unit)
-            # in a row of their own: a column that is empty would keep its distance
+            # an empty column of units would still add its spacing
             rows.append((name, row((field,), unit)))
             field.edited.connect(lambda _number, other=other: self._give(other))
-            field.refused.connect(lambda sentence: show_note(self.fault, sentence))
+            field.refused.connect(partial(show_note, self.fault))
             field.editingFinished.connect(self._settle)
         self.setLayout(grid((self.check,), *rows, (self.fault,)))
 
@@ -71,10 +72,7 @@ class RangeBox(QWidget):
         *,
         automatic: bool,
     ) -> None:
-        """Show what the model holds; None while there is no range.
-
-        `bounds` are the least and the largest end that the mesh can have.
-        """
+        """Show a range of the model, or None; `bounds` are the smallest and largest valid end."""
         self.low.bounds = self.high.bounds = bounds
         show_quietly(self.check, automatic)
         for label in self._units:
@@ -90,13 +88,13 @@ class RangeBox(QWidget):
             field.show_value(end, self._unit)
 
     def _is_waiting(self) -> bool:
-        """Whether one end is given, beyond the other, and that one is about to be."""
+        """Return whether one end is beyond the other, which the user is about to type."""
         low, high = self.low.value, self.high.value
         here = self.low.hasFocus() or self.high.hasFocus()
         return here and low is not None and high is not None and low >= high
 
     def _settle(self) -> None:
-        """Who goes elsewhere before both ends are given finds the range that is in force."""
+        """Show the current range again if the focus has left before both ends were typed."""
         QTimer.singleShot(0, self, lambda: None if self._is_waiting() else self._show())
 
     def _give(self, other: NumberField) -> None:
@@ -112,15 +110,16 @@ class RangeBox(QWidget):
 
 
 class FilterParameters(QWidget):
-    """A row for each parameter of the document's filter, in controls named with a prefix."""
+    """A row for each parameter of the filter of a document; `prefix` begins the object names."""
 
-    #: A person gave a value; what is wrong with it, or nothing.
+    #: The user chose a value: why it is invalid, or "".
     tried = Signal(str)
 
     def __init__(self, document: Document, prefix: str = "") -> None:
         super().__init__()
         self._document = document
-        self.rows = [ParameterRow(f"{prefix}filter_parameter_{at}") for at in range(MOST_NAMES)]
+        names = (f"{prefix}filter_parameter_{at}" for at in range(MOST_NAMES))
+        self.rows = list(map(FilterParameterRow, names))
         for each in self.rows:
             each.chosen.connect(self._set_value)
         self.setLayout(column(*self.rows))
@@ -154,7 +153,7 @@ class FilterParameters(QWidget):
 
 
 def refusal(chosen: Filters, spectrum: Eigenpairs | None) -> str:
-    """What is wrong with a filter on these eigenpairs; empty if nothing is."""
+    """Return why a filter is invalid for these eigenpairs, or ""."""
     try:
         if spectrum is not None:
             chosen.weights(spectrum)
@@ -163,10 +162,10 @@ def refusal(chosen: Filters, spectrum: Eigenpairs | None) -> str:
     return ""
 
 
-class ParameterRow(QWidget):
-    """A parameter as a slider in log scale and as a number, with the length that it means."""
+class FilterParameterRow(QWidget):
+    """A parameter as a slider in log scale and as a number, with the length it corresponds to."""
 
-    #: Its name, and what a person gave.
+    #: Name of the parameter, and the value that the user chose.
     chosen = Signal(str, float)
 
     def __init__(self, name: str) -> None:
@@ -179,7 +178,7 @@ class ParameterRow(QWidget):
             given.connect(lambda value: self.chosen.emit(self._name, value))
         self.unit, self.length = make.muted(), make.muted()
         self.fault = note(f"{name}_fault", "warning")
-        self.field.refused.connect(lambda sentence: show_note(self.fault, sentence))
+        self.field.refused.connect(partial(show_note, self.fault))
         above = row(self.label, self.length, None, self.field, self.unit, spacing=6)
         self.setLayout(column(above, self.slider, self.fault, spacing=2))
 
@@ -193,7 +192,10 @@ class ParameterRow(QWidget):
         *,
         gaussian: bool = False,
     ) -> None:
-        """Show a parameter that is a power of length; of a Gaussian filter, its width."""
+        """Show a parameter whose unit is this power of length, and the corresponding length.
+
+        For a `gaussian` filter, the length is its full width at half maximum.
+        """
         self._name = name
         self.label.setText(name)
         for control in (self.slider, self.field):

@@ -1,4 +1,4 @@
-"""Controls of families that refer to a pinned vertex: distances, and "similar to this"."""
+"""Controls of families of a pinned vertex: distances and similarity."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ABOUT = {
 
 
 class PinChooser(FamilyTab):
-    """A tab of a family with a `vertex`, which follows the newest pin."""
+    """Base class of tabs of families with a `vertex`, which follows the newest pin."""
 
     def __init__(self, document: Document, family: type[Family]) -> None:
         self._pins: tuple[Pin, ...] = ()
@@ -58,13 +58,13 @@ class PinChooser(FamilyTab):
         self._change(vertex=self._document.pins.placed[row].vertex)
 
     def _follow_pins(self) -> None:
-        """Measure from the newest pin, also where it moves; from the last one if it is removed."""
+        """Choose a new pin; follow the chosen pin as it moves; choose the last if it is removed."""
         pins = self._document.pins.placed
         vertex: int | None = getattr(self._document.display[self.family], "vertex")  # noqa: B009
         before = {pin.number for pin in self._pins}
         was, self._pins = pin_at(self._pins, vertex), pins
         chosen = pin_at(pins, vertex)
-        if chosen is None and was is not None:  # it may have been moved
+        if chosen is None and was is not None:  # the pin may have moved
             chosen = next((pin for pin in pins if pin.number == was.number), None)
         if pins and (chosen is None or pins[-1].number not in before):
             chosen = pins[-1]
@@ -80,14 +80,14 @@ class PinChooser(FamilyTab):
 
     @property
     def _no_pin(self) -> str:
-        """What to do, and what the render shows meanwhile."""
+        """The hint while there is no pin."""
         if not self._document.spectrum:
             return "Click a vertex on the render to pin it."
         shown = shown_family(self._document.display).label.lower()
         return f"Click a vertex on the render to pin it. Until then the render shows the {shown}."
 
     def _show_pin(self, vertex: int | None) -> str:
-        """Show from which pin is measured, and say its name or which vertex that is."""
+        """Select the pin of a vertex in the combo box; return its name, or that of the vertex."""
         pins = self._document.pins.placed
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
@@ -99,7 +99,7 @@ class PinChooser(FamilyTab):
 
 
 class DistanceTab(PinChooser):
-    """Paint how far every vertex is from a pinned one; follows the last pin."""
+    """Controls of the distance from a pinned vertex."""
 
     def _build(self) -> None:
         self.measure_combo = make.combo(
@@ -161,7 +161,7 @@ class DistanceTab(PinChooser):
         self.time_label.setText(f"t = {written}, √t = {length}")
 
     def show_field(self, field: Field | None) -> None:
-        """Say how far the other pins are, and what is missing."""
+        """Show the distances of the other pins, and the share that is missing."""
         family = None if field is None else field.family
         if field is None or not isinstance(family, Distances):
             return
@@ -184,7 +184,7 @@ class DistanceTab(PinChooser):
 
 
 class SimilarityTab(PinChooser):
-    """Paint how far every vertex is from a pinned one in feature space; follows the last pin."""
+    """Controls of the distance in feature space from a pinned vertex."""
 
     def _build(self) -> None:
         self.basis = make.Segments(

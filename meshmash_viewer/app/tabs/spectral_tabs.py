@@ -1,4 +1,4 @@
-"""Controls of the families of the spectrum itself: eigenfunctions, and a filter of one's own."""
+"""Controls of eigenfunctions, and of a filter with a formula."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 
 from PySide6.QtCore import QTimer
 from PySide6.QtGui import QColor, QInputMethodEvent, QTextCharFormat
-from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from PySide6.QtWidgets import QApplication, QLineEdit
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import native_text
@@ -16,6 +16,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import (
     Facts,
     column,
+    holder,
     note,
     reserved_note,
     row,
@@ -41,7 +42,7 @@ _FACTS = {
 
 
 class EigenfunctionTab(FamilyTab):
-    """Scroll the eigenfunctions that have converged, and read what each one is."""
+    """Controls of the eigenfunctions, with facts about the displayed one."""
 
     def _build(self) -> None:
         self.flip_button = make.button(
@@ -89,9 +90,8 @@ class EigenfunctionTab(FamilyTab):
         self.angle.setRange(0, 180)
         self.angle.setPageStep(15)
         self.angle.valueChanged.connect(self._rotate)
-        self.rotation = theme.named(QWidget(), "rotation_controls")
         above = row(make.muted("Rotate towards"), self.towards_combo, None, self.angle_label)
-        self.rotation.setLayout(column(above, self.angle))
+        self.rotation = theme.named(holder(column(above, self.angle)), "rotation_controls")
 
     def _rotate(self, _: int) -> None:
         if self.angle.value() or self._document.display[Eigenfunctions].rotation:
@@ -180,18 +180,18 @@ def _multiplet(spectrum: Eigenpairs, index: int, zeros: int) -> str:
     ).replace("e-0", "e-")
 
 
-#: What the list calls a filter that is none of the ready ones.
+#: Entry of the list for a filter that is none of the ready ones.
 _OWN = "Formula"
 _HINT = "x is λ; other names become sliders. Arithmetic, comparisons, exp, log, sqrt, where, …"
 
 
 def _no_range(value: float) -> str:
-    """Why a value cannot be an end of the range, which is run through in log scale."""
+    """Return why a value cannot be an end of a range in log scale, or ""."""
     return "" if value > 0.0 else "The range of a parameter begins above zero."
 
 
 def _underline(edit: QLineEdit, position: int | None) -> None:
-    """Underline a character; None for no character."""
+    """Underline the character at a position; None removes the line."""
     formats = []
     if position is not None:
         wave = QTextCharFormat()
@@ -206,7 +206,7 @@ def _underline(edit: QLineEdit, position: int | None) -> None:
 
 
 class FilterTab(FamilyTab):
-    """Choose a ready filter or write one, and move its parameters."""
+    """Controls of a filter: ready formulas, a field for a formula, and its parameters."""
 
     def _build(self) -> None:
         self.combo = make.combo("filter_combo", "Ready filters", self._choose_ready)
@@ -215,9 +215,9 @@ class FilterTab(FamilyTab):
         theme.named(self.edit, "filter_formula_edit", "Formula of the filter", tip=_HINT)
         self.edit.textEdited.connect(self._check)
         self.edit.editingFinished.connect(self._take_formula)
-        # after the window has taken the focus away
-        self.edit.returnPressed.connect(lambda: QTimer.singleShot(0, self.edit, self._point))
-        #: Where the typed formula is wrong.
+        # deferred, as the window takes the focus on Return
+        self.edit.returnPressed.connect(lambda: QTimer.singleShot(0, self.edit, self._select_error))
+        #: Position of the error in the typed formula.
         self._position: int | None = None
         self.fault = reserved_note("filter_fault", 2, "muted", "What is wrong with the formula")
         self.parameters = FilterParameters(self._document)
@@ -240,7 +240,7 @@ class FilterTab(FamilyTab):
         for field in (self.range_box.low, self.range_box.high):
             field.fault = _no_range
 
-    # -- from the person --------------------------------------------------------------------
+    # -- input of the user ------------------------------------------------------------------
 
     def _choose_ready(self, index: int) -> None:
         text = READY.get(self.combo.itemText(index))
@@ -262,8 +262,8 @@ class FilterTab(FamilyTab):
         self._say(self._complaint(text))
         _underline(self.edit, self._position)
 
-    def _point(self) -> None:
-        """Select the wrong character of a formula that is not taken, to be typed over."""
+    def _select_error(self) -> None:
+        """Give the focus back to an invalid formula, and select its wrong character."""
         if self._complaint(self.edit.text()):
             self.edit.setFocus()
             if self._position is not None:
@@ -276,7 +276,7 @@ class FilterTab(FamilyTab):
         return self._document.display[Filters]
 
     def _complaint(self, text: str) -> str:
-        """What is wrong with a formula on these eigenpairs; empty if nothing is."""
+        """Return why a formula is invalid for these eigenpairs, or ""; set `_position`."""
         try:
             Formula(text)
         except InputError as fault:
