@@ -78,20 +78,15 @@ class GalleryDialog(SeriesDialog):
             "Save picture…", "gallery_save_button", "", self.save_requested, role="primary"
         )
         self.close_button = make.button("Close", "gallery_close_button", "", self.close)
-        for button in (self.cancel_button, self.save_button, self.close_button):
+        buttons = self.cancel_button, self.save_button, self.close_button
+        for button in buttons:
             button.setAutoDefault(False)
         self.remark_label = reserved_note("gallery_remark_label", 1)
+        head = row(QLabel("Columns"), self.range, self.count_label, None)
+        foot = row((self.progress_bar,), *buttons)
         self.setLayout(
-            column(
-                row(QLabel("Columns"), self.range, self.count_label, None),
-                (self.list,),
-                self.remark_label,
-                row(
-                    (self.progress_bar,), self.cancel_button, self.save_button, self.close_button
-                ),
-                margins=(16, 12, 16, 12),
-            )
-        )  # fmt: skip
+            column(head, (self.list,), self.remark_label, foot, margins=(16, 12, 16, 12))
+        )
         theme.pad_fields(self)
         FieldWheel(self).watch(self)
 

@@ -104,7 +104,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
             singleStep=2, keyboardTracking=True,
         )  # fmt: skip
 
-    # -- what was chosen ----------------------------------------------------------------------
+    # -- parameters ---------------------------------------------------------------------------
 
     @property
     def frame_size(self) -> tuple[int, int]:

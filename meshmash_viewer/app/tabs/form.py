@@ -111,13 +111,11 @@ class FamilyTab(QWidget):
         self.title.setWordWrap(True)
         head: Part = self.title
         if self.family.page:
-            head = row((self.title,), self._make_page_button())
+            name, tip = f"{self.family.name}_page_button", "What it is, and what can go wrong"
+            spoken = f"Page on: {self.family.label}"
+            page = make.button("?", name, spoken, self._open_page, role="link", tip=tip)
+            head = row((self.title,), page)
         self.setLayout(column(head, *parts, None, margins=PANEL))
-
-    def _make_page_button(self) -> QPushButton:
-        name, tip = f"{self.family.name}_page_button", "What it is, and what can go wrong"
-        spoken = f"Page on: {self.family.label}"
-        return make.button("?", name, spoken, self._open_page, role="link", tip=tip)
 
     def _open_page(self) -> None:
         """Show the page on the family in a modeless dialog."""

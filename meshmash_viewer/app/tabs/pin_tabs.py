@@ -120,20 +120,12 @@ class DistanceTab(PinChooser):
         )
         self.missing_note = note("distance_missing_label", "warning")
         self.compute_button = ComputeButton(self._document, "distance_compute_button")
-        self._fill(
-            "distance_label",
-            "",
-            *self._make_pin_choice(),
-            make.muted("Distance"),
-            self.measure_combo,
-            self.about,
-            row(self.time_label, None, self.play),
-            self._make_time_slider("distance_time_slider", "Time of diffusion, in log scale"),
-            self.facts,
-            self.lines_check,
-            self.missing_note,
-            row(self.compute_button, None),
-        )
+        measure = make.muted("Distance"), self.measure_combo, self.about
+        slider = self._make_time_slider("distance_time_slider", "Time of diffusion, in log scale")
+        time = row(self.time_label, None, self.play), slider
+        compute = row(self.compute_button, None)
+        parts = *measure, *time, self.facts, self.lines_check, self.missing_note, compute
+        self._fill("distance_label", "", *self._make_pin_choice(), *parts)
 
     def refresh(self) -> None:
         chosen = self._document.display[Distances]
@@ -195,14 +187,8 @@ class SimilarityTab(PinChooser):
         )
         self.basis.chosen.connect(lambda key: self._change(basis=key))
         self.explanation = note("similarity_explanation")
-        self._fill(
-            "similarity_label",
-            "",
-            *self._make_pin_choice(),
-            make.muted("Distance measured in"),
-            self.basis,
-            self.explanation,
-        )
+        parts = make.muted("Distance measured in"), self.basis, self.explanation
+        self._fill("similarity_label", "", *self._make_pin_choice(), *parts)
 
     def refresh(self) -> None:
         display = self._document.display

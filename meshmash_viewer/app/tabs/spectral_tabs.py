@@ -63,23 +63,13 @@ class EigenfunctionTab(FamilyTab):
         self.multiplet_note = note("multiplet_label")
         self._build_rotation()
         self.preview_note = note("preview_label", "warning")
-        self._fill(
-            "eigenvalue_label",
-            "Eigenvalue",
-            self._make_slider(
-                "eigenvector_slider",
-                "Eigenfunction",
-                native_text("Arrow keys, or the wheel once it is clicked: one; PgDn: ten"),
-            ),
-            self._make_index_row(
-                "eigenvector", "Index of the eigenfunction, counted from 0", self.flip_button
-            ),
-            self.facts,
-            self.nodal_check,
-            self.multiplet_note,
-            self.rotation,
-            self.preview_note,
-        )
+        tip = native_text("Arrow keys, or the wheel once it is clicked: one; PgDn: ten")
+        slider = self._make_slider("eigenvector_slider", "Eigenfunction", tip)
+        spoken = "Index of the eigenfunction, counted from 0"
+        index = self._make_index_row("eigenvector", spoken, self.flip_button)
+        notes = self.multiplet_note, self.rotation, self.preview_note
+        parts = slider, index, self.facts, self.nodal_check, *notes
+        self._fill("eigenvalue_label", "Eigenvalue", *parts)
 
     def _build_rotation(self) -> None:
         self.towards_combo = make.combo(
@@ -222,21 +212,12 @@ class FilterTab(FamilyTab):
         self.fault = reserved_note("filter_fault", 2, "muted", "What is wrong with the formula")
         self.parameters = FilterParameters(self._document)
         self.parameters.tried.connect(self._say)
-        self._fill(
-            "filter_label",
-            "Filter",
-            self.combo,
-            self.edit,
-            self.fault,
-            self.parameters,
-            row(PlayButton(self._document, "filter_play_button"), None),
-            make.heading("Exported columns"),
-            self._make_count_row(
-                "Number of columns",
-                "With more than one, the first parameter goes through its range, evenly in log",
-            ),
-            self._make_range_box(),
-        )
+        tip = "With more than one, the first parameter goes through its range, evenly in log"
+        count = self._make_count_row("Number of columns", tip)
+        play = row(PlayButton(self._document, "filter_play_button"), None)
+        heading, box = make.heading("Exported columns"), self._make_range_box()
+        filters = self.combo, self.edit, self.fault, self.parameters
+        self._fill("filter_label", "Filter", *filters, play, heading, count, box)
         for field in (self.range_box.low, self.range_box.high):
             field.fault = _no_range
 
