@@ -155,7 +155,7 @@ class FileNumbering:
 
     @cached_property
     def in_file(self) -> npt.NDArray[np.int64]:
-        """Index in the file of each vertex of the mesh, the lowest one of merged ones, (n,)."""
+        """Index in the file of each vertex of the mesh, the lowest of merged vertices, (n,)."""
         vertices, first = np.unique(self.here, return_index=True)
         return first[vertices >= 0].astype(np.int64)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Literal
 
 Classifier = Literal["ensemble", "forest", "logistic"]
-#: Kinds of classifiers, the default first, and what they are.
+#: Kinds of classifiers, the default first, with descriptions.
 CLASSIFIERS: dict[str, str] = {
     "ensemble": "mean probability of the two others",
     "forest": "100 extremely randomized trees",
     "logistic": "logistic regression of standardized columns",
 }
 Kind = Literal["hks", "wks", "curvature"]
-#: Kinds of columns, and what they are.
+#: Kinds of columns, with descriptions.
 KINDS: dict[str, str] = {
     "hks": "logarithm of the heat kernel signature at fixed times",
     "wks": "logarithm of the wave kernel signature at fixed energies",

@@ -149,7 +149,7 @@ def train_classes(
     Parameters
     ----------
     meshes : MeshLike or sequence of them
-        Meshes to learn from; several ones need a unit of length.
+        Training meshes; if there are several, each needs a unit of length.
     labels : VertexMap or sequence of them
         Labels of each mesh. Labels with the same name are one class; without names, those with the
         same number, where 0 is no label.

@@ -74,11 +74,11 @@ def align_multiplets(
     eigenvalues: npt.NDArray[np.float64],
     mass: npt.NDArray[np.float64],
 ) -> Alignment:
-    """Find rotations within multiplets that bring rows closest to those of a corresponding mesh.
+    """Find rotations within multiplets that bring rows closest to the rows of another mesh.
 
-    Each multiplet of the `rows`, shape (>= k, n), is rotated towards those of `shown`, shape (s,
-    n), that lie in its span, at any index; rows outside of multiplets are unchanged. Both meshes
-    have the same vertices, `mass` are their areas.
+    Each multiplet of `rows`, shape (>= k, n), is rotated towards the rows of `shown`, shape (s, n),
+    that lie in its span, at any index; rows outside of multiplets are unchanged. Both meshes have
+    corresponding vertices with areas `mass`.
     """
     blocks = []
     for start, stop in multiplets(eigenvalues, 0, len(eigenvalues)):

@@ -218,7 +218,7 @@ def memory_of_run(
     The peak is when the pairs of the last slices have converged, or when these are written. The
     estimate is within 25 % from 6 thousand to 400 thousand vertices. L has nnz entries; `workers`
     slices are computed in parallel; the constants of `n_null` components are known and need no
-    basis; `entries` are those of the factor, if known; rows are float32 if `lean`.
+    basis; the factor has `entries`, estimated if None; rows are float32 if `lean`.
     """
     if entries is None:
         entries = _FACTOR_DENSITY * n * float(np.log2(max(n, 4)))

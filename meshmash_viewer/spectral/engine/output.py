@@ -191,7 +191,7 @@ class Output:
     def _products(
         self, written: npt.NDArray[np.floating[Any]], before: npt.NDArray[np.floating[Any]]
     ) -> tuple[FloatArray, FloatArray]:
-        """Compute inner products of rows with those before, and with sums of earlier ones."""
+        """Compute inner products of rows with `before`, and with the sums of earlier rows."""
         shared = np.zeros((len(written), len(before)))
         far = np.zeros((len(written), _MIXTURES))
         for part in blocks(len(self.mass), _CHUNK):

@@ -427,10 +427,10 @@ class KnownPairs:
     def complement(
         self, start: int, stop: int, values: FloatArray, rows: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the pairs of a slice other than the known ones in it, which have some indices.
+        """Return the unknown pairs of a slice that contains the known pairs `start` to `stop`.
 
-        Of all m pairs of the slice, `rows` of shape (m, n), these are the orthogonal complement,
-        ascending. `ArithmeticError` is raised if a known pair does not lie in the slice.
+        They are the orthogonal complement of the known rows in the span of all m `rows` of the
+        slice, shape (m, n), ascending. `ArithmeticError` is raised if a known row is outside of it.
         """
         inner = rows @ self.rows(start, stop).T
         left, sizes, _ = np.linalg.svd(inner, full_matrices=True)
