@@ -18,6 +18,7 @@ from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.preview import preview_eigenpairs
 from meshmash_viewer.surface.decimation import cluster_vertices
+from meshmash_viewer.surface.masks import prepared
 from meshmash_viewer.surface.rays import RayTarget
 
 FAR = [1e6, 1e30, 1e100, 1e300, float(np.finfo(np.float64).max)]
@@ -105,6 +106,13 @@ def test_not_what_is_drawn(far: float) -> None:
     eye = np.array([0.6, 0.0, 0.8])
     targets = [RayTarget(each.points, each.faces) for each in (expected, found)]
     assert len({each.seen_vertex(np.array([0.1, 0.2, 0.3]), eye) for each in targets}) == 1
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_not_the_brush(far: float) -> None:
+    discs = [prepared(each).within(np.array([0]), 0.5) for each in (BALL, strayed(BALL, far))]
+    for expected, found in zip(*discs, strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.usefixtures("read_here")

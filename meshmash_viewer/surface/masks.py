@@ -176,7 +176,7 @@ def visible(
 
 def prepared(mesh: Mesh) -> Geodesics:
     """Make what strokes need, and compile or load the loops of brush and lasso."""
-    points = mesh.vertices - mesh.bounds.mean(axis=0)
+    points = np.clip(mesh.vertices, *mesh.bounds) - mesh.bounds.mean(axis=0)
     made = Geodesics(points, mesh.faces)
     made.within(mesh.faces[0, :1], 0.0)
     _ = mesh.vertex_areas, mesh.component_labels
