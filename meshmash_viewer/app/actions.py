@@ -1,7 +1,7 @@
-"""Table of commands, from which menus, toolbar, shortcuts and help are built.
+"""Table of the commands of a window, from which menus, toolbar, shortcuts and help are built.
 
-`Actions` makes one ``QAction`` of each command for a window, with the command's name as its
-``objectName``. It calls the method of that name of `commands.Commands` or of the document.
+`Actions` makes one ``QAction`` of each command, with the command's name as its ``objectName``;
+`commands.Commands` calls the method that implements it.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from meshmash_viewer.app.view.camera import view_label
 from meshmash_viewer.arrays import SMALL
 from meshmash_viewer.fields import FAMILIES
 
-#: How texts name keys, and a sequence that holds each.
+#: Names of keys in help texts, and a key sequence that contains each.
 _MODIFIERS = {"Ctrl": "Ctrl+A", "Shift": "Shift+A", "Alt": "Alt+A"}
 _NAMES = {"PgDn": "PgDown", "PgUp": "PgUp", "Esc": "Esc"}
-#: Menus in their order.
+#: Menus in the order of the menu bar.
 MENUS = ("File", "Edit", "View", "Select", "Field", "Inspect", "Help")
 
-#: Modes of the *Select* tool: their texts, and what a stroke does.
+#: Modes of the *Select* tool: label and description of each.
 SELECT_MODES: dict[str, tuple[str, str]] = {
     "brush": ("Brush", "Paint along the surface, only what is visible"),
     "lasso": ("Lasso", "Draw a line around vertices"),
@@ -37,7 +37,7 @@ SELECT_MODES: dict[str, tuple[str, str]] = {
     "alike": ("Alike", "Select what is like the pinned vertex, by the distance in features"),
 }
 
-#: What the mouse does over the render, for the help.
+#: Gestures of the mouse over the render and what they do, for the help.
 MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Drag", "Turn"),
     ("Shift + drag, or right button", "Shift"),
@@ -63,11 +63,19 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
 class Command:
     """A command of the window.
 
-    `shortcuts` are portable, the first one is shown, and those of the operating system
-    (`standard`) come before them. With a text in `toolbar` it is on the toolbar, with an `icon` of
-    `theme.ICONS`; `separated` draws a line before it. `needs` is "", "mesh", "render", "spectrum",
-    "small components", "second mesh", "selection", "hidden", "cut" or "part" (`Commands.there`),
-    `does` the name and the argument of the method, if it is not the one of this `name`.
+    Attributes
+    ----------
+    shortcuts : tuple of str
+        Key sequences in Qt's portable form. Those of `standard` on this operating system come
+        first; menus show the first of all.
+    toolbar, icon : str
+        Label on the toolbar ("" if it has no button there), and a key of `theme.ICONS`.
+    separated : bool
+        Whether a separator precedes it in menu and toolbar.
+    needs : str
+        The condition under which it is enabled, a key in `Commands.there`; "" for always.
+    does : tuple of str and object, optional
+        Name and argument of the method that implements it; by default the method `name`.
     """
 
     name: str
@@ -85,7 +93,7 @@ class Command:
     standard: QKeySequence.StandardKey | None = None
 
     def sequences(self) -> list[QKeySequence]:
-        """Keys of the command on this operating system."""
+        """Return the key sequences of the command on this operating system."""
         standard = [] if self.standard is None else QKeySequence.keyBindings(self.standard)
         own = [QKeySequence(text) for text in self.shortcuts]
         return [*standard, *(each for each in own if each not in standard)]
@@ -294,7 +302,7 @@ COMMANDS: tuple[Command, ...] = (
 
 
 class Actions:
-    """The commands as actions of a window, with shortcuts that work anywhere within it."""
+    """The actions of a window for all commands; their shortcuts work in the whole window."""
 
     def __init__(self, window: QMainWindow) -> None:
         self._actions: dict[str, QAction] = {}
@@ -328,9 +336,9 @@ class Actions:
                 self._actions[each.name].setIcon(theme.icon(each.icon))
 
     def fill_menus(self, window: QMainWindow) -> dict[str, QMenu]:
-        """Fill the window's menu bar; returns the menus by name, submenus included."""
+        """Fill the menu bar of a window; return its menus and submenus by name."""
         menus: dict[str, QMenu] = {}
-        taken = set("il")  # a line under a narrow letter is not seen
+        taken = set("il")  # narrow letters: the line under a mnemonic would be too short
         for name in MENUS:
             at = next(at for at, letter in enumerate(name.lower()) if letter not in taken)
             taken.add(name[at].lower())
@@ -354,7 +362,7 @@ class Actions:
                 toolbar.addAction(self._actions[each.name])
 
     def fit_toolbar(self, toolbar: QToolBar, width: int) -> None:
-        """Leave out as many texts as the buttons of a toolbar need to fit into a width."""
+        """Show as few toolbar buttons without text as needed for the toolbar to fit a width."""
         for name in _BY_ICON:
             self._actions[name].setPriority(QAction.Priority.NormalPriority)
         for name in _BY_ICON:
@@ -363,18 +371,18 @@ class Actions:
             self._actions[name].setPriority(QAction.Priority.LowPriority)
 
 
-#: Commands whose icon says enough where their text has no room, this one first.
+#: Commands whose buttons lose their text if the toolbar is too wide, the first one first.
 _BY_ICON = ("help", "flip", "nodal_lines", "reset_camera", "save_picture", "export", "play")
 _ROLES = {"quit": QAction.MenuRole.QuitRole, "about": QAction.MenuRole.AboutRole}
 
 
 def native_keys(*sequences: QKeySequence | str) -> str:
-    """Write sequences of keys, in Qt's portable form if they are texts, with commas between."""
+    """Return key sequences, given in Qt's portable form, as the operating system writes them."""
     return ", ".join(_native(QKeySequence(each)) for each in sequences)
 
 
 def native_text(text: str) -> str:
-    """Write the keys in a text, "Ctrl + wheel" or "PgDn", as the operating system does."""
+    """Replace the names of keys in a text, as "Ctrl + wheel", by those of the operating system."""
     for name, sequence in _MODIFIERS.items():
         native = _native(QKeySequence(sequence)).removesuffix("A").rstrip("+")
         text = re.sub(rf"\b{name}(?= \+)", native, text)

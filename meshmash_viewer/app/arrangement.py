@@ -31,29 +31,28 @@ from meshmash_viewer.spectral.cost import written_duration
 from meshmash_viewer.units import NO_BREAK, counted, format_number
 
 _VERSION = 4
-#: Width of the four tabs of the Field panel, in logical pixels.
+#: Minimum width of the Field panel, which has four tabs, in logical pixels.
 _FIELD_WIDTH = 316
-#: Least width of two plots side by side; below it they are tabs. Less than that of the render.
+#: Minimum width of a plot.
 _PLOT_WIDTH = 130
-#: Below this width of the window the two plots share one place, as tabs.
+#: Width of the window below which the two plots are tabs of one dock area.
 _NARROW = 1240
-#: Below these widths Field shares the place of the left panels, which leaves room for a render,
-#: and for two where meshes are compared.
+#: Widths of the window, with one render and with two, below which Field is a tab of the left area.
 _NARROW_ONE, _NARROW_PAIR = 1000, 1100
-#: Panels that share one place, as tabs.
+#: Panels that are tabs of the left area.
 _LEFT = ("mesh", "shape", "pair", "label")
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 
 
 class _Title(QWidget):
-    """A title bar that ignores double clicks, which would let the panel float without a frame."""
+    """Title bar that ignores double clicks, which would make the dock float without a frame."""
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         event.accept()
 
 
 class Dock(QDockWidget):
-    """A panel ``<name>_dock`` that can be moved, dragged out by its title, and closed."""
+    """Dock of a panel, named ``<name>_dock``, that can be moved, floated and closed."""
 
     def __init__(self, name: str, title: str, window: QMainWindow) -> None:
         super().__init__(title, window)
@@ -63,14 +62,14 @@ class Dock(QDockWidget):
         bar.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         hide = f"Hide {title}"
         self._close = make.icon_button(f"{name}_dock_close", hide, self.close, tip=hide)
-        self._close.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # as Qt's own; keys go by the View menu
+        self._close.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # as the buttons of Qt's own docks
         bar.setLayout(row((QLabel(title),), self._close, margins=(theme.MARGIN, 4, 6, 4)))
         self.setTitleBarWidget(bar)
         theme.notifier().changed.connect(self._refresh)
         self._refresh()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Pass on what its panel has no use for, to the window it floats over, too."""
+        """Pass unhandled keys to the window, also if the dock floats."""
         super().keyPressEvent(event)
         window = self.parentWidget()
         if self.isFloating() and window is not None:
@@ -85,6 +84,7 @@ class Arrangement:
 
     def __init__(self, window: QMainWindow) -> None:
         self._window = window
+        #: Whether the plots are tabs, two meshes are compared, and Field is in the left area.
         self._narrow = self._comparing = self._field_aside = False
         window.setDockNestingEnabled(True)
         areas = Qt.DockWidgetArea
@@ -127,7 +127,7 @@ class Arrangement:
 
     def reset(self) -> None:
         self._window.restoreState(self._first, _VERSION)
-        # toolbars that were added after that state would be on the line of the first one
+        # toolbars added after that state was saved would be on the line of the first one
         directly = Qt.FindChildOption.FindDirectChildrenOnly
         for bar in self._window.findChildren(QToolBar, options=directly)[1:]:
             self._window.insertToolBarBreak(bar)
@@ -137,7 +137,7 @@ class Arrangement:
     def share_room(self) -> None:
         """Give the docks their default sizes.
 
-        Unlike `reset`, it leaves no tab bar behind, which Qt makes anew with a restored state.
+        Unlike `reset`, this does not restore a state, for which Qt would make new tab bars.
         """
         self.fit()
         sides = [self.docks["mesh"], self.docks["field"]]
@@ -147,7 +147,7 @@ class Arrangement:
         self._window.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
 
     def fit(self) -> None:
-        """Show the plots side by side, or as tabs if the window is narrow."""
+        """Arrange the plots side by side, or as tabs if the window is narrow."""
         self._fit_field()
         window, narrow = self._window, self._window.width() < _NARROW
         spectrum, profile = self.docks["spectrum"], self.docks["profile"]
@@ -161,7 +161,7 @@ class Arrangement:
             window.tabifyDockWidget(spectrum, profile)
             spectrum.raise_()
         else:
-            # a tab cannot be split off: it has to be removed and added again
+            # Qt cannot split a tab off: remove the dock, and add it again
             window.removeDockWidget(profile)
             window.addDockWidget(_BOTTOM, profile)
             window.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
@@ -169,7 +169,7 @@ class Arrangement:
             window.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
 
     def set_comparing(self, comparing: bool) -> None:
-        """Leave room for two renders, or for one."""
+        """Adapt the docks to two renders, or to one."""
         self._comparing = comparing
         self._fit_field()
         if comparing:
@@ -177,7 +177,7 @@ class Arrangement:
             self.docks["pair"].raise_()
 
     def show_field(self) -> None:
-        """Bring Field to the front where it shares a place."""
+        """Raise Field if it is a tab of the left area."""
         if self._field_aside:
             self.docks["field"].raise_()
 
@@ -186,7 +186,7 @@ class Arrangement:
         return self._window.width() < (_NARROW_PAIR if self._comparing else _NARROW_ONE)
 
     def _fit_field(self) -> None:
-        """Put Field with the panels at the left while renders would be narrower than it."""
+        """Move Field to the left area in a narrow window, and back to the right in a wide one."""
         window, field, aside = self._window, self.docks["field"], self._is_field_aside
         if aside == self._field_aside or field.isFloating() or field.isHidden():
             return
@@ -206,7 +206,7 @@ class Arrangement:
 
     @staticmethod
     def _show(dock: Dock, shown: bool) -> None:
-        """Exclude hidden tabs from the Tab key, as Qt considers them visible."""
+        """Disable the panels of hidden tabs, which the Tab key would reach otherwise."""
         dock.widget().setEnabled(shown)
 
     def save(self) -> tuple[QByteArray, QByteArray]:
@@ -218,12 +218,12 @@ class Arrangement:
         aside = self._window.tabifiedDockWidgets(self.docks["field"])
         self._field_aside = self._is_field_aside and self.docks["mesh"] in aside
         plots = self._window.tabifiedDockWidgets(self.docks["spectrum"])
-        # tabs for want of width end when the window is shown wider than it was stored
+        # otherwise the plots would stay tabs in a window that is wider than when it was stored
         self._narrow = self._window.width() < _NARROW and self.docks["profile"] in plots
 
 
 class HoverLabel(QLabel):
-    """Index, value and place of the vertex under the pointer, or the size of the mesh."""
+    """Index, value and position of the vertex under the pointer, or the size of the mesh."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -233,22 +233,22 @@ class HoverLabel(QLabel):
         self._vertex = self._point = -1
         #: The field that is drawn.
         self.field: Field | None = None
-        #: Whether a click pins, and does not select.
+        #: Whether a click pins the vertex.
         self.clicks_pin = True
         follow(document.pins.changed, self._refresh)
 
     def show_vertex(self, vertex: int) -> None:
-        """Describe a vertex; -1 for none."""
+        """Describe a vertex, or the mesh for -1."""
         self._vertex = vertex
         self._refresh()
 
     def show_point(self, point: int) -> None:
-        """Describe a point of the table as well; -1 for none."""
+        """Describe a point of the table as well, or none for -1."""
         self._point = point
         self._refresh()
 
     def _of_point(self) -> list[str]:
-        """What the point under the pointer is, and its value in the column that colours it."""
+        """Describe the point under the pointer, with its value in the column that colours it."""
         points = self._document.points
         if points.projected is None or points.shown is None or self._point < 0:
             return []
@@ -264,7 +264,7 @@ class HoverLabel(QLabel):
         ready, field, vertex = self._document.ready, self.field, self._vertex
         if ready is None:
             parts = []
-        elif not 0 <= vertex < ready.mesh.n_vertices:  # or of the previous mesh
+        elif not 0 <= vertex < ready.mesh.n_vertices:  # none, or a vertex of the previous mesh
             health, unit = ready.health, ready.mesh.unit or "no unit"
             parts = [counted(health.n_vertices, "vertex"), counted(health.n_faces, "face"), unit]
         else:
@@ -274,7 +274,7 @@ class HoverLabel(QLabel):
                 named = field.labels or not math.isfinite(field.values[vertex])
                 value = field.value_text(vertex)
                 parts.append(value if named else f"value {value}")
-            # as a position is asked for, in the unit of the file
+            # in the unit of the file, which *Go to vertex or position* reads
             place = ", ".join(format_number(x, 6) for x in mesh.vertices[vertex])
             parts.append(f"at ({place}){NO_BREAK}{mesh.unit}".rstrip())
             if self.clicks_pin:
@@ -287,7 +287,7 @@ _STEPS = 1000
 
 
 def progress_text(state: JobState) -> str:
-    """Describe what is being done, and how long it still takes."""
+    """Return the stage of a job and its remaining time."""
     progress = state.progress
     what = "Stopping" if state.cancelling else progress.message or progress.stage
     parts = [what[:1].upper() + what[1:] if what else state.job.label]
@@ -297,7 +297,7 @@ def progress_text(state: JobState) -> str:
 
 
 def show_progress(bar: QProgressBar, state: JobState) -> None:
-    """Show how much is done; of a job whose end is not known the maximum is 0."""
+    """Show the completed fraction of a job; the maximum is 0 if it is unknown."""
     fraction = state.progress.fraction
     bar.setMaximum(0 if fraction is None else _STEPS)
     if fraction is not None:
@@ -305,14 +305,7 @@ def show_progress(bar: QProgressBar, state: JobState) -> None:
 
 
 class StatusProgress(QWidget):
-    """Progress in the status bar, while the panel that shows it is hidden, closed or behind others.
-
-    Parameters
-    ----------
-    document : Document
-    dock : QDockWidget
-        Dock of that panel.
-    """
+    """Progress in the status bar while `dock`, whose panel shows it as well, is hidden."""
 
     def __init__(self, document: Document, dock: QDockWidget) -> None:
         super().__init__()

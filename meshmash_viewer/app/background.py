@@ -1,4 +1,4 @@
-"""Work in the background of a window: jobs, small files, and threads for the newest request."""
+"""Background work of a window: jobs, file access, and threads that serve the newest request."""
 
 from __future__ import annotations
 
@@ -41,13 +41,12 @@ class LatestThread(QThread, Generic[Request]):
     """Works on one request at a time; a newer request replaces the waiting one.
 
     `work` is called in the thread with a request, and a function that returns True once the answer
-    is no longer wanted; it may then raise `Cancelled`. `take`, a bound method of a QObject, is
-    called in the thread of that object with a request and its answer, or the exception that was
-    raised; `answered` can be emitted with intermediate answers. A request has to stay the latest
-    for `rest` seconds before it is worked on. With `one_core`, linear algebra uses this thread
-    only: more threads compete with the interface thread, and make products several times slower
-    while the solver runs. That limit applies to the whole process, and is removed after each
-    request.
+    is not needed; it may then raise `Cancelled`. `take`, a bound method of a QObject, is called in
+    the thread of that object with a request and its answer, or with the exception that was raised;
+    `answered` may also be emitted with intermediate answers. The work begins when no newer request
+    has come for `rest` seconds. With `one_core`, linear algebra uses this thread only: further
+    threads would compete with the interface thread, and make products several times slower while
+    the solver runs. That limit applies to the whole process, and is removed after each request.
     """
 
     answered = Signal(object, object)
@@ -80,11 +79,11 @@ class LatestThread(QThread, Generic[Request]):
 
     @property
     def working(self) -> bool:
-        """Whether there is a request that has not been worked on."""
+        """Whether a request is waiting or being worked on."""
         return self._working
 
     def ask(self, request: Request) -> None:
-        """Replace the waiting request; ignored once the thread is closed."""
+        """Replace the waiting request; ignored after `close`."""
         with self._condition:
             if not self._closing:
                 self._next = request
@@ -108,7 +107,7 @@ class LatestThread(QThread, Generic[Request]):
     # -- in the thread ------------------------------------------------------------------------
 
     def stays(self, seconds: float) -> bool:
-        """Wait some seconds; return whether the current request is still the latest one."""
+        """Wait; return whether the current request is still the latest after some seconds."""
         with self._condition:
             return not self._condition.wait_for(
                 lambda: self._next is not None or self._given_up(), seconds
@@ -119,9 +118,9 @@ class LatestThread(QThread, Generic[Request]):
             pass
 
     def _serve(self) -> bool:
-        """Work on the next request; return False at the end.
+        """Work on the next request; return False after `close`.
 
-        No reference to the request is kept afterwards, as it may hold a mesh or an open file.
+        No reference to the request is kept, as it may hold a mesh or an open file.
         """
         request = self._take()
         if request is None:
@@ -148,7 +147,7 @@ class LatestThread(QThread, Generic[Request]):
                     continue
                 latest = self._next
                 if self._rest and self._condition.wait(self._rest):
-                    continue  # a newer one, or the end
+                    continue  # there is a newer request, or the thread is closed
                 if self._next is latest:
                     self._next, self._dropped = None, False
                     return latest
@@ -163,7 +162,7 @@ class LatestThread(QThread, Generic[Request]):
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Return the controller of linear algebra libraries, which is slow to make."""
+    """Return the controller of linear algebra libraries; its construction is slow."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
@@ -177,15 +176,15 @@ def _close(held: weakref.ref[LatestThread[Any]]) -> None:
 
 Result = TypeVar("Result")
 
-#: Milliseconds after which reading is announced.
+#: Milliseconds after which a message says that files are being read.
 _SLOW = 400
 SHOW_IN_FOLDER = "Show in folder"
 
 
 class BackgroundIO(QObject):
-    """Runs tasks one after the other in a thread, and notifies the document of failures.
+    """Runs functions one after the other in a thread, and shows failures as notices.
 
-    Files of maps that the document requests are read here.
+    It also reads the files of maps that the document requests.
     """
 
     _done = Signal(object, object)
@@ -203,9 +202,9 @@ class BackgroundIO(QObject):
         return self._waiting == 0
 
     def run(self, doing: str, work: Callable[[], Result], then: Callable[[Result], object]) -> None:
-        """Call `work` in the thread, and then `then` in the caller's thread with its result.
+        """Call `work` in the thread, then `then` with its result in the interface thread.
 
-        `doing` names the task in the message on a failure: "Writing shape.ply".
+        `doing` names the task in the message of a failure, such as "Writing shape.ply".
         """
 
         def task() -> None:
@@ -218,14 +217,14 @@ class BackgroundIO(QObject):
                 finish(then, result)
 
         def finish(call: Callable[[Any], object], result: object) -> None:
-            if shiboken6.isValid(self):  # the program may have ended meanwhile
+            if shiboken6.isValid(self):  # the program may have ended
                 self._done.emit(call, result)
 
         self._waiting += 1
         self._pool.start(task)
 
     def read_maps(self, paths: tuple[Path, ...], shown: bool, labels: bool) -> None:
-        """Read maps for the open mesh, or label sets; a file without maps gives a message."""
+        """Read maps, or label sets, for the open mesh; show a message for each that fails."""
         from meshmash_viewer.io.maps import maps_and_remarks
 
         document, mesh = self._document, self._document.mesh
@@ -296,11 +295,11 @@ _EXPORTS = ExportJob, PinExportJob, RegionsJob
 
 
 class Tasks(QObject):
-    """The one job of a document.
+    """Runs the jobs of a document, one at a time.
 
-    A job that brings another mesh, or another decomposition, stops the one that runs and goes
-    next: converged pairs are in the store, so nothing is lost. An export waits its turn, and
-    while one is being written the others wait for it.
+    A job that reads another mesh, or computes another decomposition, cancels the running job and
+    is run next: converged pairs are in the store already. An export is queued, and other jobs wait
+    for a running export.
     """
 
     _received = Signal(str, object)
@@ -318,7 +317,7 @@ class Tasks(QObject):
         listen(document.mesh_changed, self._on_mesh_changed)
 
     def _prepare(self, kind: str, content: object) -> None:
-        """Derive geometry in the worker's thread, then pass a message on."""
+        """Pass a message of the worker on; compute the geometry of a new mesh in this thread."""
         if isinstance(content, MeshReady):
             geometry_of(content.mesh)
         self._received.emit(kind, content)
@@ -327,13 +326,13 @@ class Tasks(QObject):
         getattr(self, f"_on_{kind}")(content)
 
     def run(self, job: Job) -> None:
-        """Run a job now, or after the running one."""
+        """Run a job now, or queue it."""
         if self.job is None and self._queue:
-            self._queue.append(job)  # between two jobs, as after the preview of a repaired mesh
+            self._queue.append(job)  # the next job is about to be started
         elif self.job is None:
             self._start(job)
         elif isinstance(job, DecomposeJob) and isinstance(self.job, PreviewJob | ClassesJob):
-            # these end within seconds and are used; two requests for one job run it once
+            # the running job ends within seconds; of several requests, only the last is kept
             self._queue = [other for other in self._queue if not isinstance(other, DecomposeJob)]
             self._queue.insert(0, job)
         elif isinstance(job, ClassesJob) and not isinstance(self.job, ClassesJob):
@@ -358,7 +357,7 @@ class Tasks(QObject):
         self.worker.cancel()
 
     def close(self) -> None:
-        """Stop everything; no process and no temporary file remains."""
+        """Stop all jobs; no process and no temporary file remains."""
         self._document.work.requested.disconnect(self.run)
         stop_listening(self)
         self._queue.clear()
@@ -380,7 +379,7 @@ class Tasks(QObject):
             self._start(self._queue.pop(0))
 
     def _on_mesh_changed(self) -> None:
-        """Stop a job on a mesh that is no longer shown, as after an undo."""
+        """Cancel a job on a mesh that is no longer displayed, as after an undo."""
         job, document = self.job, self._document
         if isinstance(job, DecomposeJob | PreviewJob | ClassesJob):
             stale = not document.is_solved(job.mesh)
@@ -406,12 +405,12 @@ class Tasks(QObject):
         try:
             notice, whole = self._accept(result)
         except Exception:
-            self._end()  # a listener failed: the job is over nevertheless
+            self._end()  # a listener has failed, but the job has ended
             raise
         self._end(notice, whole)
 
     def _accept(self, result: object) -> tuple[Notice | None, bool]:
-        """Take the result of a job; return what to say, and whether growing maps are whole."""
+        """Store the result of a job; return a notice, and whether maps in pieces are complete."""
         if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
             if is_worthwhile(result):

@@ -1,4 +1,4 @@
-"""Commands of the window."""
+"""Implementation of the commands of the window."""
 
 from __future__ import annotations
 
@@ -35,17 +35,16 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.point_tool import PointTool
     from meshmash_viewer.app.select_tool import SelectTool
 
-#: Commands that are on or off as the attribute of the display is.
+#: Checkable commands that set the attribute of the display of the same name.
 _SHOWN = ("nodal_lines", "label_borders", "label_graph", "hide_small")
-#: Keys that a focused field uses itself.
+#: Commands whose keys a focused field handles itself.
 _OF_FIELDS = ("cancel", "undo", "redo")
 
 
 class Commands:
-    """Implements each command of the table by the method of its name, here or in a helper.
+    """Implements each command by the method of its name.
 
-    The others are `opening`, `pictures`, for what is taken of the render, `pins`, the document, and
-    the render.
+    It is a method of this class, a tool, `opening`, `pictures`, `pins`, the document or the render.
     """
 
     def __init__(
@@ -71,7 +70,7 @@ class Commands:
         self.cutting: Cutting | None = None
         self.point_tool: PointTool | None = None
         display = document.display
-        #: The commands that are a call of something else.
+        #: Commands that call a function of another name.
         self._calls: dict[str, Callable[..., object]] = {
             "quit": window.close,
             "reset_layout": arrangement.reset,
@@ -99,7 +98,7 @@ class Commands:
             )
 
     def cancel(self) -> None:
-        """Stop what runs; where nothing does, clear the selection."""
+        """Cancel the running job; if there is none, clear the selection."""
         if self._document.work.job is not None:
             self._document.work.cancel()
         else:
@@ -109,7 +108,7 @@ class Commands:
         step(self._document, steps)
 
     def _do(self, command: Command, checked: bool) -> None:
-        # checked again, as an action is disabled with a delay of some milliseconds
+        # actions are disabled with a delay of some milliseconds
         if command.needs not in self.there():
             return
         if command.name not in _OF_FIELDS and not settle_typing():
@@ -132,7 +131,7 @@ class Commands:
         )
 
     def there(self) -> set[str]:
-        """Return the needs of commands (`Command.needs`) that are met now."""
+        """Return the values of `Command.needs` whose condition holds."""
         ready, spectrum = self._document.ready, self._document.spectrum
         shown = self._opening.scene is not None and ready is not None
         some = shown and spectrum is not None and len(spectrum) > 0
@@ -148,7 +147,7 @@ class Commands:
             "selection": self._document.selection.mask is not None,
             "part": self._document.part_mesh is not None,
         }
-        return {name for name, known_now in known.items() if known_now}
+        return {name for name, holds in known.items() if holds}
 
     def refresh(self) -> None:
         """Update the enabled and checked state of all actions."""
@@ -170,7 +169,7 @@ class Commands:
         actions["similar"].setEnabled(bool(document.pins.placed) and document.spectrum is not None)
         if not document.can_flip:
             actions["flip"].setEnabled(False)
-        # resolved, as the sign of a map depends on the mesh
+        # the family of the request knows whether its values are signed, which depends on the mesh
         request = request_of(document)
         if request is not None and not request.family.signed and not request.family.contoured:
             actions["nodal_lines"].setEnabled(False)
@@ -181,7 +180,7 @@ class Commands:
         for mode in theme.Mode:
             actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
 
-    # -- taking away --------------------------------------------------------------------------
+    # -- saving -------------------------------------------------------------------------------
 
     def export(self) -> None:
         self._export(self._document, self._opening.controller)
@@ -215,14 +214,14 @@ class Commands:
     def save_shape(self, path: Path) -> None:
         from meshmash_viewer.app.shape_source import shape_writer
 
-        if self._document.spectrum is None:  # another mesh was opened meanwhile
+        if self._document.spectrum is None:  # another mesh has been opened
             text = "The shape was not saved: its mesh is not open any more."
             self._document.notices.say(text, Severity.WARNING)
             return
         self.write(path, shape_writer(self._document, path), "Shape")
 
     def keep_match(self) -> None:
-        """Keep the field of the first mesh, by the match, as a map of the second."""
+        """Carry the field of the first mesh to the second by the match, and keep it as a map."""
         pair, controller = self._opening.pair, self._opening.controller
         if pair is not None and controller is not None and controller.field is not None:
             pair.keep(controller.field)
@@ -232,7 +231,7 @@ class Commands:
             self.write(path, lambda: pair.write_match(path), "Match")
 
     def write(self, path: Path, work: Callable[[], object], what: str) -> None:
-        """Write a file in the background, and say so."""
+        """Write a file in the background, then show a message."""
         written = f"{what} written to {path}."
         self._background_io.run(
             f"Writing {path.name}", work, lambda _: say_saved(self._document, written, path)
@@ -264,12 +263,12 @@ class Commands:
             cache.clear()
             self._document.notices.say(f"Deleted {size} of stored eigenpairs.")
 
-    # -- looking ------------------------------------------------------------------------------
+    # -- appearance ---------------------------------------------------------------------------
 
     def choose_theme(self, mode: theme.Mode) -> None:
         self._settings.theme = mode
         theme.set_mode(mode)
-        self.refresh()  # a checked theme cannot be unchecked
+        self.refresh()  # a click on the checked theme has unchecked it
 
     def full_screen(self, on: bool) -> None:
         (self._window.showFullScreen if on else self._window.showNormal)()
@@ -302,7 +301,7 @@ class Commands:
 
 
 def _shown_map(document: Document, controller: Controller | None) -> VertexMap | None:
-    """The field on a render as a map; None if it is a draft, or approximate."""
+    """Return the displayed field as a map; None if it is a draft, or of approximate pairs."""
     field, spectrum = None if controller is None else controller.field, document.spectrum
     if field is None or field.draft:
         return None

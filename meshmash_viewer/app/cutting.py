@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 
 class Cutting:
-    """Changes where the document's display cuts the mesh."""
+    """Changes the clipping plane of the document's display."""
 
     def __init__(self, document: Document, scene: MeshView) -> None:
         self._document, self._scene = document, scene
         scene.cut_handle.moved = self._put
 
     def cut(self, on: bool) -> None:
-        """Cut the mesh where it was cut last, or leave it whole."""
+        """Cut the mesh at the last plane, at first an oblique one, or show it whole."""
         display = self._document.display
         if on and not display.cut.placed:
             self.reset_cut()
@@ -31,19 +31,19 @@ class Cutting:
             display.cut = replace(display.cut, shown=on)
 
     def flip_cut(self) -> None:
-        """Cut the other side away."""
+        """Hide the other side of the plane."""
         cut = self._document.display.cut
         x, y, z = cut.normal
         self._document.display.cut = replace(cut, normal=(-x, -y, -z), offset=-cut.offset)
 
     def reset_cut(self) -> None:
-        """Cut through the middle, and take away what is to the right and towards the eye."""
+        """Cut through the middle obliquely, and hide the side to the right and towards the eye."""
         view = self._scene.renderer.view
         if view is not None:
             self._cut_across(-(view.axes[0] + view.axes[2]) / np.sqrt(2.0))
 
     def cut_across(self, axis: str) -> None:
-        """Cut through the middle across an axis, "x", "y" or "z", and take away what is nearer."""
+        """Cut through the middle across an axis, "x", "y" or "z", and hide the nearer side."""
         view, normal = self._scene.renderer.view, np.eye(3)["xyz".index(axis)]
         if view is not None:
             self._cut_across(-normal if view.axes[2] @ normal > 0.0 else normal)
@@ -52,7 +52,7 @@ class Cutting:
         mesh = self._document.mesh
         if mesh is not None:
             self._put(Plane(normal, float(normal @ mesh.bounds.mean(axis=0))))
-            self._document.history.end_gesture()  # a drag that follows is another change
+            self._document.history.end_gesture()  # so that a drag that follows is another undo step
 
     def _put(self, plane: Plane) -> None:
         mesh = self._document.mesh

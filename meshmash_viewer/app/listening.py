@@ -1,9 +1,9 @@
 """Connections of widgets to signals of the model, called at once or deferred.
 
 An update of a widget takes milliseconds, and one change of the model concerns many widgets. Updates
-of what is only displayed are therefore queued, each once. They begin when the frame of a tick has
-been drawn, or after a while without one, and run in short turns of the event loop, between which
-input and frames are handled.
+that only affect the display are therefore queued, each once. They begin when a frame has been
+drawn, or after 48 ms without one, and run in short turns of the event loop, so that input and
+frames are handled between them.
 """
 
 from __future__ import annotations
@@ -18,26 +18,27 @@ from typing import Any, TypeAlias
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
-#: Milliseconds until deferred calls begin without a frame, and between one beginning at a frame and
-#: the next; seconds after which a turn ends. What a turn has changed is painted after it, which
-#: takes milliseconds however small it is, so that turns are few.
+#: Milliseconds until deferred calls begin without a frame, and at least between two turns that
+#: frames begin; seconds after which a turn ends. Painting takes milliseconds after each turn,
+#: however little has changed, so there should be few turns.
 _DELAY, _TURN = 48, 0.008
-#: Milliseconds between turns. A timer of 0 fires only when no other event is pending, which may be
-#: never while slow frames are drawn.
+#: Milliseconds between turns. A timer of 0 would fire only when no other event is pending, which
+#: may be never while slow frames are drawn.
 _PAUSE = 1
 
 
 def listen(signals: Any, slot: Callable[[], None]) -> None:
     """Call a bound method of a Qt object at once, without arguments, when a signal is emitted.
 
-    `signals` are one or a tuple, of psygnal: ``document.spectrum_changed`` or ``display.events``.
-    The slot is held weakly, and not called once Qt has deleted its object.
+    `signals` is a psygnal signal or group, such as ``document.spectrum_changed`` or
+    ``display.events``, or a tuple of them. The slot is referenced weakly, and not called after Qt
+    has deleted its object.
     """
     _connect(signals, slot, _call)
 
 
 def follow(signals: Any, slot: Callable[[], None]) -> None:
-    """Like `listen`, but call it in one of the next turns: for what is only displayed."""
+    """Call a slot as `listen` does, but deferred: for updates that only affect the display."""
     _connect(signals, slot, lambda held: _turns().note(held))
 
 
@@ -49,22 +50,22 @@ def stop_listening(owner: QObject) -> None:
 
 
 def later(slot: Callable[[], None]) -> None:
-    """Call a bound method of a Qt object in one of the next turns, once for several requests."""
+    """Call a bound method of a Qt object deferred, once for several requests."""
     _turns().note(weakref.WeakMethod(slot))
 
 
 def hasten() -> None:
-    """Begin with the pending calls, since a frame has been drawn; later if some were just made."""
+    """Begin with the pending calls, as a frame has been drawn; wait if the last turn was recent."""
     _turns().hasten()
 
 
 def catch_up() -> None:
-    """Make all pending calls now, as tests and screenshots need."""
+    """Make all pending calls now, for tests and screenshots."""
     _turns().finish()
 
 
 _Held: TypeAlias = "weakref.WeakMethod[Callable[[], None]]"
-#: By owner of the slots: functions that disconnect them.
+#: Functions that disconnect slots, by the owner of the slots.
 _disconnects: weakref.WeakKeyDictionary[object, list[Callable[[], None]]] = (
     weakref.WeakKeyDictionary()
 )
@@ -88,7 +89,7 @@ def _call(held: _Held) -> None:
 
 
 class _Turns(QObject):
-    """Pending calls, in the order of their first request."""
+    """The queue of pending calls, in the order of their first request."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -103,9 +104,9 @@ class _Turns(QObject):
             self._timer.start(_DELAY)
 
     def hasten(self) -> None:
-        if self._timer.remainingTime() > _PAUSE:  # else never while frames are drawn
+        if self._timer.remainingTime() > _PAUSE:  # otherwise each frame would delay the turn
             long_ago = perf_counter() - self._ended > _DELAY / 1000.0
-            self._timer.start(_PAUSE if long_ago else _DELAY)  # rather after the next frame
+            self._timer.start(_PAUSE if long_ago else _DELAY)
 
     def forget(self, owner: QObject) -> None:
         for held in list(self._due):
@@ -119,9 +120,9 @@ class _Turns(QObject):
 
     def _take_turn(self) -> None:
         begun = perf_counter()
-        while self._due:  # one call at least, however busy the machine
+        while self._due:  # at least one call in each turn
             if len(self._due) > 1:
-                self._timer.start(_PAUSE)  # before the call, which may fail
+                self._timer.start(_PAUSE)  # before the call, which may raise
             self._call_first()
             self._ended = perf_counter()
             if self._ended - begun > _TURN:
@@ -137,7 +138,7 @@ _known: _Turns | None = None
 
 
 def _turns() -> _Turns:
-    """Return the queue, made at the first use, when there is an application."""
+    """Return the queue; it is made at the first use, which needs an application."""
     global _known
     if _known is None or not shiboken6.isValid(_known):
         _known = _Turns()

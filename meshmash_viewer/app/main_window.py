@@ -63,13 +63,13 @@ _FIELDS = (QLineEdit, QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 class MainWindow(ScriptedWindow):
     """One document in one window.
 
-    `fresh` ignores the stored settings. If `deferred`, the render and the plots are left out until
-    `load` is called, so that the window can be on the screen before their libraries are.
+    With `fresh`, stored settings are ignored. With `deferred`, render and plots are made by a later
+    call of `load`, so that the window is shown before their libraries are imported.
     """
 
-    #: The window has been closed, and its tasks have ended; it cannot be shown again.
+    #: The window has been closed, and its tasks have ended. It cannot be shown again.
     closed = Signal()
-    #: Whether there are render and panels; events come before this object is made.
+    #: Whether render and panels are made. A class attribute, as Qt sends events during `__init__`.
     loaded = False
 
     def __init__(
@@ -135,7 +135,7 @@ class MainWindow(ScriptedWindow):
         self._on_mesh_changed()
         self._show_stage()
         self.commands.refresh()
-        # keys mean commands from the start; no button stands out before one is chosen
+        # so that keys are commands from the start, and no button has the focus
         self.stage.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.stage.setFocus()
         if not deferred:
@@ -159,7 +159,7 @@ class MainWindow(ScriptedWindow):
         self.statusBar().addPermanentWidget(self.status_progress, 1)
 
     def _place(self) -> None:
-        """Take the size of last time, or a good part of the screen."""
+        """Set the stored size and layout, or the default ones."""
         screen = QGuiApplication.primaryScreen().availableGeometry()
         self.resize(min(1440, screen.width() - 40), min(900, screen.height() - 60))
         self.arrangement.share_room()
@@ -168,7 +168,7 @@ class MainWindow(ScriptedWindow):
             self.arrangement.restore(layout)
 
     def load(self) -> None:
-        """Build the render and the plots; importing their libraries takes a moment."""
+        """Make the render and the panels, whose libraries are imported first."""
         if self.loaded or self._closed:
             return
         from meshmash_viewer.app.controller import Controller
@@ -272,10 +272,10 @@ class MainWindow(ScriptedWindow):
         follow(document.mesh_changed, self._show_stage)
 
     def open_mesh(self, path: str | Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
-        """Read a mesh file, or a link with a segment, as it was left, with files of maps.
+        """Read a mesh file, or a link with a segment, restore its session, and add maps from files.
 
-        It is in the unit that it was given last, unless another is given. The open one stays if
-        that fails.
+        The unit of the session is used unless another is given. If reading fails, the open mesh
+        stays.
         """
         path = link_file(parse_link(path)) if is_link(path) else Path(path)
         self.opening.read(path, unit, maps)
@@ -294,7 +294,7 @@ class MainWindow(ScriptedWindow):
         self.hover_label.show_vertex(-1)
 
     def _show_stage(self) -> None:
-        """Show the render or the welcome, and which meshes were opened last."""
+        """Show the render or the welcome page, and update the recent meshes."""
         self.stage.show_scene(self.loaded and self.document.ready is not None)
         recent = self.settings.recent
         self.stage.welcome.set_recent(recent)
@@ -306,7 +306,7 @@ class MainWindow(ScriptedWindow):
             action.triggered.connect(lambda _checked=False, path=path: self.opening.open_path(path))
 
     def _on_drawn(self, field: Field | None, limits: Limits) -> None:
-        """Show the field that was drawn in the panels, and vibrate by it."""
+        """Pass the field that was drawn to the panels and to the vibration."""
         self.hover_label.field = field
         self.field_panel.set_field(field, limits)
         self.profile_panel.table.set_field(field)
@@ -347,7 +347,7 @@ class MainWindow(ScriptedWindow):
         self.stage.message_bar.keep_clear(self.scene.title_size, self.scene.bar_width)
 
     def _point_at_pin(self, vertex: int) -> None:
-        """Highlight the pin whose disc is under the pointer, if there is one."""
+        """Highlight the profile of the pin under the pointer, if there is one."""
         pinned = pin_at(self.document.pins.placed, vertex) is not None
         self.profile_panel.point_at(vertex if pinned else -1)
 
@@ -372,7 +372,7 @@ class MainWindow(ScriptedWindow):
                 self.opening.second_view.scene.set_theme(theme.is_dark())
 
     def say_refusal(self, sentence: str) -> None:
-        """Show or remove the reason why a field rejects its text; see `spin.show_refusal`."""
+        """Show why a field rejects its text, or remove that message for ""."""
         notice = self.stage.message_bar.notice
         if sentence:
             self._refusal = sentence
@@ -383,37 +383,37 @@ class MainWindow(ScriptedWindow):
     # -- events -------------------------------------------------------------------------------
 
     def event(self, event: QEvent) -> bool:
-        """Give the selection to labels by digits while the Select tool is on."""
+        """Assign the selection to a label by a digit key, while the Select tool is on."""
         labels = self.document.labels if self.loaded and self.select_tool.on else None
         taken = labels is not None and labels.current is not None and given_to_label(event, labels)
         return taken or super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Make keys commands again once a field has accepted its text.
+        """Move the focus from a field to the render on Return.
 
-        Fields pass Return on when they have accepted it; rejected text stays to be corrected.
+        A field passes Return on only if it has accepted its text.
         """
         field = QApplication.focusWidget()
         if isinstance(field, _FIELDS) and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.activateWindow()  # where the field is in a dock that floats
+            self.activateWindow()  # the field may be in a floating dock
             self.stage.setFocus()
         else:
             super().keyPressEvent(event)
 
     def childEvent(self, event: QChildEvent) -> None:
-        """Watch the tabs of docks, which Qt makes as they are put behind one another."""
+        """Filter wheel events of the tab bars that Qt makes for tabbed docks."""
         super().childEvent(event)
         if event.polished() and isinstance(child := event.child(), QTabBar):
             self._field_wheel.watch(child)
 
     def changeEvent(self, event: QEvent) -> None:
-        """Check that the window fills the screen, which macOS has a button for, too."""
+        """Update the *Full screen* action, as macOS has a button of its own."""
         super().changeEvent(event)
         if event.type() == QEvent.Type.WindowStateChange:
             self.actions_["full_screen"].setChecked(self.isFullScreen())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep the plots readable, and all buttons of the toolbar in sight."""
+        """Adapt docks and toolbar to the width of the window."""
         super().resizeEvent(event)
         self.arrangement.fit()
         self.actions_.fit_toolbar(self.toolbar, self.width())
@@ -430,7 +430,7 @@ class MainWindow(ScriptedWindow):
         self.drop_areas.hide()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Open the first mesh or session that was dropped, and add the maps that were."""
+        """Open the files that were dropped, see `Opening.open_paths`."""
         if paths := self._show_drop(event):
             event.acceptProposedAction()
             second = self.drop_areas.point_at(event.position().toPoint()) == 1
@@ -438,7 +438,7 @@ class MainWindow(ScriptedWindow):
         self.drop_areas.hide()
 
     def _show_drop(self, event: QDropEvent) -> list[Path]:
-        """Show the areas of the files of an event, and return these."""
+        """Show the drop areas for the files of an event; return the files."""
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         if paths:
             second = self.opening.second_view

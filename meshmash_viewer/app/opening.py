@@ -1,4 +1,4 @@
-"""Opening of meshes, maps and sessions, and of a second mesh to compare with."""
+"""Opening of meshes, maps, tables and sessions, and of a second mesh for a comparison."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 
 
 class Opening(QObject):
-    """What is open in a window: a mesh, perhaps a second one, and sessions of both."""
+    """Opens files in a window, and holds the views of both meshes and their sessions."""
 
-    #: A second mesh was opened or closed: a `Pair`, or None.
+    #: A second mesh was opened (its `Pair`) or closed (None).
     pair_changed = Signal(object)
-    #: The table of pins at a path was opened.
+    #: A table of pins was opened: its path.
     pins_requested = Signal(object)
-    #: The table at a path was opened: of points, or of values per vertex.
+    #: A table of points, or of values per vertex, was opened: its path.
     points_requested = Signal(object)
 
     def __init__(
@@ -62,20 +62,20 @@ class Opening(QObject):
         self._window, self._document, self._settings = window, document, settings
         self._stage = stage
         self.last_session = LastSession(document, settings.sessions, self._look_of, self)
-        #: The render of the first mesh, once it is loaded.
+        #: The render of the first mesh, and its controller; None until they are loaded.
         self.scene: MeshView | None = None
         self.controller: Controller | None = None
         self.second_view: SecondView | None = None
-        #: The session that is being opened.
+        #: The session that is being restored, and that of the second mesh.
         self.restoration: Restoration | None = None
         self._second_restoration: Restoration | None = None
-        #: The first of two meshes that are opened together, the second, and maps of that.
+        #: Of two meshes that are opened together: both paths, and the maps of the second.
         self._waiting: tuple[Path, Path, list[Path]] | None = None
         follow(document.mesh_changed, self._open_waiting)
         follow((document.mesh_changed, document.spectrum_changed), self._name_first)
 
     def _name_first(self) -> None:
-        """Write over the first render, while there is a second, what it shows."""
+        """Write name and number of pairs of the first mesh above its render."""
         mesh, spectrum = self._document.mesh, self._document.spectrum
         parts = [(mesh.name if mesh is not None else "") or "First mesh"]
         if spectrum is not None and len(spectrum):
@@ -84,16 +84,17 @@ class Opening(QObject):
         self._stage.first_label.setText("  ·  ".join(parts))
 
     def open_path(self, path: Path) -> None:
-        """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
+        """Open a session, a mesh, or a map of the open mesh; see `open_paths`."""
         self.open_paths([path])
 
     def open_paths(self, paths: Sequence[Path], *, as_second: bool = False) -> None:
-        """Open the first session or mesh among files, and add all maps among them.
+        """Open the first session or mesh among files, and add all maps and tables among them.
 
-        Tables of pins alone are for the first mesh.
-        With `as_second` they are for the second mesh; maps are for the first if there is none.
+        Two meshes are opened for a comparison. With `as_second` the mesh and the maps are for the
+        second mesh; without a second mesh, maps are added to the first. Tables of pins and points
+        are for the first mesh.
         """
-        if paths[0].suffix != LINK_ENDING:  # a link has no folder to go on in
+        if paths[0].suffix != LINK_ENDING:  # the file of a link is in an internal folder
             self._settings.folder = paths[0].parent
         maps, others = _divided(paths)
         pins = [] if others else [path for path in maps if is_pin_table(path)]
@@ -123,11 +124,11 @@ class Opening(QObject):
             self.read(others[0], maps=[path for path in maps if path not in theirs])
         else:
             self.read(others[0], maps=maps)
-        if len(others) > 2 or (others and self._waiting is None and len(others) > 1):
+        if len(others) > 1 + (self._waiting is not None):
             self._document.notices.say(f"Opening {others[0].name}; two meshes at most.")
 
     def _open_waiting(self) -> None:
-        """Open the second of two meshes that were opened together, once the first is there."""
+        """Open the second of two meshes that are opened together, once the first is open."""
         if self._waiting is None or self._document.path != self._waiting[0]:
             return
         if self.scene is not None and self.restoration is None:
@@ -135,7 +136,7 @@ class Opening(QObject):
             self.open_second(path, maps)
 
     def drop_texts(self, paths: Sequence[Path]) -> tuple[str, ...]:
-        """Say what `open_paths` does with files, and with `as_second` if that is something else."""
+        """Describe what `open_paths` does, and what it does `as_second` if that differs."""
         first, (maps, others) = self._document.mesh, _divided(paths)
         values = maps[0].name if len(maps) == 1 else counted(len(maps), "map")
         if not others:
@@ -151,9 +152,10 @@ class Opening(QObject):
         return f"Open\n{name}", f"Compare\n{first.name or 'the open mesh'}\nwith {name}"
 
     def read(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
-        """Read a mesh file as it was left, with files of maps; the open mesh stays if that fails.
+        """Read a mesh file, restore its stored session, and add maps from files.
 
-        It is in the unit that it was given last, unless another is given.
+        The unit of the session is used unless another is given. If reading fails, the open mesh
+        stays.
         """
         self.last_session.save()
         session = self.last_session.stored(path)
@@ -172,7 +174,7 @@ class Opening(QObject):
         self._begin(restoration)
 
     def _offer_fresh_start(self, path: Path, session: Session) -> None:
-        """Say what of the last time is there again, and offer to open the file without it."""
+        """Show what the session has restored, with a button that opens the file without it."""
         made = {
             "pin": len(self._document.pins.placed),
             "map": self.last_session.restore_maps(self.last_session.path(path), session.kept_maps),
@@ -189,15 +191,16 @@ class Opening(QObject):
             self._document.notices.show(notice)
 
     def start_afresh(self, path: Path) -> None:
-        """Open a mesh file without what was made on it."""
+        """Delete the stored session of a mesh file, and open the file."""
         self.last_session.forget(path)
         self.end_comparison()
         self._document.open_mesh(path)
 
     def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
+        """Return the camera, empty without a render, and the pair, for a session."""
         camera = self.scene.camera() if self.scene is not None else None
         if camera and self.scene is not None and not self.scene.turned_by_hand:
-            camera["fitted"] = True  # to the size of the render
+            camera["fitted"] = True  # the whole mesh fills the render
         return camera or {}, self.pair
 
     def add_map(self) -> None:
@@ -221,7 +224,7 @@ class Opening(QObject):
             self.open_path(path)
 
     def open_link(self) -> None:
-        """Ask for a link to the mesh of a segment, which may be the second mesh."""
+        """Ask for a link to the mesh of a segment, and open it as the first or the second mesh."""
         from meshmash_viewer.app.dialogs.link_dialog import LinkDialog
 
         path = self._document.path
@@ -239,7 +242,7 @@ class Opening(QObject):
             self.open_second(path)
 
     def _ask_for_mesh(self, title: str) -> Path | None:
-        # FreeSurfer surfaces have endings of many kinds
+        # the endings of FreeSurfer's surfaces are names of surfaces, such as .pial
         patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
         path, _ = QFileDialog.getOpenFileName(
             self._window,
@@ -258,17 +261,17 @@ class Opening(QObject):
 
     @property
     def pair(self) -> Pair | None:
-        """Both documents with their links; None without a second mesh."""
+        """The pair of both documents; None without a second mesh."""
         return None if self.second_view is None else self.second_view.pair
 
     @property
     def scenes(self) -> list[MeshView]:
-        """The renders of the first mesh and of the second, as far as there are any."""
+        """The renders that exist: of the first mesh, then of the second."""
         first = [] if self.scene is None else [self.scene]
         return first if self.second_view is None else [*first, self.second_view.scene]
 
     def open_second(self, path: Path, maps: Sequence[Path] = (), unit: str = "") -> None:
-        """Read a second mesh as `read` does; an open one stays if that fails."""
+        """Read a second mesh as `read` does; if that fails, an open second mesh stays."""
         session = self.last_session.stored(path)
         document = self._make_view(None).document
         if session is None:
@@ -279,7 +282,7 @@ class Opening(QObject):
             document.open_mesh(path, unit, None, maps, *(known if session.source else ()))
 
     def _make_view(self, links: Collection[str] | None) -> SecondView:
-        """Return the view of the second mesh, made if needed, see `Pair.set_links`."""
+        """Return the view of the second mesh, made if needed, with `links` (`Pair.set_links`)."""
         from meshmash_viewer.app.second_view import SecondView
 
         view = self.second_view
@@ -334,7 +337,7 @@ class Opening(QObject):
         restoration.begin()
 
     def look(self) -> None:
-        """Restore the camera of the session, once both mesh and render are loaded."""
+        """Restore the camera and the second mesh of a session, once mesh and render are loaded."""
         restoration = self.restoration
         if self.scene is None or restoration is None or not restoration.done:
             return
@@ -354,7 +357,7 @@ class Opening(QObject):
         self._open_waiting()
 
     def store_session(self, path: Path) -> None:
-        """Write the session, and next to it the maps that are in no file.
+        """Write a session file, and next to it the maps that are in no other file.
 
         `InputError` is raised if a file cannot be written.
         """
@@ -390,7 +393,7 @@ class Opening(QObject):
 
 
 def _write_maps(session: Path, document: Document | None, of: str = "") -> list[str]:
-    """Write the maps of a document that are in no file next to a session; return the file names."""
+    """Write the maps that are in no file to a file next to a session; return the file names."""
     if document is None or document.mesh is None or not document.maps.unsaved.maps:
         return []
     name = f"{session.name.removesuffix(SESSION_ENDING)}{of}{KEPT_MAPS_ENDING}"
@@ -400,11 +403,11 @@ def _write_maps(session: Path, document: Document | None, of: str = "") -> list[
 
 
 def _divided(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """The files of maps or points, and the others."""
+    """Divide files into those of maps, pins or points, and the others."""
     maps = [path for path in paths if is_map_file(path) or _is_table(path)]
     return maps, [path for path in paths if path not in maps]
 
 
 def _is_table(path: Path) -> bool:
-    """Whether a file is a table, of points or of maps."""
+    """Whether a file is a table, of points or of maps, by its ending."""
     return path.suffix.lower() in POINT_ENDINGS

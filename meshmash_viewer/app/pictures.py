@@ -47,7 +47,7 @@ class Pictures:
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self._opening = opening
-        #: Name of the mesh and path of the last picture, and the meshes of its preview.
+        #: Name of the mesh and path of the last picture; meshes of the current preview.
         self._saved: tuple[str, Path] | None = None
         self._previewed: list[weakref.ref[Mesh]] = []
         #: Open modeless dialogs by command.
@@ -74,7 +74,7 @@ class Pictures:
         return [scene for scene in self._opening.scenes if scene.mesh is not None]
 
     def _seen(self) -> list[Frame]:
-        """What the renders show; empty while a stand-in of a large mesh is being made."""
+        """Return the content of the renders; empty until the stand-in of a large mesh is made."""
         from meshmash_viewer.app.view.figure import frame_of
 
         frames = []
@@ -94,7 +94,7 @@ class Pictures:
         scenes, mesh = self._scenes(), self._document.mesh
         drawings = [scene.renderer.twin() for scene in scenes]
         try:
-            # there may be another mesh than in the preview by now
+            # another mesh may have been opened since the preview
             if not panels or self._previewed != list(map(_reference, drawings)):
                 sizes = [scene.plotter.pixels()[:2] for scene in scenes]
                 panels = [seen_of(each, size) for each, size in zip(drawings, sizes, strict=True)]
@@ -139,19 +139,19 @@ class Pictures:
             self._open("movie", MovieDialog(self._document, scene, path, self._window), "Movie")
 
     def _raise_open(self, name: str) -> bool:
-        """Raise the dialog of a command if it is open; returns whether it is."""
+        """Raise the dialog of a command if it is open; return whether it is open."""
         dialog = self._open_dialogs.get(name)
         if dialog is not None:
             dialog.raise_()
             dialog.activateWindow()
         return dialog is not None
 
-    def _open(self, name: str, dialog: GalleryDialog | MovieDialog, what: str) -> None:
-        """Open a modeless dialog, and notify when it has saved its file."""
+    def _open(self, name: str, dialog: GalleryDialog | MovieDialog, product: str) -> None:
+        """Open a modeless dialog, and show a message when it has saved its `product`."""
 
         def take_saved(path: Path) -> None:
             self._settings.folder = path.parent
-            say_saved(self._document, f"{what} saved to {path}.", path)
+            say_saved(self._document, f"{product} saved to {path}.", path)
 
         self._open_dialogs[name] = dialog
         dialog.saved.connect(take_saved)
@@ -183,10 +183,10 @@ class Pictures:
         self._document.notices.say(f"Writing {path.name} …")
 
         def write() -> None:
-            try:  # in a process, as pyvista takes seconds, with the interpreter lock
+            try:  # in a child process, since pyvista holds the interpreter lock for seconds
                 call_in_child(write_scene, surface, path, look=self._stop_if_closed)
             finally:
-                remove_left_overs(path.parent)  # of a process that was ended
+                remove_left_overs(path.parent)  # temporary files of a process that was ended
 
         self._background_io.run(
             f"Writing {path.name}",
@@ -213,7 +213,7 @@ class Pictures:
         """Stop writing scenes, and close open dialogs."""
         self._closed = True
         for dialog in list(self._open_dialogs.values()):
-            dialog.done(0)  # cancels a movie that is being made
+            dialog.done(0)  # this cancels the recording of a movie
 
 
 def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
@@ -235,5 +235,5 @@ def _options(stored: str) -> FigureOptions:
 
 
 def _reference(drawing: MeshRenderer) -> weakref.ref[Mesh]:
-    assert drawing.mesh is not None  # of renders that have one
+    assert drawing.mesh is not None
     return weakref.ref(drawing.mesh)

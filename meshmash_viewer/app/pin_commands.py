@@ -1,4 +1,4 @@
-"""Commands on pins: set, move, name, remove, import and export them; menus of vertices."""
+"""Commands that set, move, name, remove, import and export pins, and the menus of vertices."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.second_view import SecondView
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Commands offered by a right click next to the mesh.
+#: Commands in the menu of a right click beside the mesh, and below a list of pins.
 _ELSEWHERE = ("reset_camera", "copy_picture", "save_picture")
 _IN_LISTS = ("import_pins", "export_pins", "clear_pins")
 _TABLES = "Tables (*.csv *.tsv *.txt)"
@@ -50,7 +50,7 @@ _DIGITS = 7
 
 
 class PinCommands:
-    """The commands on the pins of a document, whose render and controller are loaded later."""
+    """The commands on the pins of a document."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class PinCommands:
         self._dragging = False
 
     def connect(self, scene: MeshView, panel: ProfilePanel) -> None:
-        """Take requests of the render and of the lists of pins."""
+        """Connect the render and the table of pins, once they are loaded."""
         self._panel = panel
         scene.movable_pins = True
         scene.pin_dragged.connect(self.drag)
@@ -159,7 +159,7 @@ class PinCommands:
         self._accept(mesh, placed, "")
 
     def _accept(self, mesh: Mesh, placed: PlacedPins, source: str) -> None:
-        """Add pins to those of the mesh, if it is still open, and say what was left out."""
+        """Add imported pins if their mesh is still open, and show what was left out."""
         document, left_out = self._document, placed.faults
         if not document.is_shown(mesh):
             document.notices.say("No pin was set: its mesh is not open any more.", Severity.WARNING)
@@ -209,7 +209,7 @@ class PinCommands:
         self._document.history.changed.emit()
 
     def rename(self, vertex: int, name: str) -> None:
-        """Name the pin of a vertex; a name that is taken gets a number, and it is said."""
+        """Name the pin of a vertex; a number is appended, with a message, if the name is taken."""
         document, pin = self._document, pin_at(self._document.pins.placed, vertex)
         if pin is None:
             return
@@ -250,7 +250,7 @@ class PinCommands:
     # -- menus --------------------------------------------------------------------------------
 
     def show_menu(self, vertex: int, place: QPoint, elsewhere: Sequence[str] = _ELSEWHERE) -> None:
-        """Show what can be done at a vertex, or for -1 the commands `elsewhere`."""
+        """Show the menu of a vertex, or for -1 that of the commands `elsewhere`."""
         document, mesh, controller = self._document, self._document.mesh, self._opening.controller
         if mesh is None:
             return
@@ -273,11 +273,11 @@ class PinCommands:
         _open(menu, place)
 
     def show_list_menu(self, vertex: int, place: QPoint) -> None:
-        """Show what can be done with a pin of a list, or below them for -1."""
+        """Show the menu of a pin in the table, or for -1 that of the table."""
         self.show_menu(vertex, place, _IN_LISTS)
 
     def show_second_menu(self, second: SecondView, vertex: int, place: QPoint) -> None:
-        """Show what can be done at a vertex of the second mesh; its pins are those of the first."""
+        """Show the menu of a vertex of the second mesh."""
         mesh, pin = second.document.mesh, pin_at(second.document.pins.placed, vertex)
         if mesh is None or vertex < 0:
             return
@@ -297,7 +297,7 @@ class PinCommands:
         _open(menu, place)
 
     def _on_first(self, pin: Pin | None) -> int:
-        """Vertex of the first mesh with the pin of the same number; -1 for none."""
+        """Return the vertex of the first mesh that has the pin of the same number; -1 for none."""
         number = None if pin is None else pin.number
         return next(
             (each.vertex for each in self._document.pins.placed if each.number == number), -1
@@ -310,7 +310,7 @@ def _open(menu: QMenu, place: QPoint) -> None:
 
 
 def close_menus() -> None:
-    """Close the open menus: their entries refer to a mesh that has been replaced."""
+    """Close the open menus, whose entries refer to a mesh that has been replaced."""
     while isinstance(menu := QApplication.activePopupWidget(), QMenu):
         menu.close()
 
@@ -328,9 +328,9 @@ def vertex_menu(
     recolor: Callable[[], object],
     say: Callable[[str], object],
 ) -> QMenu:
-    """Make the menu of a vertex, with its pin and the field that is shown, if there are any.
+    """Return the menu of a vertex, with entries for its pin and the displayed field, if any.
 
-    Its entries are named ``menu_<what it does>``; `say` shows a sentence.
+    The ``objectName`` of an entry is ``menu_<name>``. `say` shows a message.
     """
     menu = theme.named(QMenu(parent), "vertex_menu", "What can be done at this vertex")
 

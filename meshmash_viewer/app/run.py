@@ -1,4 +1,4 @@
-"""Opening the window, from the command line or on a mesh in memory, and what it fails by."""
+"""Start of the application, from the command line or on a mesh in memory, and its faults."""
 
 from __future__ import annotations
 
@@ -33,33 +33,34 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
     from meshmash_viewer.mesh import MeshLike
 
-#: Libraries that the window waits for and that define no class of Qt objects.
+#: Modules of heavy libraries to import in a thread: they define no subclasses of Qt classes.
 _LIBRARIES = ("pyvista.plotting", "meshmash_viewer.app.view.mesh_renderer")
-#: Modules that do. PySide looks up the class of an object without the interpreter lock, in a table
-#: that each new class changes: defined in another thread, now and then one ended the process.
+#: Modules that define such subclasses, to import in the interface thread. PySide registers each
+#: class in a table that it reads without the interpreter lock, so that a class defined in another
+#: thread sometimes crashed the process.
 _WIDGETS = (
     "meshmash_viewer.app.view.mesh_view",
     "meshmash_viewer.app.panels.spectrum_panel",
     "meshmash_viewer.app.panels.profile_panel",
     "meshmash_viewer.app.panels.field_panel",
 )
-#: Seconds in which the same fault, as at every frame, is shown once.
+#: Seconds during which a repeated fault, such as one at every frame, is shown only once.
 _ONCE = 2.0
-#: Bytes free on a disk that is not about to be full.
+#: Free bytes on disk below which Mesa stores no shaders.
 _ROOM_FOR_SHADERS = 100e6
-#: Options of glibc, and bytes of a block that is large: more than a field of a million vertices,
-#: which is taken and freed at every tick, and less than a picture of the screen.
+#: Options of glibc, and the size in bytes from which blocks are returned to the system: above that
+#: of a field of a million vertices, which is allocated at every tick, below that of a picture.
 _M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD, _LARGE_BLOCK = -3, -1, 6 << 20
-#: The application, if it was made here: Qt ends it with the last that knows it.
+#: The application, if it was made here: it is deleted with its last reference.
 _made: list[QApplication] = []
-#: What collects garbage in place of Python: its timer runs as long as the process.
+#: The collector that replaces Python's automatic one; its timer runs as long as the process.
 _collectors: list[Any] = []
-#: Windows opened by `view`, which no one else holds.
+#: Windows opened by `view`, which keeps the only reference.
 _windows: dict[int, MainWindow] = {}
 
 
 def application() -> QApplication:
-    """The application of this process, made and dressed if there is none.
+    """Return the application of this process; if there is none, make and style it.
 
     `InputError` is raised if there is no display.
     """
@@ -67,7 +68,7 @@ def application() -> QApplication:
     if isinstance(existing, QApplication):
         return existing
     _draw_without_a_full_disk()
-    # what VTK draws with, in every part of the window: parts share what the card holds
+    # the profile that VTK needs, for all widgets, since their contexts share resources
     core = QSurfaceFormat()
     core.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
     core.setVersion(3, 2)
@@ -89,10 +90,11 @@ def application() -> QApplication:
 
 
 def _give_memory_back() -> None:
-    """Have what large blocks took go back to the system as soon as they are freed.
+    """Configure glibc to return large blocks to the system when they are freed.
 
-    Left alone, glibc keeps ever larger ones among small blocks that stay: after an hour of pictures
-    and meshes a window held 0.2 GB more than it used. Other C libraries are left as they are.
+    By default glibc raises the threshold for this with each block freed, and fragments its heap:
+    after an hour of pictures and meshes a window held 0.2 GB more than it used. Nothing is done
+    with other C libraries.
     """
     if sys.platform.startswith("linux"):
         option = getattr(ctypes.CDLL(None), "mallopt", None)
@@ -102,9 +104,10 @@ def _give_memory_back() -> None:
 
 
 def _draw_without_a_full_disk() -> None:
-    """Keep no shaders where there is hardly room: Mesa maps that file, and the process would end.
+    """Disable Mesa's shader cache on an almost full disk.
 
-    Elsewhere they are kept, since to compile them again takes a third of a second.
+    Mesa maps the file of the cache into memory, and the process crashes if it cannot be extended.
+    With the cache, a start is a third of a second faster.
     """
     caches = Path(platformdirs.user_cache_dir())
     place = next(folder for folder in (caches, *caches.parents) if folder.exists())
@@ -115,17 +118,17 @@ def _draw_without_a_full_disk() -> None:
 def run_app(
     path: Path | None = None, unit: str = "", maps: Sequence[Path] = (), *, fresh: bool = False
 ) -> int:
-    """Open the window, on a mesh or session if given, until it is closed; return the status.
+    """Open the window, on a mesh or session if given, until it is closed; return the exit status.
 
-    `unit` is as `read_mesh` takes it, empty for what the file states; `maps` are files with values
-    per vertex of that mesh. If `fresh`, stored settings are ignored.
+    `unit` is as in `read_mesh`, "" for the one that the file states; `maps` are files with values
+    per vertex of that mesh. With `fresh`, stored settings are ignored.
     """
     app = application()
-    # Ctrl+C in the terminal, or the end of the desktop's session, closes the window as its cross;
-    # by the event loop, which would wait for ever for a window that was closed before it runs
+    # Ctrl+C in the terminal, or the end of the desktop's session, closes the window; in the event
+    # loop, which would not end if the window were closed before the loop runs
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QTimer.singleShot(0, QApplication.closeAllWindows))
-    pulse = QTimer(interval=200)
+    pulse = QTimer(interval=200)  # Python handles signals only while it runs code
     pulse.timeout.connect(lambda: None)
     pulse.start()
 
@@ -145,7 +148,7 @@ def run_app(
 
 
 def show_message(text: str) -> None:
-    """Show why there is no window, in a box, to a user without a console."""
+    """Show why no window can be opened in a message box, for a user without a console."""
     application()
     QMessageBox.critical(None, "MeshMash Viewer", text)
 
@@ -162,7 +165,7 @@ def view(
     unit : str
         Length unit of its coordinates or size of its voxels, as `read_mesh` takes it.
     name : str
-        What the window calls it.
+        Name of the mesh in the window.
     block : bool, optional
         Whether to wait until the window is closed. By default a script waits; a notebook or a
         prompt (with ``%gui qt``) and a program whose event loop runs do not.
@@ -170,14 +173,14 @@ def view(
     Returns
     -------
     MainWindow
-        Its `document` can be read and driven from the script, its `plotter` is a
-        ``pyvista.Plotter`` in the mesh's coordinates, and `to_pyvista` gives what it shows.
-        In an application of the caller's own nothing outside the window is changed.
+        Its `document` can be read and changed by the script, its `plotter` is a
+        ``pyvista.Plotter`` in mesh coordinates, and `to_pyvista` returns the displayed mesh. If the
+        caller has an application already, nothing outside the window is changed.
 
     Raises
     ------
     InputError
-        If it is no mesh, or there is no display or no OpenGL to show it with.
+        If `mesh` is not valid, or there is no display or no OpenGL.
 
     Examples
     --------
@@ -204,34 +207,34 @@ def view(
     window.show()
     key = id(window)
     _windows[key] = window
-    # by its key: a function that knows the window would keep it, and its mesh, for good
+    # by its key: a function with a reference to the window would keep it, and its mesh, in memory
     window.closed.connect(lambda: _forget(key))
     if block is None:
         block = not _has_prompt() and QThread.currentThread().loopLevel() == 0
     if block:
-        # not the application's own loop, which ends with its last window and may run already
+        # not the loop of the application, which may run already, and ends with its last window
         loop = QEventLoop()
         window.closed.connect(loop.quit)
-        # exceptions of another application are its own
+        # exceptions of another application are handled by it
         with nullcontext() if guest else FaultBoundary(window.document.notices.show):
             loop.exec()
     return window
 
 
 def _forget(key: int) -> None:
-    """Let go of a window that has been closed, and of what Qt keeps for it."""
+    """Delete a window that has been closed."""
     _windows.pop(key).deleteLater()
 
 
 @atexit.register
 def _close_windows() -> None:
-    """Let no process outlive a script that ends with its window open."""
+    """Close the windows at the end of a script, which ends their processes."""
     for window in list(_windows.values()):
         window.close()
 
 
 def _has_prompt() -> bool:
-    """Whether commands can be typed while the window is open."""
+    """Whether Python is interactive, so that commands can be typed while the window is open."""
     return hasattr(sys, "ps1") or "IPython" in sys.modules or bool(sys.flags.interactive)
 
 
@@ -250,7 +253,7 @@ def collect_garbage_when_idle(window: MainWindow) -> None:
 
 
 def load_libraries(window: MainWindow) -> None:
-    """Import heavy libraries in a thread, then complete the window that is shown already."""
+    """Import heavy libraries in a thread, then make render and panels of a shown window."""
 
     def load() -> Exception | None:
         try:
@@ -282,7 +285,7 @@ def load_libraries(window: MainWindow) -> None:
 
 
 def _say_missing(window: MainWindow, fault: Exception) -> None:
-    """Say what is missing; meshes can neither be drawn nor computed without it."""
+    """Show why the render cannot be loaded."""
     failure = failure_of(fault, "Loading the render")
     if isinstance(fault, ImportError):
         text = f"The render cannot be loaded ({fault}): install what is missing, start again."
@@ -292,9 +295,9 @@ def _say_missing(window: MainWindow, fault: Exception) -> None:
 
 
 class Application(QApplication):
-    """Opens files from macOS: double clicks, and files dropped on the icon in the Dock.
+    """Application that opens files on macOS: double-clicked, or dropped on the icon in the Dock.
 
-    They come as events while the program runs, not as arguments when it starts.
+    macOS sends them as events, not as arguments of the program.
     """
 
     def event(self, event: QEvent) -> bool:

@@ -1,6 +1,6 @@
-"""The screen: whether windows can be opened on it, and whether they get OpenGL.
+"""Checks that windows can be opened, and that they get OpenGL.
 
-Qt ends the process where it finds no display, a notebook's kernel too, so this is found out first.
+Without a display Qt aborts the process, even the kernel of a notebook: check before Qt is started.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext
 
 from meshmash_viewer.errors import InputError
 
-#: Platforms of Qt on Linux whose windows can have OpenGL.
+#: Qt platforms on Linux with windows that can use OpenGL.
 _DRAWN = ("xcb", "wayland", "wayland-egl", "wayland-brcm", "eglfs")
-#: The oldest version that VTK draws with.
+#: The oldest version of OpenGL that VTK supports.
 _OPENGL = (3, 2)
-#: Seconds that a platform may take to answer.
+#: Seconds to wait for a platform.
 _PATIENCE = 30.0
-#: Run in a process of its own, which leaves no image of its memory when Qt ends it.
+#: Program of a child process that opens the display; it writes no core dump if Qt aborts it.
 _PROBE = """
 import resource
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -36,11 +36,11 @@ QGuiApplication([])
 
 @contextmanager
 def open_display() -> Iterator[None]:
-    """Hold the display on which Qt is then started, on the platform that answers.
+    """Choose a Qt platform that works, and keep the display open while Qt is started.
 
-    Held, because a server of X11 that loses its only client may start anew, and refuse the next.
+    An X11 server that loses its only client may restart, and reject the next one.
 
-    `InputError` is raised if there is no display, or it does not answer.
+    `InputError` is raised if there is no display, or it does not respond.
     """
     with ExitStack() as held:
         if sys.platform.startswith("linux"):
@@ -49,8 +49,9 @@ def open_display() -> Iterator[None]:
 
 
 def _choose_platform(held: ExitStack) -> None:
+    """Set QT_QPA_PLATFORM to the first platform that works."""
     asked = os.environ.get("QT_QPA_PLATFORM", "")
-    # X11 first: its window managers place windows where the program asks
+    # X11 first: only its window managers let the program choose the position of windows
     offered = {"xcb": "DISPLAY", "wayland": "WAYLAND_DISPLAY"}
     names = [name for name, variable in offered.items() if os.environ.get(variable)]
     faults = []
@@ -68,10 +69,7 @@ def _choose_platform(held: ExitStack) -> None:
 
 
 def check_opengl() -> None:
-    """Complain if windows of the application get no OpenGL that the render can use.
-
-    `InputError` is raised if there is none, or an older one than 3.2.
-    """
+    """Raise `InputError` if windows get no OpenGL, or a version older than 3.2."""
     if not has_opengl():
         found = ".".join(map(str, _version())) or "none"
         raise InputError(
@@ -82,15 +80,15 @@ def check_opengl() -> None:
 
 
 def has_opengl() -> bool:
-    """Whether windows of the application get an OpenGL that the render can use."""
+    """Whether windows get OpenGL 3.2 or newer."""
     return _version() >= _OPENGL
 
 
 @cache
 def _version() -> tuple[int, ...]:
-    """Of the OpenGL that windows get; empty if they get none."""
+    """Return the version of OpenGL that windows get; empty for none."""
     if sys.platform.startswith("linux") and QGuiApplication.platformName() not in _DRAWN:
-        return ()  # to ask some of them ends the process
+        return ()  # some of these platforms abort the process when a context is made
     context, surface = QOpenGLContext(), QOffscreenSurface()
     surface.create()
     if not (context.create() and context.makeCurrent(surface)):
@@ -101,7 +99,7 @@ def _version() -> tuple[int, ...]:
 
 
 def _fault(platform: str, held: ExitStack) -> str:
-    """Why a platform of Qt opens no window, in some words; empty if it does."""
+    """Return why no window can be opened on a platform; "" if it can."""
     if platform not in _DRAWN:
         return f"QT_QPA_PLATFORM={platform} draws no window"
     if platform == "xcb":
@@ -120,13 +118,13 @@ def _fault(platform: str, held: ExitStack) -> str:
 
 
 def _fault_of_x(held: ExitStack) -> str:
-    """Why X11 opens no window: asked by its own library, which costs less than a millisecond."""
+    """Return why no window can be opened on X11, by its library xcb, within a millisecond."""
     plugins = Path(QLibraryInfo.path(QLibraryInfo.LibraryPath.PluginsPath))
     plugin = plugins / "platforms" / "libqxcb.so"
     try:
         xcb = ctypes.CDLL("libxcb.so.1")
         if plugin.exists():
-            ctypes.CDLL(str(plugin))  # names the library that it lacks
+            ctypes.CDLL(str(plugin))  # the error names the library that is missing
     except OSError as fault:
         return f"Qt's xcb lacks a library: {fault}"
     for name in ("xcb_connect", "xcb_get_setup"):

@@ -1,4 +1,4 @@
-"""What scripts and consoles call of a window."""
+"""Methods of a window for scripts and consoles."""
 
 from __future__ import annotations
 
@@ -40,30 +40,30 @@ class ScriptedWindow(QMainWindow):
 
     @property
     def plotter(self) -> RenderWidget:
-        """The render as a `pyvista.Plotter`, in mesh coordinates: what is added to it stays."""
+        """The render as a `pyvista.Plotter` in mesh coordinates; actors can be added to it."""
         return self.scene.plotter
 
     def to_pyvista(self) -> Any:
-        """The mesh with the displayed field (`app.view.picture.displayed_surface`)."""
+        """Return the mesh with the displayed field, see `app.view.picture.displayed_surface`."""
         from meshmash_viewer.app.view.picture import displayed_surface
 
         return displayed_surface(self.scene.renderer)
 
     def add_map(self, name: str, values: npt.ArrayLike, unit: str = "") -> None:
-        """Add values per vertex to the mesh, and show them.
+        """Add values per vertex to the mesh as a map, and display it.
 
         Parameters
         ----------
         name : str
         values : array_like, shape (n,)
-            One for each vertex, or for each of the file.
+            One for each vertex of the mesh, or of its file.
         unit : str
             Unit of the values; "" for none.
 
         Raises
         ------
         InputError
-            If there is no mesh, or another number of values.
+            If there is no mesh, or the number of values differs.
         """
         mesh = self.document.mesh
         if mesh is None:
@@ -73,38 +73,38 @@ class ScriptedWindow(QMainWindow):
     def add_pins(
         self, at: npt.ArrayLike, names: Sequence[str] = (), colors: Sequence[str] = ()
     ) -> None:
-        """Pin vertices of the mesh; those that are pinned get the names and colours.
+        """Pin vertices of the mesh; pins that exist already get the names and colours.
 
         Parameters
         ----------
         at : array_like
-            Indices in the mesh file, shape (m,), or positions in the mesh's unit or in its voxels,
-            shape (m, 3), of which the nearest vertices are pinned.
+            Indices of vertices in the mesh file, shape (m,), or positions, shape (m, 3), in the
+            unit of the mesh or in its voxels, whose nearest vertices are pinned.
         names : sequence of str
-            A name for each, "" for none.
+            Name of each pin, "" for none.
         colors : sequence of str
-            A colour for each, "#RRGGBB" or "".
+            Colour of each pin, "#RRGGBB", or "" for a default one.
 
         Raises
         ------
         InputError
-            If a vertex does not exist, a position is far from the mesh, or numbers differ; nothing
-            is pinned then.
+            If a vertex does not exist, a position is far from the mesh, or the lengths differ.
+            Nothing is pinned then.
         """
         self.commands.pins.add(pin_table(at, names, colors))
 
     def wait(self, seconds: float = 3600.0) -> None:
-        """Handle events until nothing is being read or computed and the wanted field is shown.
+        """Handle events until nothing is being read or computed and the requested field is shown.
 
         Parameters
         ----------
         seconds : float
-            For how long at most.
+            Time limit.
 
         Raises
         ------
         TimeoutError
-            If something is still being computed then.
+            If the window is still busy after that time.
         """
         deadline = QDeadlineTimer(round(1000.0 * seconds))
         while not (

@@ -27,12 +27,12 @@ from meshmash_viewer.units import format_share
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.style import ColorMap
 
-#: The field of the second as it is shown next to the first, and limits for both.
+#: The field of the second mesh as it is displayed in the comparison, and the common limits.
 _Linked: TypeAlias = tuple[Field, Limits] | None
 
 
 class SecondView(QWidget):
-    """A second mesh that follows the first, whose document, scene and controller it is given."""
+    """The render of a second mesh, linked with document, render and controller of the first."""
 
     #: The user has pressed the close button, or the mesh could not be read.
     close_requested = Signal()
@@ -50,11 +50,11 @@ class SecondView(QWidget):
         self.pair = Pair(document, self.document)
         self._first_scene, self._first = scene, controller
         self._turning = False
-        #: How the cameras were linked when the camera was copied last.
+        #: The link of the cameras at the last copy.
         self._cameras = self.pair.cameras
-        #: A field that is not drawn yet, since that of the other mesh is about to come.
+        #: Controller of the field that waits for the field of the other mesh before it is drawn.
         self._waiting: Controller | None = None
-        #: What `_linked` was computed from, and its result.
+        #: Inputs and result of the last computation in `_linked`.
         self._known: tuple[tuple[Any, ...], _Linked] = (), None
         self._thread = LatestThread(ComparisonRequest.answered, self._accept, parent=self)
         self._build()
@@ -81,7 +81,7 @@ class SecondView(QWidget):
         listen(pair.changed, self._draw)
         listen(pair.changed, self._follow_cameras)
         document.notices.shown.connect(self._on_notice)
-        follow(document.work.changed, self._on_job_changed)  # its notice goes first
+        follow(document.work.changed, self._on_job_changed)  # deferred: the notice comes first
         self.scene.vertex_clicked.connect(pair.pin_second)
         self.scene.click_revoked.connect(pair.revoke_pin_second)
         self.scene.movable_pins = True
@@ -94,7 +94,7 @@ class SecondView(QWidget):
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is being computed for it."""
+        """Whether nothing is being read or computed for the second mesh."""
         return (
             self.document.work.job is None
             and self.background_io.idle
@@ -104,7 +104,7 @@ class SecondView(QWidget):
         )
 
     def shut(self) -> None:
-        """Stop all its tasks; it cannot be shown again."""
+        """Stop all tasks, and end the links; the view cannot be used again."""
         self._first.link = None
         self._first.draw()
         self.pair.close()
@@ -118,7 +118,7 @@ class SecondView(QWidget):
         self.controller.close()
         self.scene.close()
 
-    # -- from the documents -------------------------------------------------------------------
+    # -- changes of the documents -------------------------------------------------------------
 
     def _accept(self, request: ComparisonRequest, answer: Comparison | Exception) -> None:
         if isinstance(answer, Exception):
@@ -132,7 +132,7 @@ class SecondView(QWidget):
             self.close_requested.emit()
 
     def _on_notice(self, notice: Notice | None) -> None:
-        """Show a notice in the message bar of the window, or review it once it is withdrawn."""
+        """Show a notice of the second document in the message bar; None: review the shown one."""
         if notice is None:
             self.pair.first.notices.review()
         else:
@@ -160,10 +160,10 @@ class SecondView(QWidget):
     # -- drawing ------------------------------------------------------------------------------
 
     def draw(self, source: Controller) -> None:
-        """Draw the fields of both meshes after that of one has changed.
+        """Draw the fields of both meshes after one of them has changed.
 
-        Fields that share their limits are drawn together: one waits once for the other, unless
-        that takes long.
+        Fields with common limits are drawn together: the first one waits for the other, unless that
+        one takes long.
         """
         other = self.controller if source is self._first else self._first
         waits = self._waiting is None and other.comes and not other.late
@@ -178,7 +178,7 @@ class SecondView(QWidget):
     def adapted(
         self, source: Controller, field: Field, limits: Limits, colormap: ColorMap
     ) -> tuple[Field, Limits, ColorMap]:
-        """Return the field of one mesh as it is shown next to the other."""
+        """Return field, limits and colour map of one mesh as displayed in the comparison."""
         linked, first = self._linked(), self._first.field
         if linked is None:
             return field, limits, colormap
@@ -189,29 +189,22 @@ class SecondView(QWidget):
         return linked[0], linked[1], colormap
 
     def _linked(self) -> _Linked:
-        """Return `Pair.shown_field` of the last fields, computed once."""
+        """Return `Pair.shown_field` of the last fields, computed when an input has changed."""
         first, second = self._first.field, self.controller.field
         if first is None or second is None:
             return None
         pair = self.pair
         display = pair.first.display
-        state = (
-            first,
-            second,
-            pair.links,
-            display.policies,
-            display.log_scales,
-            pair.carries,
-            pair.comparison,
-        )
+        scales = display.policies, display.log_scales
+        state = first, second, pair.links, *scales, pair.carries, pair.comparison
         if state != self._known[0]:
             self._known = state, pair.shown_field(first, second)
         return self._known[1]
 
-    # -- from the user ------------------------------------------------------------------------
+    # -- actions of the user ------------------------------------------------------------------
 
     def _turned(self) -> None:
-        """Copy the camera to the first mesh if the user moved it, else copy that of the first."""
+        """Copy the camera to the first mesh if the user moved it, else from the first mesh."""
         if self.scene.turned_by_hand:
             self._turn(self._first_scene, self.scene)
         else:
@@ -221,12 +214,12 @@ class SecondView(QWidget):
         self._turn(self.scene, self._first_scene)
 
     def _follow_cameras(self) -> None:
-        """Copy the camera of the first mesh once cameras are linked in another way."""
+        """Copy the camera of the first mesh if the link of the cameras has changed."""
         if self.pair.cameras != self._cameras:
             self._turn_second()
 
     def _turn(self, mine: MeshView, other: MeshView) -> None:
-        """Copy the camera of one mesh to the other, if cameras are linked."""
+        """Copy the camera of `other` to `mine`, if cameras are linked."""
         self._cameras = self.pair.cameras
         if not self._turning and self._cameras != "free":
             self._turning = True
@@ -234,6 +227,6 @@ class SecondView(QWidget):
             self._turning = False
 
     def _step(self, steps: int) -> None:
-        """Step the first mesh, which this one follows, or this one if positions are not linked."""
+        """Step through fields of the first mesh, or of the second if positions are not linked."""
         linked = "position" in self.pair.links
         step(self.pair.first if linked else self.document, steps)

@@ -1,4 +1,4 @@
-"""Sessions of a window: what is on screen, to a file and back."""
+"""Conversion of the state of a window to a session, and its restoration."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from meshmash_viewer.surface.masks import Mask
 
 
 def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = None) -> Session:
-    """Return what a window shows, with the second mesh where there is one.
+    """Return the session of a document, with the second mesh of `pair` if there is one.
 
-    `camera` is as `View.to_json` gives it, and empty while there is no render.
+    `camera` is the result of `View.to_json`, or empty without a render.
     """
     mesh, ready, pins = document.mesh, document.ready, document.pins.placed
-    assert mesh is not None and ready is not None  # noqa: PT018  one has the other
+    assert mesh is not None and ready is not None  # noqa: PT018  both or neither
     part = document.part_mesh
     second = None if pair is None or pair.second.path is None else pair.second
     return Session(
@@ -80,15 +80,27 @@ def _map_files(document: Document) -> list[str]:
 
 
 class Restoration:
-    """A session that is being opened: checked whole, then its mesh is read, then the rest is set.
+    """Opens a session: checks all entries, reads the mesh, then restores the state of the document.
 
-    `session` is what is in the file, where that is known. If the window saved it itself
-    (`LastSession`), not the user, it is restored only if the content of the mesh file is the same.
-    `maps` are files of more maps to add. `InputError` is raised if the file is no session, or one
-    of its entries makes no sense; nothing has changed then.
+    Parameters
+    ----------
+    path : Path
+        File of the session.
+    session : Session, optional
+        Content of that file, if it has been read.
+    saved_itself : bool
+        Whether the program saved it (`LastSession`), not the user. It is then restored only if the
+        content of the mesh file has not changed.
+    maps : sequence of Path
+        Files of further maps to add.
+
+    Raises
+    ------
+    InputError
+        If the file is no session, or an entry is invalid. The document is not changed then.
     """
 
-    #: All is there again, but for the camera.
+    #: Everything except the camera and the second mesh has been restored.
     restored = Signal()
 
     def __init__(
@@ -106,9 +118,9 @@ class Restoration:
             raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
         self._display = read_display(session.display, path)
         self._classes = read_saved_classes(session.classes, path)
-        #: From where the session was saved.
+        #: The saved camera.
         self.camera: View | None = None
-        #: Whether that showed the whole mesh, in the size that the render had.
+        #: Whether the camera showed the whole mesh, fitted to the size of the render.
         self.fitted = bool(session.camera.get("fitted"))
         if session.camera:
             try:
@@ -126,7 +138,7 @@ class Restoration:
         self._mesh_path = Path(session.mesh_path)
         self._before = document.ready
         self._started = False
-        #: Whether the mesh is there, with all that is not the window's.
+        #: Whether `restored` has been emitted.
         self.done = False
 
     def begin(self) -> None:
@@ -139,22 +151,24 @@ class Restoration:
         )  # fmt: skip
 
     def stop(self) -> None:
-        """Leave it at what has been restored so far."""
+        """Restore nothing more."""
         self._document.work.changed.disconnect(self._advance)
-        self._before = None  # a mesh with its eigenpairs
+        self._before = None  # frees the previous mesh with its eigenpairs
 
     def _advance(self) -> None:
-        """Restore the rest once the mesh has been read, and repaired as it was."""
+        """Restore the state of the document once the mesh has been read and repaired."""
         document = self._document
         if document.work.job is not None:
             job = document.work.job.job
             mine = isinstance(job, ReadJob) and job.path.absolute() == self._mesh_path
             self._started = self._started or mine
         elif not self._started:
-            pass  # what ran before has been stopped; the read comes next
-        elif document.ready is self._before or document.path is None:
-            self.stop()  # its own notice says why
-        elif document.path.absolute() != self._mesh_path:
+            pass  # a previous job has been stopped; reading starts next
+        elif (
+            document.ready is self._before  # reading has failed, with a message
+            or document.path is None
+            or document.path.absolute() != self._mesh_path
+        ):
             self.stop()
         else:
             document.solve.operator = self._operator
@@ -204,7 +218,7 @@ class Restoration:
         self.restored.emit()
 
     def _pins(self) -> tuple[Pin, ...]:
-        """The pins of the session at vertices that the mesh has, each vertex once."""
+        """Return the pins of the session at existing vertices, one for each vertex."""
         session, pins = self._session, dict[int, Pin]()
         given = zip_longest(session.pin_numbers, session.pin_names, session.pin_colors)
         for index, about in zip_longest(session.pins, given):
@@ -216,7 +230,7 @@ class Restoration:
         return tuple(pins.values())
 
     def _mask(self, text: str, entry: str) -> Mask | None:
-        """The vertices of the mesh that the session means by packed ones, if there are any."""
+        """Return the mask of the mesh that a packed mask of the session encodes, if it is valid."""
         mesh = self._document.mesh
         assert mesh is not None
         try:
@@ -227,7 +241,7 @@ class Restoration:
         return None if in_file is None else mask_of_file(mesh, in_file)
 
     def _place(self, index: int) -> int | None:
-        """The vertex of the mesh that the session means by an index; None if there is none."""
+        """Return the vertex of the mesh for an index of the session; None if there is none."""
         mesh = self._document.mesh
         assert mesh is not None
         if not self._session.file_indices:
@@ -238,12 +252,12 @@ class Restoration:
 
     @property
     def kept_maps(self) -> list[str]:
-        """Names of the files next to the session with maps that are in no other."""
+        """Names of the files next to the session that hold the maps of no other file."""
         return self._session.kept_maps
 
     @property
     def second(self) -> Session | None:
-        """What there was of the second mesh, if there was one."""
+        """The session of the second mesh, if there was one."""
         session = self._session
         if not session.second_path:
             return None

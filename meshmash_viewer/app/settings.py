@@ -1,4 +1,4 @@
-"""What is stored between runs: settings of the window, and the session of every mesh file."""
+"""Data stored between runs: settings of the window, and a session of each mesh file."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _RECENT_KEPT = 10
 class Settings:
     """Recent files, theme, layout and the speed of the last solve.
 
-    If `fresh`, they start as on the first day, and what is stored is left as it is.
+    With `fresh`, all settings have their defaults, and stored ones are neither read nor written.
     """
 
     def __init__(self, fresh: bool = False) -> None:
         self._fresh = fresh
-        #: Where the session of each mesh file is saved.
+        #: Folder of the sessions of mesh files.
         self.sessions = Path(tempfile.mkdtemp()) if fresh else session_folder()
         store = None if fresh else QSettings("meshmash-viewer", "meshmash-viewer")
         kept: dict[str, object] = {}
@@ -52,13 +52,13 @@ class Settings:
         self._set = kept.__setitem__ if store is None else store.setValue
 
     def close(self) -> None:
-        """Delete the sessions of a fresh start."""
+        """Delete the sessions if the settings are fresh."""
         if self._fresh:
             shutil.rmtree(self.sessions, ignore_errors=True)
 
     @property
     def recent(self) -> list[Path]:
-        """Recently opened mesh files that still exist, newest first."""
+        """Recently opened mesh files that still exist, the newest first."""
         stored = self._get("recent")
         # Qt returns a list of one string as a string
         texts = [stored] if isinstance(stored, str) else stored or []
@@ -123,25 +123,23 @@ class Settings:
         self._set("state", layout[1])
 
 
-#: Milliseconds from one writing to the next during changes.
+#: Minimum time in milliseconds between two writes of a session.
 _PAUSE = 300
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
 
-
-#: The maps of a document that are in no other file, as they were written last, by the name of the
-#: file in which each of them is.
+#: Maps that are in no other file, as last written, by the name of their file next to the session.
 _Kept: TypeAlias = dict[str, VertexMap]
 
 
 class LastSession(QObject):
-    """Writes the session of a document's mesh file after every change, and finds it again.
+    """Writes the session of a document's mesh file after every change, and reads it again.
 
-    A change is written before the next frame, which may take a second on a slow machine, and those
-    that follow it after a pause. Files are written in a thread, as flushing them to the disk takes
-    up to a tenth of a second.
+    The first change is written before the next frame, which may take a second on a slow machine;
+    further changes are written together after a pause. Files are written in a thread, as flushing
+    them to the disk takes up to a tenth of a second.
 
-    `folder` holds them, one for each mesh file. `look` returns the camera (see `View.to_json`) and
+    `folder` has a session for each mesh file. `look` returns the camera (see `View.to_json`) and
     the pair with the second mesh, if there is one.
     """
 
@@ -159,11 +157,11 @@ class LastSession(QObject):
         self._kept: _Kept = {}
         self._second: Document | None = None
         self._kept_of_second: _Kept = {}
-        #: The file of the second mesh, and its session as it was found or written last.
+        #: File of the second mesh, and its session as last read or written.
         self._known_of_second: tuple[Path, Session | None] = Path(), None
         self._pool = QThreadPool(self, maxThreadCount=1)
         self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
-        #: Whether there is something to be written.
+        #: Whether there are changes to write.
         self._waiting = False
         self._timer = QTimer(self, singleShot=True, interval=_PAUSE)
         self._timer.timeout.connect(self._save_changes)
@@ -178,12 +176,12 @@ class LastSession(QObject):
     def changed(self) -> None:
         """Write the session soon."""
         self._waiting = self._document.path is not None
-        # no longer than the pause, even where slow frames delay the timer
+        # by a signal: slow frames may delay a timer by more than the pause
         if self._waiting and self._timer.remainingTime() <= 0:
             self._due.emit()
 
     def watch(self, document: Document | None) -> None:
-        """Save unit, repairs and kept maps of a second document, too, until it is closed (None)."""
+        """Also save unit, repairs and kept maps of a second document; None ends this."""
         self._save_second()
         self._second, self._kept_of_second = document, {}
         self._known_of_second = Path(), None
@@ -192,7 +190,7 @@ class LastSession(QObject):
             listen(document.history.changed, self.changed)
 
     def stored(self, mesh_path: Path) -> Session | None:
-        """Return the session of a mesh file; None if there is none that can be read."""
+        """Return the session of a mesh file; None without a readable one."""
         self._pool.waitForDone()
         if not self.path(mesh_path).exists():
             return None
@@ -203,10 +201,10 @@ class LastSession(QObject):
             return None
 
     def set_aside(self, mesh_path: Path, fault: str) -> None:
-        """Keep a session that cannot be used under another name, and say so."""
+        """Rename an unusable session, and show why."""
         text = f"{mesh_path.name} opens without what was made on it before. {fault}"
         text += _set_aside(self.path(mesh_path))
-        # past the opening, too
+        # `holds`: opening the mesh does not withdraw the notice
         self._document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
 
     def path(self, mesh_path: Path) -> Path:
@@ -214,7 +212,7 @@ class LastSession(QObject):
         return self._folder / f"{key}{SESSION_ENDING}"
 
     def save(self) -> None:
-        """Write the session now; a failure is shown in the message bar."""
+        """Write the session now. A failure is shown as a message."""
         self._timer.stop()
         self._waiting = False
         self._save_second()
@@ -223,7 +221,7 @@ class LastSession(QObject):
             return
         path = self.path(document.path)
         camera, pair = self._look()
-        if not camera:  # the render is still being loaded, and what was saved not yet restored
+        if not camera:  # the render is not loaded yet, so the stored session is not restored yet
             return
         maps = self._new_maps(document, self._kept)
         session = replace(session_of(document, camera, pair), kept_maps=list(self._kept))
@@ -241,11 +239,11 @@ class LastSession(QObject):
         _delete(self.path(mesh_path))
 
     def restore_maps(self, session: Path, names: Sequence[str]) -> int:
-        """Add the kept maps in files next to a session to the mesh, and return their number."""
+        """Add the maps in files next to a session to the mesh; return their number."""
         return self._restore_maps(self._document, self._kept, session, names)
 
     def restore_maps_of_second(self, session: Path, names: Sequence[str]) -> int:
-        """As `restore_maps`, of the second mesh."""
+        """Do as `restore_maps` for the second mesh."""
         if self._second is None:
             return 0
         return self._restore_maps(self._second, self._kept_of_second, session, names)
@@ -253,13 +251,13 @@ class LastSession(QObject):
     # -- details ------------------------------------------------------------------------------
 
     def _change_mesh(self) -> None:
-        """Write the session after a pause, in which what was made on another mesh is restored."""
+        """Write the session of a new mesh after a pause, in which its stored one is restored."""
         self._waiting = self._document.path is not None
         if not self._timer.isActive():
             self._timer.start()
 
     def _save_changes(self) -> None:
-        """Write the session, or later if the thread is still writing the one before."""
+        """Write the session; if the thread is still writing, do so after the next pause."""
         if self._waiting and self._timer.remainingTime() <= 0:
             if not self._pool.activeThreadCount():
                 self.save()
@@ -291,7 +289,7 @@ class LastSession(QObject):
         return len(maps)
 
     def _save_second(self) -> None:
-        """Write the session of the second mesh; once it is open, restore the maps kept of it."""
+        """Write the session of the second mesh; the first time, restore its kept maps instead."""
         document, kept = self._second, self._kept_of_second
         if document is None or document.path is None or document.mesh is None:
             return
@@ -311,15 +309,15 @@ class LastSession(QObject):
             self._pool.start(lambda: self._write(file, now, maps))
 
     def _new_maps(self, document: Document, kept: _Kept) -> dict[str, KeptMaps]:
-        """Return the maps that have not been written, by the names of their new files."""
-        assert document.path is not None  # without one nothing is saved
+        """Return the maps that have to be written, by the names of their new files."""
+        assert document.path is not None
         key, unsaved = _key(self.path(document.path)), document.maps.unsaved
         maps: dict[str, VertexMap] = {}
         new: dict[str, KeptMaps] = {}
         for each in unsaved.maps:
             written = (at for at in kept if at.startswith(key))
             file = next((at for at in written if _is_same(kept[at], each)), "")
-            if not file:  # another name, as the session before needs the files that it names
+            if not file:  # a new name: the previous session still refers to the old file
                 file = f"{key}.{time.time_ns():x}-{len(maps)}{KEPT_MAPS_ENDING}"
                 edited = [name for name in unsaved.edited if name == each.name]
                 new[file] = KeptMaps((each,), unsaved.mesh, edited)
@@ -340,7 +338,7 @@ class LastSession(QObject):
             self._failed.emit(str(fault))
 
     def _say_failed(self, fault: str) -> None:
-        self._kept, self._kept_of_second = {}, {}  # to be tried again
+        self._kept, self._kept_of_second = {}, {}  # so that all maps are written again
         text = f"What you made could not be saved for the next time: {fault}"
         self._document.notices.say(text, Severity.WARNING)
 
@@ -353,7 +351,7 @@ class LastSession(QObject):
 
 
 def _set_aside(file: Path) -> str:
-    """Rename a file that cannot be read, and return a sentence that says so."""
+    """Rename a file that cannot be read; return a sentence with its new path."""
     kept = file.with_suffix(".unreadable")
     try:
         file.replace(kept)
@@ -363,13 +361,13 @@ def _set_aside(file: Path) -> str:
 
 
 def _is_same(one: VertexMap, other: VertexMap) -> bool:
-    """Whether two maps have the same array of values, and the rest is equal."""
+    """Whether two maps share their array of values, and name, unit and labels are equal."""
     about = (one.name, one.unit, one.labels) == (other.name, other.unit, other.labels)
     return about and one.values is other.values
 
 
 def _delete_maps(session: Path, but: Sequence[str] = ()) -> None:
-    """Delete the files of maps of a session, but for some."""
+    """Delete the files of maps of a session, except those named in `but`."""
     for file in session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}"):
         if file.name not in but:
             file.unlink(missing_ok=True)

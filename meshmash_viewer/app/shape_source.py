@@ -1,4 +1,4 @@
-"""Positions of displayed vertices, reconstructed from eigenfunctions or vibrating."""
+"""Displayed shapes of a mesh: reconstructions from eigenfunctions, and vibrations."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from meshmash_viewer.units import counted
 
 FloatArray = npt.NDArray[np.floating]
 
-#: Milliseconds between frames of a vibration, and its period in seconds.
+#: Milliseconds between the frames of a vibration, and its period in seconds.
 _FRAME, _PERIOD = 33, 1.6
 #: Seconds between partial sums that are displayed during a long sum.
 _PARTIAL = 0.06
-#: Number of vertices up to which every shape has normals, and seconds without a new request after
-#: which those of a larger mesh are computed.
+#: Number of vertices up to which normals are computed for every shape; those of a larger mesh are
+#: computed after this many seconds without a new request.
 _SMALL, _REST = 60_000, 0.15
 
 
@@ -49,10 +49,12 @@ class _Kept:
 
 @dataclass(frozen=True, eq=False)
 class _Request:
+    """A shape to compute."""
+
     spectrum: Eigenpairs
     shape: Shape
     kept: _Kept
-    #: Field whose values are the amplitudes of a vibration, and its elongation from -1 to 1.
+    #: Field whose values are the amplitudes of a vibration, and the displacement from -1 to 1.
     field: Field | None = None
     phase: float = 0.0
 
@@ -61,24 +63,24 @@ class _Request:
 class DrawnShape:
     """Displayed positions of the vertices."""
 
-    #: Of the displayed mesh.
+    #: Eigenpairs of the mesh.
     spectrum: Eigenpairs
-    #: Shape (n, 3): Relative to the centre of the mesh; None for the positions of the mesh.
+    #: Shape (n, 3), relative to the centre of the mesh; None for the vertices of the mesh.
     points: npt.NDArray[np.float32] | None = None
-    #: Shape (n, 3): None for the previous ones.
+    #: Shape (n, 3); None for the normals displayed before.
     normals: npt.NDArray[np.float32] | None = None
-    #: Number of eigenfunctions in the sum; 0 if it is none.
+    #: Number of eigenfunctions of the reconstruction; 0 without one.
     count: int = 0
-    #: As in `Shape`.
+    #: See `Shape.morph`.
     morph: float = 1.0
-    #: Root mean square distance from the positions of the mesh.
+    #: Root mean square distance from the vertices of the mesh.
     distance: float = 0.0
-    #: Whether this is the requested shape, without a vibration.
+    #: Whether it is the final answer to a request without a vibration.
     rests: bool = True
 
     @property
     def text(self) -> str:
-        """Which shape it is, for the title: "shape from 8 pairs"; "" for that of the mesh."""
+        """Description for the title, such as "shape from 8 pairs"; "" for the mesh itself."""
         if not self.count or not self.morph:
             return ""
         share = "" if self.morph == 1.0 else f" ({100.0 * self.morph:.0f} %)"
@@ -88,8 +90,8 @@ class DrawnShape:
 class ShapeSource(QObject):
     """Computes the displayed shape for a document, in a thread.
 
-    `shape_ready` carries each `DrawnShape`, also of partial sums; only the latest request is
-    completed. `failed` carries a `Failure`.
+    `shape_ready` is emitted with each `DrawnShape`, also of partial sums; only the latest request
+    is completed. `failed` is emitted with a `Failure`.
     """
 
     shape_ready = Signal(object)
@@ -122,7 +124,7 @@ class ShapeSource(QObject):
         return not self._thread.working and (self._latest is None or self.drawn is not None)
 
     def _forget(self) -> None:
-        """Drop everything of the previous mesh."""
+        """Drop requests and results of the previous mesh."""
         self._thread.drop()
         self._latest = self.drawn = None
         self._kept = _Kept()  # the thread may still write to the old one
@@ -166,7 +168,7 @@ class ShapeSource(QObject):
         return replace(drawn, normals=_normals(drawn))
 
     def _rebuilt(self, request: _Request, cancel: CancelCallback) -> Reconstruction | None:
-        """The requested sum; partial sums are emitted meanwhile."""
+        """Compute the requested reconstruction, and emit partial sums."""
         spectrum, shape = request.spectrum, request.shape
         if not shape.shown or len(spectrum) < FEWEST_PAIRS:
             return None
@@ -194,7 +196,7 @@ class ShapeSource(QObject):
         geometry = geometry_of(mesh)
         points, distance, count = geometry.points, 0.0, 0
         if sums is not None:
-            # subtracted before float32, which is too coarse far from the origin
+            # the centre is subtracted in float64: float32 is too coarse far from the origin
             points = drawn_points(mesh, sums.vertices, geometry.centre)
             if shape.morph != 1.0:
                 points = geometry.points + np.float32(shape.morph) * (points - geometry.points)
@@ -233,9 +235,9 @@ class ShapeSource(QObject):
 
 
 def shape_writer(document: Document, path: Path) -> Callable[[], None]:
-    """A function that saves the current reconstruction, without a vibration."""
+    """Return a function that writes the current reconstruction, without a vibration."""
     spectrum, shape = document.spectrum, document.display.shape
-    assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  one is shown
+    assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018
     mesh, operator = spectrum.mesh, spectrum.operator or document.solve.operator
     repairs = document.repairs
     count = shape.within(len(spectrum))
@@ -255,14 +257,14 @@ def shape_writer(document: Document, path: Path) -> Callable[[], None]:
 
 
 def _normals(drawn: DrawnShape) -> npt.NDArray[np.float32]:
-    """Normals of the displayed surface."""
+    """Compute the vertex normals of a moved shape, shape (n, 3)."""
     mesh, points = drawn.spectrum.mesh, drawn.points
-    assert mesh is not None and points is not None  # noqa: PT018  it has been moved
+    assert mesh is not None and points is not None  # noqa: PT018
     return replace(mesh, vertices=points.astype(np.float64)).vertex_normals
 
 
 def _along_normals(mesh: Mesh, values: FloatArray) -> FloatArray:
-    """Normals times the values of a field over its largest magnitude, shape (n, 3)."""
+    """Scale the vertex normals by a field of largest magnitude 1, shape (n, 3)."""
     known = np.nan_to_num(np.asarray(mesh.on_surface(values), dtype=np.float32))
     most = float(np.abs(known).max(initial=0.0)) or 1.0
     return (known / np.float32(most))[:, np.newaxis] * mesh.vertex_normals

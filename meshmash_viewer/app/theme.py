@@ -1,7 +1,7 @@
 """Light and dark theme: colours, spacing, fonts and icons of widgets, plots and render.
 
-Panels read `palette` and `is_dark`, redraw on ``notifier().changed``, and give labels
-a role instead of a style: ``with_role(QLabel("Health"), "heading")``. The roles are "heading" (of a
+Panels read `palette` and `is_dark`, redraw on ``notifier().changed``, and give labels a role
+instead of a style: ``with_role(QLabel("Health"), "heading")``. The roles are "heading" (of a
 section), "muted" (an explanation), "value" (a number in a column), "proof" and "warning".
 """
 
@@ -50,7 +50,7 @@ class Mode(StrEnum):
 
 
 class _Color(Generic[Kind]):
-    """A colour, or several, of a palette, for the light and for the dark theme."""
+    """A colour, or a tuple of colours, for the light and for the dark theme."""
 
     def __init__(self, light: Kind, dark: Kind) -> None:
         self._pair = light, dark
@@ -105,25 +105,25 @@ class _Notifier(QObject):
 
 
 class _State:
-    """Theme of the process."""
+    """Global state of the theme."""
 
     mode = Mode.SYSTEM
     dark = False
     #: Whether the application was made by this package.
     ours = False
     style: QStyle | None = None
-    #: Styled objects (the application, or windows), and whether each is dark.
+    #: Styled objects (the application, or windows), and whether each is dark; None before styling.
     dressed: ClassVar[WeakKeyDictionary[Any, bool | None]] = WeakKeyDictionary()
     notifier = _Notifier()
 
 
 def notifier() -> _Notifier:
-    """The object whose ``changed`` signal is emitted after every change of theme."""
+    """Return the object whose ``changed`` signal is emitted after every change of the theme."""
     return _State.notifier
 
 
 def mode() -> Mode:
-    """The chosen mode."""
+    """Return the chosen mode."""
     return _State.mode
 
 
@@ -133,13 +133,13 @@ def is_dark() -> bool:
 
 
 def palette() -> Palette:
-    """The current colours."""
+    """Return the current colours."""
     return Palette(_State.dark)
 
 
 @contextmanager
 def light() -> Iterator[None]:
-    """Use the light colours for what is drawn on paper; the caller dresses it before and after."""
+    """Use the light palette within the context, for pictures; widgets are not restyled."""
     before, _State.dark = _State.dark, False
     try:
         yield
@@ -148,7 +148,7 @@ def light() -> Iterator[None]:
 
 
 def pad_fields(parent: QWidget) -> None:
-    """Add margins in number fields and lists of choices, which a style sheet cannot."""
+    """Add margins in number fields and lists of choices; style sheets have no property for it."""
     for spin in parent.findChildren(QAbstractSpinBox):
         spin.lineEdit().setTextMargins(5, 0, 8 if spin.property("role") == "bare" else 0, 0)
     for combo in parent.findChildren(QComboBox):
@@ -158,7 +158,7 @@ def pad_fields(parent: QWidget) -> None:
 
 
 def with_role(widget: WidgetType, role: str) -> WidgetType:
-    """Set the role of a widget in the style; returns it."""
+    """Set the role of a widget; return the widget."""
     widget.setProperty("role", role)
     if isinstance(widget, QLabel):
         # styled labels are indented by default, unlike plain ones
@@ -181,7 +181,7 @@ def restyle(widget: QWidget) -> None:
 def named(
     widget: WidgetType, name: str, accessible: str = "", *, role: str = "", tip: str = ""
 ) -> WidgetType:
-    """Set ``objectName``, accessible name, role and tooltip of a widget; returns it.
+    """Set ``objectName``, accessible name, role and tooltip of a widget; return the widget.
 
     Empty arguments change nothing.
     """
@@ -194,7 +194,7 @@ def named(
 
 
 def tabular(font: QFont) -> QFont:
-    """A copy of a font with digits of equal width."""
+    """Return a copy of a font with digits of equal width."""
     copy = QFont(font)
     copy.setFeature(QFont.Tag("tnum"), 1)
     return copy
@@ -214,7 +214,7 @@ def apply(application: QApplication) -> None:
 
 
 def dress(window: QWidget) -> None:
-    """Style a window; only the window if the application was made by other code."""
+    """Style a window. If the application was made by other code, nothing else is styled."""
     if not _State.ours:
         _begin(window)
     _refresh()
@@ -269,7 +269,7 @@ def _refresh() -> None:
 
 @cache
 def _qt_palette(dark: bool) -> QPalette:
-    """Palette of Qt; cached, since Qt caches drawings by palette."""
+    """Return the palette for Qt. It is cached, since Qt caches drawings by palette."""
     colors = Palette(dark)
     role = QPalette.ColorRole
     result = QPalette()
@@ -362,7 +362,7 @@ def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap
 
 
 def icon(name: str) -> QIcon:
-    """An icon in the colours of the current theme."""
+    """Return an icon in the colours of the current theme."""
     colors = palette()
     result = QIcon(pixmap(name, colors.text))
     result.addPixmap(pixmap(name, colors.disabled), QIcon.Mode.Disabled)
@@ -371,7 +371,7 @@ def icon(name: str) -> QIcon:
 
 @lru_cache(maxsize=1)
 def application_icon() -> QIcon:
-    """Icon of the program, made by assets/make_icon.py."""
+    """Return the icon of the program, drawn by assets/make_icon.py."""
     picture = QPixmap()
     picture.loadFromData((_FOLDER / "icon.png").read_bytes())
     return QIcon(picture)

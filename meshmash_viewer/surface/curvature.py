@@ -1,4 +1,4 @@
-"""Measures of a surface: its curvatures, and the neck widths of its parts."""
+"""Curvatures of a surface, and the neck widths of its parts."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes, winding_of
 from meshmash_viewer.units import counted
 
-#: Key of the sentence in `Mesh.derived`.
+#: Key of the result of `direction_fault` in `Mesh.derived`.
 DIRECTION_FAULT = "fault of directions"
 
 
 def mean_curvature(mesh: MeshLike) -> FloatArray:
-    """Compute the mean curvature, half the sum of the two principal ones.
+    """Compute the mean curvature, half the sum of the two principal curvatures.
 
     ``H = ½ (L x) · n / A`` with the cotangent Laplacian L of the coordinates x, the vertex normal
-    n and the mixed area A of Meyer et al. [1]_: positive where the surface bulges towards the side
-    from which its faces are counter-clockwise, 1/r on a sphere of radius r.
+    n and the mixed area A of Meyer et al. [1]_. It is 1/r on a sphere of radius r, and positive
+    where the surface is convex, seen from the side on which its faces are counter-clockwise.
 
     `InputError` is raised if the mesh is not valid.
 
     Parameters
     ----------
     mesh : MeshLike
-        Its faces should agree on which side is outside. They determine the sign, and next to an
-        edge where they do not agree the vertex normal and the curvature are wrong.
+        Its faces should agree on which side is outside: this determines the sign. At an edge where
+        they do not agree, vertex normals and curvatures are wrong.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
 
 
 def direction_fault(mesh: Mesh) -> str:
-    """Describe faces that do not agree on which side is outside; empty if all do."""
+    """Return a message about faces that do not agree on which side is outside; "" if all do."""
     if DIRECTION_FAULT not in mesh.derived:
         mesh.derived[DIRECTION_FAULT] = _direction_fault(mesh)
     return str(mesh.derived[DIRECTION_FAULT])
@@ -94,11 +94,11 @@ def _direction_fault(mesh: Mesh) -> str:
 
 
 def gaussian_curvature(mesh: MeshLike) -> FloatArray:
-    """Compute the Gaussian curvature, the product of the two principal ones.
+    """Compute the Gaussian curvature, the product of the two principal curvatures.
 
-    ``K = (2π - Σ θ) / A`` with the angles θ of the faces around a vertex and its mixed area A, as
-    `mean_curvature`: 1/r² on a sphere of radius r, negative on a saddle. Over a closed surface
-    ``Σ K A`` is exactly 2π times its Euler characteristic.
+    ``K = (2π - Σ θ) / A`` with the angles θ of the faces around a vertex and its mixed area A
+    (`mixed_areas`): 1/r² on a sphere of radius r, negative on a saddle. The sum of K A over a
+    closed surface is exactly 2π times its Euler characteristic.
 
     Returns
     -------
@@ -120,14 +120,14 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
 def mixed_areas(mesh: MeshLike) -> FloatArray:
     """Compute the mixed area of each vertex, by which the curvatures divide (`mean_curvature`).
 
-    A face without an obtuse angle is divided between its vertices by the nearest one. Of an obtuse
-    face the vertex at the obtuse angle has a half, the others a quarter each.
-    (`compute_vertex_areas` assigns a third of every face to each.)
+    A face without an obtuse angle is divided into the points nearest to each of its vertices. Of an
+    obtuse face, the vertex at the obtuse angle gets a half, the others a quarter each.
+    (`compute_vertex_areas` assigns a third of each face to each of its vertices.)
 
     Returns
     -------
     ndarray of float64, shape (n,)
-        In squared unit of the mesh; their sum is the area of the mesh. 0 at vertices without faces.
+        In squared units of length; their sum is the area of the mesh. 0 at vertices without faces.
 
     Examples
     --------
@@ -139,14 +139,14 @@ def mixed_areas(mesh: MeshLike) -> FloatArray:
 
 
 class _Corners:
-    """The faces that have an area, and the cotangents of their angles, shape (m, 3)."""
+    """The faces with an area, and the cotangents of their angles, shape (m, 3) each."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
         self.faces = mesh.faces[~mesh.degenerate_faces]
         self._places = [mesh.vertices[self.faces[:, corner]] for corner in range(3)]
         self._doubled = np.linalg.norm(np.cross(self.edge(0, 1), self.edge(0, 2)), axis=1)
-        # of the angle between the two edges at a corner
+        # the cotangent of the angle at each corner: dot product over cross product of its edges
         self.cotangents = np.column_stack(
             [
                 np.einsum("ij,ij->i", self.edge(a, (a + 1) % 3), self.edge(a, (a + 2) % 3))
@@ -166,7 +166,7 @@ class _Corners:
         return np.where(open_ends, np.nan, totals / np.where(open_ends, 1.0, areas))
 
     def mixed_areas(self) -> FloatArray:
-        """Compute the area of faces nearest to each vertex; ½, ¼ and ¼ for obtuse faces."""
+        """Compute the result of the function `mixed_areas`, shape (n,)."""
         obtuse = self.cotangents < 0.0
         shares = np.empty_like(self.cotangents)
         for corner in range(3):
@@ -182,7 +182,7 @@ class _Corners:
         return np.asarray(total, dtype=np.float64)
 
     def _on_boundary(self) -> npt.NDArray[np.bool_]:
-        """Find vertices of edges with one face only."""
+        """Find the vertices of edges with one face, shape (n,)."""
         n = self._mesh.n_vertices
         edges = edges_of(side_codes(self.faces, n))
         single = edges.keys[edges.counts == 1]
@@ -191,31 +191,31 @@ class _Corners:
         return on_it
 
 
-#: Number of level sets that are measured.
+#: Number of level sets that are measured for each part.
 _LEVELS = 64
-#: Share of the area of a part, nearest to where it joins the rest, that cuts run through.
+#: Share of the area of a part, nearest to the rest of the surface, in which cuts are sought.
 _NEAR = 0.5
-#: Relative residual, and most steps, of the solution.
+#: Relative residual and largest number of iterations of the linear solver.
 _PRECISION, _STEPS = 1e-7, 10_000
 
 
 def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
-    """Measure the shortest cut that separates each of some parts from the rest of the surface.
+    """Measure the length of a short cut that separates each part from the rest of the surface.
 
-    The cuts are 64 level sets of the function that is 1 on the rest, 0 on the half of the area of
-    the part that is farthest from it along edges, and harmonic between them. Each consists of
-    closed curves on the triangles, or of curves that end at open edges. So the width is never below
-    that of the shortest cut through this half of the part, and above where that is no level set.
+    The cuts are 64 level sets of a function that is 1 on the rest, 0 on the half of the area of the
+    part that is farthest from the rest along edges, and harmonic between them. A level set consists
+    of closed curves, or of curves that end at open edges. The shortest level set is an upper bound
+    of the length of the shortest cut through the nearer half of the part.
 
     `parts`, shape (n,), is the part of each vertex, -1 for none. The widths, shape (n_parts,), are
-    in the unit of the mesh; NaN where a part does not join the rest.
+    in the unit of the mesh; NaN for a part that does not touch the rest.
     """
     of_corners = parts[mesh.faces]
     touched = (of_corners >= 0).any(axis=1) & mesh.distinct_corners
     joins = touched & (of_corners != of_corners[:, :1]).any(axis=1)
     joined = np.zeros(n_parts + 1, dtype=np.bool_)
     joined[of_corners[joins]] = True
-    joined[-1] = False  # where -1 has gone
+    joined[-1] = False  # set by the vertices of no part, -1
     widths = np.full(n_parts, np.nan)
     if joined.any():
         faces = mesh.faces[touched & joined[of_corners].any(axis=1)]
@@ -228,16 +228,16 @@ def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
 
 
 def _near(mesh: Mesh, faces: IntArray, parts: IntArray) -> npt.NDArray[np.bool_]:
-    """Find the vertices of the near half of each part, shape (n,)."""
+    """Find the vertices of the half of each part that is nearest to the rest, shape (n,)."""
     from scipy import sparse
     from scipy.sparse.csgraph import dijkstra
 
     n = mesh.n_vertices
     low, high = np.divmod(np.unique(side_codes(faces, n) >> 1), n)
     lengths = np.linalg.norm(mesh.vertices[low] - mesh.vertices[high], axis=1)
-    lengths = np.maximum(lengths, np.finfo(np.float64).tiny)  # a zero would be no edge
+    lengths = np.maximum(lengths, np.finfo(np.float64).tiny)  # sparse graphs drop edges of length 0
     within = parts[low] == parts[high]
-    # The rest of each part is node n: an edge leads from it to each vertex at a border.
+    # Node n stands for the rest of the surface, with an edge to each vertex at a border.
     ends, across = np.append(low[~within], high[~within]), np.tile(lengths[~within], 2)
     nearest = np.full(n, np.inf)
     np.minimum.at(nearest, ends, across)
@@ -262,7 +262,7 @@ def _near(mesh: Mesh, faces: IntArray, parts: IntArray) -> npt.NDArray[np.bool_]
 def _harmonic(
     mesh: Mesh, faces: IntArray, parts: IntArray, near: npt.NDArray[np.bool_]
 ) -> FloatArray:
-    """Solve for the values at the near vertices of all parts; 0 at the others, shape (n,)."""
+    """Compute the harmonic function at the near vertices; 0 elsewhere, shape (n,)."""
     from scipy import sparse
     from scipy.sparse.linalg import cg
 
@@ -282,7 +282,7 @@ def _harmonic(
             (rows.data[kept], (rows.row[kept], place[rows.col[kept]])), shape=(len(unknown),) * 2
         )
         scale = sparse.diags_array(1.0 / matrix.diagonal())
-        # any function has closed level sets: one that has not converged makes no width too small
+        # level sets of any function are cuts, so without convergence the bound still holds
         values[unknown] = cg(matrix, known, rtol=_PRECISION, maxiter=_STEPS, M=scale)[0]
     return values
 
@@ -290,10 +290,10 @@ def _harmonic(
 def _cut_lengths(
     vertices: FloatArray, faces: IntArray, parts: IntArray, values: FloatArray, n_parts: int
 ) -> FloatArray:
-    """Measure the level sets of the function of each part; return the shortest, (n_parts,)."""
+    """Return the length of the shortest level set in each part, shape (n_parts,)."""
     cuts = []
     of_corners = parts[faces]
-    for corner in range(3):  # each part of a face once
+    for corner in range(3):  # each face once for each part that it touches
         own = of_corners[:, corner]
         first = (own >= 0) & (of_corners[:, :corner] != own[:, None]).all(axis=1)
         at = np.where(of_corners == own[:, None], values[faces], 1.0)
@@ -305,7 +305,7 @@ def _cut_lengths(
         above = at > level
         count = above.sum(axis=1)
         crossed = np.flatnonzero((count == 1) | (count == 2))
-        # the corner that is alone on its side of the level
+        # the one corner on its side of the level
         alone = np.argmax(above[crossed] == (count[crossed] == 1)[:, None], axis=1)
         points = []
         for step in (1, 2):

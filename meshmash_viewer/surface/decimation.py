@@ -1,4 +1,4 @@
-"""Coarser meshes, by quadric edge collapse or, for fast rendering, by clusters of vertices."""
+"""Coarser meshes by quadric edge collapse, and by clusters of vertices for fast rendering."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ def decimated(
 ) -> tuple[Mesh, IntArray]:
     """Remove a share of the faces of each connected component.
 
-    Components are decimated separately, in the order of their lowest vertex, so that none is
-    collapsed into another. Those with fewer than `least` vertices are left out. Larger values of
-    `aggressiveness` are faster, and less exact. The result is deterministic: a mesh without
-    unreferenced vertices, and its vertex for each vertex of `mesh`, shape (n,), or -1.
+    Components are decimated separately, in the order of their lowest vertex, so that none is merged
+    with another. Components with fewer than `least` vertices are left out. A larger
+    `aggressiveness` is faster and less exact. The result is deterministic.
 
-    `InputError` is raised if `reduction` is out of range, or all components are left out.
+    Returns the decimated mesh, without unreferenced vertices, and the index of its vertex for each
+    vertex of `mesh`, shape (n,), -1 for none. `InputError` is raised if `reduction` is not in
+    [0, 1), or all components are left out.
     """
     if not 0.0 <= reduction < 1.0:
         raise InputError(
@@ -58,13 +59,13 @@ def decimated(
 def _collapsed(
     vertices: FloatArray, faces: IntArray, reduction: float, aggressiveness: float
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return vertices, faces and mapping of a decimated component."""
+    """Return vertices and faces of a decimated component, and the new index of each old vertex."""
     import fast_simplification
 
     same = vertices, faces, np.arange(len(vertices))
     if reduction == 0.0:
         return same
-    center = vertices.mean(axis=0)  # the collapses are replayed in single precision
+    center = vertices.mean(axis=0)  # the library replays collapses in single precision
     points, corners = vertices - center, faces.astype(np.int32)
     _, _, collapses = fast_simplification.simplify(
         points, corners, reduction, agg=aggressiveness, return_collapses=True
@@ -74,12 +75,12 @@ def _collapsed(
     points, kept, mapping = fast_simplification.replay_simplification(points, corners, collapses)
     used, kept = np.unique(kept, return_inverse=True)
     if not len(used):
-        return same  # a component of few faces is collapsed as a whole
+        return same  # a component of few faces would vanish
     places = np.full(len(points), -1)
     places[used] = np.arange(len(used))
     places = places[mapping]
     alone = np.flatnonzero(places < 0)
-    if len(alone):  # collapsed into a vertex of no face: the nearest of the others
+    if len(alone):  # collapsed into a vertex without faces: take the nearest vertex that has some
         from scipy.spatial import cKDTree
 
         places[alone] = cKDTree(points[used]).query(vertices[alone] - center)[1]
@@ -88,9 +89,9 @@ def _collapsed(
 
 @dataclass(frozen=True, eq=False)
 class CoarseMesh:
-    """Faces between some vertices of a mesh, so that fields are indexed rather than computed.
+    """Faces between some vertices of a mesh, for which fields only have to be indexed.
 
-    Each of `representatives` is a vertex of the full mesh; `faces` are indices into them.
+    `representatives` are the indices of these vertices; `faces` are indices into them.
     """
 
     representatives: IntArray
@@ -102,9 +103,10 @@ def cluster_vertices(
 ) -> CoarseMesh:
     """Merge the vertices that share a cell of a regular grid (Rossignac & Borrel 1993).
 
-    Each cell is represented by its vertex nearest to the mean of the cell, in ascending order;
-    faces that do not span three cells are removed, and so are copies. It takes the time of two
-    sorts of the vertices and one of the remaining faces. `count` is the approximate cell count.
+    A cell is represented by its vertex nearest to the mean of its vertices; representatives are in
+    ascending order. Faces that do not span three cells, and copies of faces, are removed. It takes
+    the time of sorting the vertices twice and the remaining faces once. `count` is the approximate
+    number of cells.
     """
     faces = faces[distinct_corners(faces)]
     used = np.zeros(len(vertices), dtype=bool)
@@ -113,7 +115,7 @@ def cluster_vertices(
     points = vertices[members].astype(np.float64)
     points -= points.min(axis=0)
     size = float(points.max()) or 1.0
-    # The number of cells is proportional to area over cell area: one trial gives the constant.
+    # The number of occupied cells is about proportional to the squared number per side.
     cells_per_side = max(2.0, np.sqrt(count / 4.0))
     for _ in range(3):
         met = len(np.unique(_keys(points[:: max(1, len(points) // 200_000)], size, cells_per_side)))
@@ -123,23 +125,23 @@ def cluster_vertices(
     sums = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
     points -= (sums / sizes[:, None])[cluster]
     nearest_first = np.lexsort((np.einsum("ij,ij->i", points, points), cluster))
-    # Ascending order of representatives makes indexing a field fast.
+    # representatives in ascending order, as then indexing a field is fast
     chosen, rank = np.unique(members[nearest_first[np.cumsum(sizes) - sizes]], return_inverse=True)
     coarse_of = np.full(len(vertices), -1, dtype=np.int64)
     coarse_of[members] = rank[cluster]
     corners = coarse_of[faces]
     corners = corners[distinct_corners(corners)]
-    # Rotate each face so that its smallest corner is first: copies are then equal rows.
+    # the smallest corner first, so that copies of a face are equal rows
     first = np.argmin(corners, axis=1)
     row = np.arange(len(corners))[:, None]
     corners = corners[row, (first[:, None] + np.arange(3)) % 3]
-    # One integer for each face, sufficient for three indices below two million.
+    # one integer for each face: enough for three indices below two million
     keys = corners @ np.array([len(chosen) ** 2, len(chosen), 1], dtype=np.int64)
     return CoarseMesh(chosen, corners[np.unique(keys, return_index=True)[1]])
 
 
 def _keys(points: npt.NDArray[np.float64], size: float, per_side: float) -> IntArray:
-    """Return the cell index of each point."""
+    """Return the cell index of each point, in a grid of `per_side` cells along `size`."""
     cells = np.minimum((points * (per_side / size)).astype(np.int64), int(per_side))
     side = int(per_side) + 1
     return np.asarray((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2])

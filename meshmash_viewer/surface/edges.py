@@ -1,4 +1,4 @@
-"""Edges of triangles: number and direction of their faces, and coincident open edges."""
+"""Edges of triangles: their faces and directions, borders of regions, and open seams."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from meshmash_viewer.mesh import Mesh
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """All edges of some faces."""
+    """The edges of a set of faces."""
 
-    #: Shape (e,): ``low * n + high`` of the two vertices of each, ascending.
+    #: Shape (e,): key ``low * n + high`` of the two vertices of each edge, ascending.
     keys: IntArray
-    #: Shape (e,): Number of faces of each.
+    #: Shape (e,): number of faces of each edge.
     counts: IntArray
-    #: Shape (e,): Whether an edge has two faces that traverse it in the same direction, so that one
-    #: of them is reversed.
+    #: Shape (e,): whether the edge has two faces, and both traverse it in the same direction, so
+    #: that one of them is reversed.
     one_way: npt.NDArray[np.bool_]
 
 
@@ -29,23 +29,24 @@ class Edges:
 class Winding:
     """Agreement of the faces of a mesh on which side is outside."""
 
-    #: Keys of the edges of two faces that traverse it in the same direction, shape (e,); duplicate
-    #: faces are ignored.
+    #: Shape (e,): keys of the edges with two faces that traverse it in the same direction, without
+    #: duplicate faces.
     one_way: IntArray
-    #: Shape (m,): The faces to reverse so that neighbours agree and closed parts face outwards. In
-    #: an open part these are the ones with the smaller area, in a one-sided part none.
+    #: Shape (m,): the faces to reverse so that neighbours agree and closed parts face outwards. In
+    #: an open part these are the orientation with the smaller area, in a one-sided part none.
     reversed_faces: npt.NDArray[np.bool_]
 
     @property
     def disagreeing_edges(self) -> int:
-        """Number of the edges `one_way`."""
+        """Number of edges in `one_way`."""
         return len(self.one_way)
 
 
 def side_codes(faces: IntArray, n: int) -> IntArray:
-    """Encode the sides 01, 12 and 20: twice the key of the edge, plus the direction, (3m,).
+    """Encode the sides 01, 12 and 20 of faces as integers, shape (3m,).
 
-    One integer for each sorts several times faster than pairs; it cannot overflow below 2e9.
+    A code is twice the key of the edge, plus 1 if the side goes from the higher vertex to the
+    lower. Integers sort several times faster than pairs, and do not overflow for n below 2e9.
     """
     tail, tip = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     low, high = np.minimum(tail, tip), np.maximum(tail, tip)
@@ -65,13 +66,13 @@ def edges_of(codes: IntArray) -> Edges:
 def border_edges(faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
     """Find the edges between faces of different values, shape (e, 2).
 
-    A face has the value of its last corner, as it is drawn.
+    The value of a face is that of its last corner, as in the render.
     """
     first, second, last = (values[faces[:, corner]] for corner in range(3))
     mixed = (first != last) | (second != last)
     near = np.zeros(len(values), dtype=np.bool_)
     near[faces[mixed]] = True
-    # one face of such an edge is mixed, so that both ends are near
+    # at least one face of such an edge is mixed, so that both ends are near
     n_near = sum(near[faces[:, corner]].astype(np.int8) for corner in range(3))
     candidates = np.flatnonzero(n_near > 1)
     keys = side_codes(faces[candidates], len(values)) >> 1
@@ -83,10 +84,10 @@ def border_edges(faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
 
 
 def region_graph(vertices: FloatArray, faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
-    """Find the regions of equal values that touch, shape (e, 2).
+    """Find pairs of regions that touch, shape (e, 2).
 
-    A region is connected by edges, and given by its vertex that is nearest to its mean position.
-    Values below zero are in no region.
+    A region is a connected set of vertices with equal values. The result has the vertex of each
+    region that is nearest to its mean position. Vertices with values below zero are in no region.
     """
     n = len(vertices)
     keys = np.unique(side_codes(faces, n) >> 1)
@@ -105,7 +106,7 @@ def region_graph(vertices: FloatArray, faces: IntArray, values: npt.NDArray[Any]
 def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
     """Find the faces whose direction differs from that of their neighbours.
 
-    `edges` are those of the faces with three different corners, if known.
+    `edges` are the edges of the faces with three distinct corners, if known.
     """
     n, none = mesh.n_vertices, np.zeros(mesh.n_faces, dtype=np.bool_)
     at = np.flatnonzero(mesh.distinct_corners)
@@ -123,7 +124,7 @@ def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
 
 
 def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.NDArray[np.bool_]:
-    """Find the faces to reverse, shape (m,)."""
+    """Find the faces to reverse (`Winding.reversed_faces`), shape (m,)."""
     m = len(faces)
     codes = side_codes(faces, len(vertices))
     order = np.argsort(codes, kind="stable")
@@ -132,8 +133,8 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     sides = order[starts[two]], order[starts[two] + 1]
     first, second = sides[0] // 3, sides[1] // 3
     against = codes[sides[0]] == codes[sides[1]]
-    # The graph has each face twice, as it is and reversed. Neighbours that agree are connected as
-    # they are, others with the reversed one. A two-sided part then has two components.
+    # The graph has two nodes for each face: as it is, and reversed. Faces that agree are connected
+    # in the same state, others in opposite states. A two-sided part then has two components.
     rows = np.concatenate([first, first + m])
     columns = np.concatenate([second + m * against, second + m * ~against])
     labels = connected(rows, columns, 2 * m)
@@ -149,7 +150,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     is_open = np.bincount(part[open_ends], None, n_parts) > 0
     larger = 2.0 * np.bincount(part, areas * side, n_parts) > np.bincount(part, areas, n_parts)
     inward = _volumes(vertices, faces, side, part, n_parts) < 0.0
-    # whether the faces of the second copy are kept
+    # for each part: whether the faces of `side` are kept, and the others reversed
     stays = np.where(is_open, larger, inward)
     return np.asarray(mixed[part] & (side != stays[part]))
 
@@ -157,7 +158,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
 def _volumes(
     vertices: FloatArray, faces: IntArray, side: npt.NDArray[np.bool_], part: IntArray, n_parts: int
 ) -> FloatArray:
-    """Compute six times the volume of each part, with the faces of the second copy reversed."""
+    """Compute six times the volume of each part, with the faces of `side` reversed."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     a = a - vertices[faces[0, 0]]  # avoids cancellation far from the origin
     b, c = b - vertices[faces[0, 0]], c - vertices[faces[0, 0]]
@@ -168,12 +169,12 @@ def _volumes(
 def join_seams(places: IntArray, faces: IntArray) -> IntArray:
     """Join the vertices of coincident open edges.
 
-    A seam consists of exactly two edges, each of one face, with both ends at the same positions,
+    A seam consists of exactly two edges with one face each, whose ends are at the same positions,
     unless the faces are the same triangle. Sheets that touch at a vertex, along edges with two
     faces, or along more than two coincident edges are not joined.
 
-    `places` is for each vertex the lowest index of those at exactly the same position; the result
-    is that of those joined with it, shape (n,).
+    `places`, shape (n,), has the lowest index of the vertices at the position of each vertex. The
+    result, shape (n,), has the lowest index of the vertices joined with each vertex.
     """
     joined = np.arange(len(places))
     if np.array_equal(places, joined):
@@ -212,7 +213,7 @@ def _seam_ends(places: IntArray, faces: IntArray) -> IntArray:
 
 
 def _runs(ordered: IntArray) -> tuple[IntArray, IntArray]:
-    """Return starts and lengths of runs of equal numbers."""
+    """Return starts and lengths of the runs of equal numbers in a sorted array."""
     starts = np.flatnonzero(np.diff(ordered, prepend=-1))
     return starts, np.diff(starts, append=len(ordered))
 

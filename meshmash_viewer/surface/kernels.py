@@ -1,7 +1,6 @@
-"""Compiled loops over the vertices and faces of a surface.
+"""Compiled loops over the vertices and faces of a surface, which release the interpreter lock.
 
-Import this module where it is used, as it loads the compiler. All loops release the interpreter
-lock.
+Import this module in the functions that use it, as it loads the compiler.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ def spread(starts, around, faces, points, order, sources, radius, passable, dist
 
 @numba.njit(cache=True, nogil=True)
 def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
-    """Compute the distance of c from those of a and b, by the straight line across the triangle."""
+    """Compute the distance of c from those of a and b, by a straight line in their plane."""
     edge = foot = side_a = side_b = 0.0
     for k in range(3):
         along, across, other = b[k] - a[k], c[k] - a[k], c[k] - b[k]
@@ -69,7 +68,7 @@ def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
     straight = min(at_a + np.sqrt(side_a), at_b + np.sqrt(side_b))
     edge = np.sqrt(edge)
     foot /= edge
-    # the source in the plane of the triangle: x along the edge, `deep` below it
+    # position of the source in the plane of the triangle: x along the edge, `deep` below it
     x = (edge * edge + at_a * at_a - at_b * at_b) / (2.0 * edge)
     if at_a * at_a < x * x:
         return straight
@@ -83,7 +82,7 @@ def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def in_picture(seen, low, picture):  # type: ignore[no-untyped-def]
-    """Find the points over the marked pixels of a picture whose first pixel is at `low`, (n,)."""
+    """Find the points over the True pixels of a picture whose first pixel is at `low`, (n,)."""
     rows, columns = picture.shape
     result = np.zeros(len(seen), np.bool_)
     for v in range(len(seen)):
@@ -173,7 +172,7 @@ def heights_of(seen, faces, drawn, low, cell, rows, columns):  # type: ignore[no
 
 @numba.njit(cache=True, nogil=True)
 def parts_of(faces, mask):  # type: ignore[no-untyped-def]
-    """Number the parts of a mask that sides of faces connect from 0, -1 outside, shape (n,)."""
+    """Number the parts of a mask that are connected by edges, from 0; -1 outside, shape (n,)."""
     n = len(mask)
     parent = np.arange(n)
     for f in range(len(faces)):
@@ -200,5 +199,5 @@ def parts_of(faces, mask):  # type: ignore[no-untyped-def]
                 number[v] = count
                 count += 1
             else:
-                number[v] = number[root]  # the root is the lowest of its part
+                number[v] = number[root]  # the root is the lowest vertex, so it has its number
     return number

@@ -1,4 +1,4 @@
-"""Masks of vertices on a surface: a disc, a lasso, a component, a range; grown, shrunk, filled."""
+"""Masks of vertices: discs, lassos, components, ranges of values; growing, shrinking, filling."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.rays import curve_order
 
-#: Which vertices, shape (n,).
+#: Whether each vertex is selected, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
-#: Side of the cells of the depth map, in pixels.
+#: Side of the cells in which heights are compared, in pixels.
 _CELL = 3.0
-#: Largest slope of the surface against the screen for which depths are compared.
+#: Largest slope of a surface against the screen that is assumed within a cell.
 _STEEPEST = 5.0
 
 
@@ -31,22 +31,22 @@ def grown(mesh: Mesh, mask: Mask) -> Mask:
 
 
 def shrunk(mesh: Mesh, mask: Mask) -> Mask:
-    """Leave out the vertices with a neighbour outside the mask."""
+    """Remove the vertices with a neighbour outside the mask."""
     return ~grown(mesh, ~mask)
 
 
 def parts(mesh: Mesh, mask: Mask) -> IntArray:
-    """Number the connected parts of a mask from 0, shape (n,); -1 outside."""
+    """Return the number of the connected part of each vertex, from 0, shape (n,); -1 outside."""
     from meshmash_viewer.surface.kernels import parts_of
 
     return np.asarray(parts_of(mesh.faces, mask))
 
 
 def filled(mesh: Mesh, mask: Mask) -> Mask:
-    """Add the parts of the surface that the mask separates from the largest one.
+    """Add the parts of the surface that the mask encloses.
 
-    In each connected component of the mesh the part outside the mask with the largest area stays
-    outside. Components without a vertex in the mask stay outside as well.
+    In each connected component of the mesh, of the parts outside the mask the one with the largest
+    area stays outside, and the others are added.
     """
     components = mesh.component_labels
     outside = ~mask & (components >= 0)
@@ -54,11 +54,11 @@ def filled(mesh: Mesh, mask: Mask) -> Mask:
     if part.max() < 0:
         return mask
     areas = np.bincount(part[outside], mesh.vertex_areas[outside])
-    of_part = np.zeros(len(areas), dtype=np.int64)  # its component
+    of_part = np.zeros(len(areas), dtype=np.int64)  # component of each part
     of_part[part[outside]] = components[outside]
     largest = np.zeros(int(components.max()) + 1, dtype=np.int64)
     order = np.argsort(areas, kind="stable")
-    largest[of_part[order]] = order  # the last assignment remains, that of the largest
+    largest[of_part[order]] = order  # the last assignment, that of the largest part, remains
     stays = np.isin(np.arange(len(areas)), largest[np.unique(of_part)])
     result = mask.copy()
     result[outside] = ~stays[part[outside]]
@@ -112,13 +112,13 @@ class Geodesics:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Vertices with normals, shape (n, 3) each, and the camera that they are seen by."""
+    """Vertices with normals, shape (n, 3) each, and a camera with parallel projection."""
 
     points: npt.NDArray[np.float32]
     normals: npt.NDArray[np.float32]
-    #: Shape (3, 3): Unit vectors to the right, up and towards the eye, as rows.
+    #: Shape (3, 3): unit vectors to the right, up and towards the eye, as rows.
     axes: FloatArray
-    #: Shape (3,): The point in the middle of the picture.
+    #: Shape (3,): the point in the middle of the picture.
     focus: FloatArray
     #: Length of a pixel.
     pixel: float
@@ -127,7 +127,7 @@ class Projection:
 
     @cached_property
     def seen(self) -> npt.NDArray[np.float32]:
-        """Vertices in pixels: to the right, up, and towards the eye, shape (n, 3)."""
+        """Coordinates in pixels: to the right, up, and towards the eye (the height), (n, 3)."""
         from meshmash_viewer.surface.kernels import project
 
         shift = np.array([*self.middle, 0.0]) - self.axes @ self.focus / self.pixel
@@ -136,12 +136,12 @@ class Projection:
 
     @cached_property
     def facing(self) -> npt.NDArray[np.float32]:
-        """Cosine between normal and line of sight, shape (n,)."""
+        """Cosine of the angle between normal and direction of the eye, shape (n,)."""
         return np.asarray(self.normals @ self.axes[2].astype(np.float32))
 
 
 def within_polygon(seen: npt.NDArray[np.floating], polygon: FloatArray) -> Mask:
-    """Find the points in a closed polygon, to a pixel, shape (n,).
+    """Find the points in a closed polygon, with the precision of a pixel, shape (n,).
 
     `seen`, shape (n, 2) or (n, 3), and `polygon`, shape (k, 2), are in pixels.
     """
@@ -175,7 +175,7 @@ def visible(
 
 
 def prepared(mesh: Mesh) -> Geodesics:
-    """Make what strokes need, and compile or load the loops of brush and lasso."""
+    """Make the `Geodesics` of a mesh, and compile or load the loops of brush and lasso."""
     points = np.clip(mesh.vertices, *mesh.bounds) - mesh.bounds.mean(axis=0)
     made = Geodesics(points, mesh.faces)
     made.within(mesh.faces[0, :1], 0.0)
@@ -197,9 +197,9 @@ def disc(geodesics: Geodesics, mesh: Mesh, centre: int, radius: float) -> Mask:
 def lasso(
     mesh: Mesh, projection: Projection, polygon: FloatArray, hidden: Mask | None, through: bool
 ) -> Mask:
-    """Find the visible vertices in a polygon, in pixels; with `through` those behind, too.
+    """Find the visible vertices in a polygon, in pixels; with `through` also covered vertices.
 
-    `hidden` are left out, and cover nothing.
+    Vertices in `hidden` are left out, and cover nothing.
     """
     drawn = mesh.referenced if hidden is None else mesh.referenced & ~hidden
     chosen = within_polygon(projection.seen, polygon) & drawn
@@ -214,7 +214,7 @@ def component(mesh: Mesh, vertex: int) -> Mask:
 
 
 def same_label(mesh: Mesh, values: npt.NDArray[Any], vertex: int) -> Mask:
-    """Find the connected part with the value of a vertex."""
+    """Find the connected vertices with the same value as a vertex."""
     part = parts(mesh, values == values[vertex])
     return np.asarray(part == part[vertex])
 
@@ -222,6 +222,6 @@ def same_label(mesh: Mesh, values: npt.NDArray[Any], vertex: int) -> Mask:
 def between(
     mesh: Mesh, values: npt.NDArray[Any], low: float, high: float, joined: int | None = None
 ) -> Mask:
-    """Find the vertices with values in a range, or of these what is connected with one."""
+    """Find the vertices with values in a range; with `joined` only the part that contains it."""
     inside = (values >= low) & (values <= high) & mesh.referenced
     return inside if joined is None or not inside[joined] else same_label(mesh, inside, joined)

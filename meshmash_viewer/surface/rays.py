@@ -1,4 +1,4 @@
-"""Rays and the plane of a cut: where they meet a mesh."""
+"""Intersections of rays with a mesh, and clipping planes."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ _BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The points x with ``normal @ x == level``; the normal, of length 1, is to the kept side."""
+    """The points x with ``normal @ x == level``; the unit normal points to the kept side."""
 
     normal: FloatArray
     level: float
 
     def seen_from(self, origin: FloatArray) -> Plane:
-        """The same plane in coordinates relative to an origin."""
+        """Return the plane in coordinates relative to an origin."""
         return Plane(self.normal, self.level - float(self.normal @ origin))
 
     def away(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
-        """Find the points, shape (n, 3), that are cut away, shape (n,)."""
+        """Find which of the points, shape (n, 3), are cut away, shape (n,)."""
         return np.asarray(points @ self.normal.astype(points.dtype) < self.level)
 
     def kept(self, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the kept part of the way between two points; None if there is none."""
+        """Return the ends of the kept part of a line segment; None if all of it is cut away."""
         first, last = (float(self.normal @ each) - self.level for each in (start, end))
         if first < 0.0 and last < 0.0:
             return None
@@ -42,22 +42,23 @@ class Plane:
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """A point of a face, shape (3,)."""
+    """Intersection of a ray with a face; `point` has shape (3,)."""
 
     face: int
     point: FloatArray
 
 
 class RayTarget:
-    """A mesh that rays are cast against, in about a millisecond at a million vertices.
+    """Search structure for intersections of rays with a mesh.
 
     Faces are sorted along a space-filling curve and divided into groups of √m / 16. A ray is tested
-    against the boxes of all groups, then against the faces in intersected ones, nearest first. It
-    takes four bytes for each face, and is built without holding the interpreter lock; VTK's static
-    locator takes 60, and holds it for half a second at a million vertices.
+    against the bounding boxes of all groups, then against the faces in the boxes that it meets, the
+    nearest first: about a millisecond at a million vertices. The structure takes four bytes a face,
+    and is built without the interpreter lock; VTK's static locator takes 60 bytes, and holds the
+    lock for half a second at a million vertices.
 
-    Points, shape (n, 3), and faces, shape (m, 3), are not copied. `Cancelled` is raised after
-    `cancel` returned True.
+    Points, shape (n, 3), and faces, shape (m, 3), are not copied. `Cancelled` is raised if `cancel`
+    returns True.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class RayTarget:
         self._size = 1.0
         if len(faces) == 0:
             return
-        # keys of 32 bits are sorted in half the time
+        # integers of 32 bits are sorted in half the time
         key = curve_order(points)[faces[:, 0]].astype(np.uint32)
         self._order = np.argsort(key).astype(np.int32)
         ordered = faces[self._order]
@@ -93,10 +94,10 @@ class RayTarget:
     def seen_vertex(
         self, through: FloatArray, towards_eye: FloatArray, cut: Plane | None = None
     ) -> int:
-        """Return the nearest corner of the first face on a line of sight, -1 if there is none.
+        """Return the vertex nearest to the first hit on a line of sight; -1 without a hit.
 
-        The line goes through a point; `towards_eye` is the unit vector opposite to its direction.
-        What is cut away at a plane is not seen.
+        The line passes through a point; `towards_eye` is the unit vector towards the eye. Parts
+        that are cut away are ignored.
         """
         reach = (float(np.linalg.norm(through)) + self._size) * towards_eye
         hit = self.first_hit(through + reach, through - reach, cut)
@@ -109,17 +110,17 @@ class RayTarget:
         return int(corners[np.argmin(distance)])
 
     def hidden(self, vertex: int, towards_eye: FloatArray, cut: Plane | None = None) -> bool:
-        """Whether the mesh is between a vertex and the eye."""
-        # Not from the vertex itself, which would intersect its own faces.
+        """Whether a part of the mesh is between a vertex and the eye."""
+        # start in front of the vertex, so that its own faces are not hit
         start = self._points[vertex] + 2e-3 * self._size * towards_eye
         return self.first_hit(start, start + 2.0 * self._size * towards_eye, cut) is not None
 
     def corners_near(
         self, through: FloatArray, across: FloatArray, radius: float
     ) -> npt.NDArray[np.integer]:
-        """Return the corners of faces within a distance of a line, the nearest first.
+        """Return the vertices of faces within a distance of a line, the nearest first.
 
-        The line goes through a point, and is perpendicular to the unit vectors `across`, (2, 3).
+        The line passes through a point, perpendicular to two unit vectors `across`, shape (2, 3).
         """
         middle, half = (self._high + self._low) / 2.0, (self._high - self._low) / 2.0
         away = np.abs(across @ (middle - through[:, None])) - np.abs(across) @ half
@@ -127,15 +128,15 @@ class RayTarget:
         places = groups[:, None] * self._group + np.arange(self._group)
         found = np.zeros(len(self._points), dtype=np.bool_)
         found[self._faces[self._order[places[places < len(self._order)]]]] = True
-        corners = np.flatnonzero(found)  # several times as fast as sorting them
+        corners = np.flatnonzero(found)  # several times as fast as np.unique
         squared = (((self._points[corners] - through) @ across.T) ** 2).sum(axis=1)
         order = np.argsort(squared, kind="stable")
         return corners[order[: np.count_nonzero(squared <= radius**2)]]
 
     def first_hit(self, start: FloatArray, end: FloatArray, cut: Plane | None = None) -> Hit | None:
-        """Return the first point of the mesh between two points, or None.
+        """Return the first intersection between two points, or None.
 
-        Faces without area are ignored, and what is cut away at a plane.
+        Faces without area, and parts that are cut away, are ignored.
         """
         kept = (start, end) if cut is None else cut.kept(start, end)
         if kept is None:
@@ -158,7 +159,7 @@ class RayTarget:
         return Hit(found, start + nearest * way) if found >= 0 else None
 
     def _entries(self, start: FloatArray, way: FloatArray) -> FloatArray:
-        """Compute the fraction of the ray at which boxes are entered, infinite if missed, (g,)."""
+        """Compute where the ray enters each box, as a share of `way`; infinite if missed, (g,)."""
         enter = np.zeros(self._low.shape[1])
         leave = np.ones(self._low.shape[1])
         least = 1e-30 * float(np.abs(way).max())
@@ -174,9 +175,9 @@ class RayTarget:
 
 
 def _shares(corners: FloatArray, start: FloatArray, way: FloatArray) -> FloatArray:
-    """Compute the fraction of the ray at which triangles are hit, infinite if missed, (k,).
+    """Compute where the ray hits each triangle, as a share of `way`; infinite if missed, (k,).
 
-    Möller & Trumbore 1997.
+    Corners have shape (k, 3, 3). The test is that of Möller & Trumbore (1997).
     """
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(way, second)
@@ -194,9 +195,9 @@ def _shares(corners: FloatArray, start: FloatArray, way: FloatArray) -> FloatArr
 
 
 def curve_order(points: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
-    """Return positions of points, shape (m, 3), along a curve through a grid (Morton 1966).
+    """Return the positions of points, shape (m, 3), along a space-filling curve (Morton 1966).
 
-    They are below 2³⁰: ten interleaved bits of each coordinate, in a cube around all points.
+    They are below 2³⁰: ten bits of each coordinate in the bounding cube, interleaved.
     """
     low = points.min(axis=0)
     extent = float((points.max(axis=0) - low).max()) or 1.0
@@ -204,7 +205,7 @@ def curve_order(points: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
     code = np.zeros(len(points), dtype=np.int64)
     for axis in range(3):
         spread = grid[:, axis]
-        # ten bits with two free places after each
+        # moves the ten bits apart, with two zeros between them
         for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
             spread = (spread | (spread << shift)) & mask
         code |= spread << axis
