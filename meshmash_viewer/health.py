@@ -96,7 +96,7 @@ def mesh_health(mesh: MeshLike) -> Health:
         ambiguous_edges=len(ambiguous_edges(mesh.vertices, faces, codes >> 1, shared)),
         degenerate_faces=int(mesh.degenerate_faces.sum()),
         duplicate_faces=int(mesh.duplicate_faces.sum()),
-        disagreeing_edges=winding.disagreeing_edges,
+        disagreeing_edges=len(winding.one_way),
         reversed_faces=int(winding.reversed_faces.sum()),
         unreferenced_vertices=len(mesh.unreferenced),
         coincident_vertices=_moved(places),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtGui import QIcon, QKeyEvent, QMouseEvent
@@ -109,8 +108,10 @@ class Arrangement:
         )
         for name in _LEFT[1:]:
             window.tabifyDockWidget(self.docks[_LEFT[0]], self.docks[name])
-        for name in _LEFT:
-            self.docks[name].visibilityChanged.connect(partial(self._show, self.docks[name]))
+        for name in _LEFT:  # the Tab key would reach the panels of hidden tabs otherwise
+            self.docks[name].visibilityChanged.connect(
+                lambda shown, dock=self.docks[name]: dock.widget().setEnabled(shown)
+            )
         self.docks["mesh"].raise_()
         self._first = window.saveState(_VERSION)
 
@@ -203,11 +204,6 @@ class Arrangement:
             field.show()
             window.resizeDocks([field], [330], Qt.Orientation.Horizontal)
         self.docks["pair" if self._comparing else "mesh"].raise_()
-
-    @staticmethod
-    def _show(dock: Dock, shown: bool) -> None:
-        """Disable the panels of hidden tabs, which the Tab key would reach otherwise."""
-        dock.widget().setEnabled(shown)
 
     def save(self) -> tuple[QByteArray, QByteArray]:
         return self._window.saveGeometry(), self._window.saveState(_VERSION)

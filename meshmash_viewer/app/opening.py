@@ -351,7 +351,7 @@ class Opening(QObject):
             self._second_restoration = Restoration(view.document, path, restoration.second)
             file, names = restoration.path, restoration.second.kept_maps
             self._second_restoration.restored.connect(
-                lambda: self.last_session.restore_maps_of_second(file, names)
+                lambda: self.last_session.restore_maps(file, names, second=True)
             )
             self._second_restoration.begin()
         self._open_waiting()

@@ -238,37 +238,13 @@ class LastSession(QObject):
         self._pool.waitForDone()
         _delete(self.path(mesh_path))
 
-    def restore_maps(self, session: Path, names: Sequence[str]) -> int:
-        """Add the maps in files next to a session to the mesh; return their number."""
-        return self._restore_maps(self._document, self._kept, session, names)
-
-    def restore_maps_of_second(self, session: Path, names: Sequence[str]) -> int:
-        """Do as `restore_maps` for the second mesh."""
-        if self._second is None:
+    def restore_maps(self, session: Path, names: Sequence[str], *, second: bool = False) -> int:
+        """Add the maps in files next to a session to a mesh; return their number."""
+        document = self._second if second else self._document
+        kept = self._kept_of_second if second else self._kept
+        if document is None or document.mesh is None or document.path is None or not names:
             return 0
-        return self._restore_maps(self._second, self._kept_of_second, session, names)
-
-    # -- details ------------------------------------------------------------------------------
-
-    def _change_mesh(self) -> None:
-        """Write the session of a new mesh after a pause, in which its stored one is restored."""
-        self._waiting = self._document.path is not None
-        if not self._timer.isActive():
-            self._timer.start()
-
-    def _save_changes(self) -> None:
-        """Write the session; if the thread is still writing, do so after the next pause."""
-        if self._waiting and self._timer.remainingTime() <= 0:
-            if not self._pool.activeThreadCount():
-                self.save()
-            self._timer.start()
-
-    def _restore_maps(
-        self, document: Document, kept: _Kept, session: Path, names: Sequence[str]
-    ) -> int:
         mesh = document.mesh
-        if mesh is None or document.path is None or not names:
-            return 0
         self._pool.waitForDone()
         found: list[KeptMaps] = []
         for file in (session.with_name(Path(name).name) for name in names):
@@ -288,6 +264,21 @@ class LastSession(QObject):
         document.maps.restore(mesh, maps, [name for stored in found for name in stored.edited])
         return len(maps)
 
+    # -- details ------------------------------------------------------------------------------
+
+    def _change_mesh(self) -> None:
+        """Write the session of a new mesh after a pause, in which its stored one is restored."""
+        self._waiting = self._document.path is not None
+        if not self._timer.isActive():
+            self._timer.start()
+
+    def _save_changes(self) -> None:
+        """Write the session; if the thread is still writing, do so after the next pause."""
+        if self._waiting and self._timer.remainingTime() <= 0:
+            if not self._pool.activeThreadCount():
+                self.save()
+            self._timer.start()
+
     def _save_second(self) -> None:
         """Write the session of the second mesh; the first time, restore its kept maps instead."""
         document, kept = self._second, self._kept_of_second
@@ -298,7 +289,7 @@ class LastSession(QObject):
             known = self.stored(document.path)
             self._known_of_second = document.path, known
             names = [] if known is None else known.kept_maps
-            self._restore_maps(document, kept, self.path(document.path), names)
+            self.restore_maps(self.path(document.path), names, second=True)
         now, maps = session_of(document, {}, None), self._new_maps(document, kept)
         if known is not None:
             now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)

@@ -78,7 +78,7 @@ def direction_fault(mesh: Mesh) -> str:
 
 def _direction_fault(mesh: Mesh) -> str:
     winding = winding_of(mesh)
-    if not winding.disagreeing_edges:
+    if not len(winding.one_way):
         return ""
     name = f"{mesh.name}: f" if mesh.name else "F"
     remedy = (
@@ -88,7 +88,7 @@ def _direction_fault(mesh: Mesh) -> str:
     )
     return (
         f"{name}aces do not agree on which side is outside at"
-        f" {counted(winding.disagreeing_edges, 'edge')}, so the mean curvature has the wrong sign"
+        f" {counted(len(winding.one_way), 'edge')}, so the mean curvature has the wrong sign"
         f" on some, and is wrong next to these edges: {remedy}."
     )
 

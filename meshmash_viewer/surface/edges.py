@@ -36,11 +36,6 @@ class Winding:
     #: an open part these are the orientation with the smaller area, in a one-sided part none.
     reversed_faces: npt.NDArray[np.bool_]
 
-    @property
-    def disagreeing_edges(self) -> int:
-        """Number of edges in `one_way`."""
-        return len(self.one_way)
-
 
 def side_codes(faces: IntArray, n: int) -> IntArray:
     """Encode the sides 01, 12 and 20 of faces as integers, shape (3m,).
