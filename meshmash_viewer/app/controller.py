@@ -1,4 +1,4 @@
-"""Controller of one mesh: what the document displays is computed in a thread, then drawn."""
+"""Controller of one mesh: computes the displayed field in a thread and draws it."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.app.view.style import ColorMap
 
-#: Seconds without a newer request after which the table for the last one is built.
+#: Seconds without a newer request after which the table for the last request is built.
 _REST = 0.15
-#: Milliseconds after which a field that is being computed is announced.
+#: Milliseconds after which the title says that a field is being computed.
 _LATE = 200
 
 
 class Link(Protocol):
-    """What links the fields of two meshes (`app.second_view.SecondView`)."""
+    """Link of the fields of two meshes (`app.second_view.SecondView`)."""
 
     def draw(self, source: Controller) -> None:
-        """Draw the fields of both meshes after that of one has changed."""
+        """Draw the fields of both meshes after the field of one has changed."""
 
     def adapted(
         self, source: Controller, field: Field, limits: Limits, colormap: ColorMap
     ) -> tuple[Field, Limits, ColorMap]:
-        """Return the field of one mesh as it is shown next to the other."""
+        """Return field, limits and colours of one mesh as displayed next to the other mesh."""
 
 
 class Controller(QObject):
     """Draws the mesh, the pins and the displayed field of a document.
 
-    A tick of a slider changes the document's display, which calls `refresh`. One thread computes
-    fields (`_compute`), and `_take` receives its answers: only the newest request counts, and those
-    for another mesh or family are dropped. `show` calls `draw`, through `link` if two meshes are
-    compared; `draw` adds the limits and passes the field to the view. Another thread builds the
-    tables that make the next fields fast, after which a draft is computed again.
+    A tick of a slider changes the document's display, which calls `refresh`. A thread computes
+    the newest requested field (`_compute`). `_take` receives it, and drops a field of another mesh
+    or family. `show` calls `draw`, through `link` if two meshes are compared. `draw` adds the
+    limits and passes the field to the view. Another thread builds tables that make the next fields
+    fast; a field computed without its table is then computed again.
     """
 
     #: A field has been passed to the view, with its limits (low, high); None for no field.
@@ -59,7 +59,7 @@ class Controller(QObject):
         self.live = LiveFeatures()
         #: Whether the requested field takes long or cannot be computed.
         self.late = False
-        #: Draws the field together with that of another mesh, where two are compared.
+        #: Link to another mesh; None if no meshes are compared.
         self.link: Link | None = None
         self._wanted: FieldRequest | None = None
         self._policies: Mapping[str, LimitPolicy] = {}
@@ -129,7 +129,7 @@ class Controller(QObject):
         return field
 
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
-        """Receive the answer to a request; None where a table has to be built first."""
+        """Receive the answer to a request; None if its table has to be built first."""
         wanted, shown = self._wanted, self.field
         if wanted is None or not wanted.same_mesh(request):
             return
@@ -140,7 +140,7 @@ class Controller(QObject):
             self._tables.ask(wanted)
         if request != wanted and shown is not None and shown.request == wanted:
             return  # the wanted field is still displayed
-        # an earlier position of a slider is shown meanwhile, a field of another family is not
+        # the field of an earlier position of the slider is shown, one of another family is not
         if answer is not None and request.family.name == wanted.family.name:
             self._accept(answer)
             if request != wanted:
@@ -153,7 +153,7 @@ class Controller(QObject):
         self.show()
 
     def show(self) -> None:
-        """Draw the last field with its limits, or with those shared with the second mesh."""
+        """Draw the last field, through `link` if two meshes are compared."""
         if self.link is None:
             self.draw()
         else:
@@ -183,7 +183,7 @@ class Controller(QObject):
         if self._wanted is not None:
             try:
                 title = self._wanted.description.title
-            except InputError:  # which the thread reports
+            except InputError:  # the thread reports it
                 title = self._wanted.family.label
             self._view.set_awaited(title)
             self._give_up_waiting()
@@ -224,7 +224,7 @@ class Controller(QObject):
     # -- the mesh -----------------------------------------------------------------------------
 
     def show_mesh(self) -> None:
-        """Draw the mesh, from where one looks if it has only another unit."""
+        """Draw the mesh; keep the camera if only the unit has changed."""
         ready, before = self._document.ready, self._view.mesh
         if ready is not None:
             camera, turned = self._view.camera(), self._view.turned_by_hand
@@ -235,11 +235,12 @@ class Controller(QObject):
             self._shown = None
             if before is not None and before.vertices is ready.mesh.vertices and camera:
                 self._view.set_camera(camera)
-                self._view.turned_by_hand = turned  # else a colour bar that comes is not given room
+                # the view is fitted again to a new colour bar only if the user has not moved it
+                self._view.turned_by_hand = turned
                 self.draw()
 
     def _hide(self) -> None:
-        """Hide vertices, or show them again, with the limits of what is visible."""
+        """Update the hidden vertices; limits are those of the visible ones."""
         hidden = self._document.hidden
         if self._document.is_shown(self._view.mesh) and self._view.renderer.hidden is not hidden:
             self._view.set_hidden(hidden)

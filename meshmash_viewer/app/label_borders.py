@@ -1,4 +1,4 @@
-"""Borders of the labels of the current set, and their graph, drawn over the displayed field."""
+"""Borders between the labels of the current set, and the graph of regions, over the field."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DRAWN = ("borders", "graph")
 
 
 class LabelBorders(QObject):
-    """Finds borders and graph in a thread whenever labels have changed, and marks them."""
+    """Finds borders and graph in a thread after each change of the labels, and draws them."""
 
     def __init__(self, document: Document, scene: MeshView, parent: QObject) -> None:
         super().__init__(parent)
@@ -45,7 +45,7 @@ class LabelBorders(QObject):
         self.refresh()
 
     def _begin(self) -> None:
-        """Draw them anew on a mesh that is drawn anew."""
+        """Draw borders and graph on a new mesh."""
         self._drawn = None
         self.refresh()
 
@@ -72,7 +72,7 @@ class LabelBorders(QObject):
 
     @property
     def idle(self) -> bool:
-        """Whether the drawn borders are those of the labels."""
+        """Whether borders and graph of the current labels are drawn."""
         return not self._thread.working
 
     def close(self) -> None:

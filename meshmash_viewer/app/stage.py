@@ -1,4 +1,4 @@
-"""The middle of the window: the welcome page or the render, a message bar, and areas to drop on."""
+"""Centre of the window: the welcome page or the render, the message bar, and drop areas."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from meshmash_viewer.app.screen import has_opengl
 from meshmash_viewer.io.links import name_and_place, shown_path
 
 _RECENT_SHOWN = 5
-#: Side margin of the card, and width of two buttons in a row, in logical pixels.
+#: Side margin of the card, and smallest width for two buttons in a row, in logical pixels.
 _MARGIN, _SIDE_BY_SIDE = 32, 300
 #: Height of the line over each render of a comparison.
 _HEAD = 27
-#: Of the corners of areas to drop on.
+#: Radius of the corners of drop areas.
 _RADIUS = 12
 
 
 class HeadLabel(QLabel):
-    """A name and a state in one line, which end in dots, and are the tooltip, where it is short."""
+    """A label that truncates its text with an ellipsis, and then has the text as its tooltip."""
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         end = Qt.TextElideMode.ElideRight
@@ -50,7 +50,7 @@ class HeadLabel(QLabel):
 
 
 def render_head(label: QLabel, *buttons: QWidget) -> QWidget:
-    """A line over a render; it looks like the title of a dock."""
+    """Return a row over a render that looks like the title of a dock."""
     head = theme.named(QWidget(), "dock_title")
     head.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
     head.setFixedHeight(_HEAD)
@@ -66,8 +66,8 @@ class Stage(QWidget):
         super().__init__()
         self.setObjectName("stage")
         self.setMinimumSize(280, 240)
-        # Without an OpenGL widget, the window would be recreated, and flicker, when the render is
-        # added; with one and without OpenGL it would stay black.
+        # Qt recreates a window, which flickers, when its first OpenGL widget is added. On a system
+        # without OpenGL, a window with such a widget stays black.
         if has_opengl():
             QOpenGLWidget(self).hide()
         self._pages = QStackedLayout(self)
@@ -98,7 +98,7 @@ class Stage(QWidget):
         self.message_bar.keep_below(_HEAD)
 
     def remove_second(self, other: QWidget) -> None:
-        """Remove what `add_second` has added."""
+        """Remove a widget that `add_second` has added."""
         self._first_head.hide()
         self.message_bar.keep_below(0)
         other.setParent(None)
@@ -113,7 +113,7 @@ class Stage(QWidget):
 
 
 class Welcome(QScrollArea):
-    """Page without a mesh: drop or open a file, the sample, recent files; or what is loading."""
+    """Page without a mesh: buttons to open a file or the sample, recent files, and progress."""
 
     open_requested = Signal()
     sample_requested = Signal()
@@ -157,7 +157,7 @@ class Welcome(QScrollArea):
         self._card.setLayout(column(*parts, margins=(_MARGIN, 28, _MARGIN, 24)))
         around = theme.named(QWidget(), "welcome_around")
         middle_row = row(None, self._card, None)
-        middle_row.setStretchFactor(self._card, 1000)  # takes its maximum width first
+        middle_row.setStretchFactor(self._card, 1000)  # gets its maximum width before the sides
         around.setLayout(column(None, middle_row, None, margins=(theme.GAP,) * 4))
         self.setWidget(around)
         theme.notifier().changed.connect(self._refresh)
@@ -165,7 +165,7 @@ class Welcome(QScrollArea):
         self.set_loading("")
 
     def set_recent(self, paths: Sequence[Path]) -> None:
-        """List the files opened before, newest first."""
+        """List recent files, newest first."""
         while (item := self._recent.takeAt(0)) is not None:
             if (widget := item.widget()) is not None:
                 widget.deleteLater()
@@ -190,7 +190,7 @@ class Welcome(QScrollArea):
         self._fit()
 
     def set_loading(self, text: str) -> None:
-        """Show what is being loaded; empty for nothing."""
+        """Show a text about what is being loaded; "" hides it."""
         self.loading_label.setText(text)
         self.loading_label.setVisible(bool(text))
 
@@ -202,7 +202,7 @@ class Welcome(QScrollArea):
         self._fit()
 
     def _fit(self) -> None:
-        """Arrange the buttons, and shorten the paths, to fit the width."""
+        """Arrange the buttons and shorten the paths to fit the width."""
         width = min(self.width() - 2 * theme.GAP, self._card.maximumWidth()) - 2 * _MARGIN
         boxes, narrow = QBoxLayout.Direction, width < _SIDE_BY_SIDE
         self._buttons.setDirection(boxes.TopToBottom if narrow else boxes.LeftToRight)
@@ -212,7 +212,7 @@ class Welcome(QScrollArea):
 
 
 class DropAreas(QWidget):
-    """One area, or two side by side, of which that under the pointer is highlighted."""
+    """One or two drop areas side by side; the area under the pointer is highlighted."""
 
     def __init__(self, window: QWidget) -> None:
         super().__init__(window)
@@ -224,7 +224,7 @@ class DropAreas(QWidget):
         self.hide()
 
     def show_texts(self, texts: tuple[str, ...], middle: int) -> None:
-        """Cover the window; `middle` is where the second area begins, in pixels."""
+        """Cover the window with an area per text; `middle` is the boundary of two, in pixels."""
         self._texts, self._middle = texts, middle
         self.setAccessibleName(", ".join(texts))
         self.setGeometry(self._window.rect())
@@ -232,7 +232,7 @@ class DropAreas(QWidget):
         self.raise_()
 
     def point_at(self, place: QPoint) -> int:
-        """Highlight the area under a position of the window, and return its number."""
+        """Highlight the area at a position of the window, and return its index."""
         self._chosen = int(len(self._texts) > 1 and place.x() > self._middle)
         self.update()
         return self._chosen

@@ -1,7 +1,4 @@
-"""Panels with a plot, and plots on the clipboard and in files.
-
-These are vectors, pixels or numbers, in the light colours.
-"""
+"""Panels with a plot; export of plots to the clipboard and to files, in light colours."""
 
 from __future__ import annotations
 
@@ -40,9 +37,9 @@ from meshmash_viewer.model.notices import Severity
 
 
 class PanelHead(QWidget):
-    """Controls on the left, then labels; the last label is at the right end.
+    """A row of controls and labels; the last label is at the right end.
 
-    Labels, most important first, are hidden from the last on where they do not fit.
+    Labels are ordered by importance: if they do not fit, the last ones are hidden.
     """
 
     def __init__(self, controls: tuple[QWidget, ...], labels: tuple[QLabel, ...]) -> None:
@@ -50,7 +47,7 @@ class PanelHead(QWidget):
         self._controls = controls
         self._labels = labels
         self.setLayout(row(*controls, *labels[:-1], None, labels[-1]))
-        # hidden labels must not be what makes the panel wide
+        # labels must not make the panel wide
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(self._needed())
 
@@ -59,14 +56,14 @@ class PanelHead(QWidget):
         return sum(widths) + theme.GAP * (len(widths) - 1)
 
     def show_controls(self, shown: bool) -> None:
-        """Show the controls, or hide the whole row's contents."""
+        """Show controls and labels, or hide both."""
         for control in self._controls:
             control.setVisible(shown)
         self.setMinimumWidth(self._needed() if shown else 0)
         self.fit()
 
     def fit(self) -> None:
-        """Show the labels that have something to say and fit."""
+        """Show the labels that have a text and fit."""
         shown = not self._controls[0].isHidden()
         room = self.width() - self._needed()
         for label in self._labels:
@@ -81,9 +78,9 @@ class PanelHead(QWidget):
 
 
 class PlotPanel(QWidget):
-    """A panel at the bottom, named ``<name>_panel``, with its `plot` or a sentence in its place.
+    """A panel named ``<name>_panel`` with its `plot`, or with the label `empty` instead.
 
-    Subclasses lay themselves out by `_arrange`.
+    Subclasses call `_arrange` for the layout.
     """
 
     plot: Plot
@@ -100,7 +97,7 @@ class PlotPanel(QWidget):
     def _arrange(
         self, controls: tuple[QWidget, ...], labels: tuple[QLabel, ...], shown: QWidget
     ) -> None:
-        """Put a head with these controls and labels over what is shown, which has the plot."""
+        """Place a row of controls and labels above the widget `shown`, which contains the plot."""
         self.head = PanelHead(controls, labels)
         self._stack = QStackedLayout()
         self._stack.addWidget(shown)
@@ -122,14 +119,14 @@ _FORMATS = {
     ".csv": "CSV, the numbers that are drawn",
 }
 _DPI, _INCH = 300, 25.4
-#: Length of a line in the legend, and the gap after it, in heights of the text.
+#: Length of a line in the legend, and of the gap after it, in heights of the text.
 _STROKE, _GAP = 1.2, 0.5
 
 
 class PlotSaver(QObject):
-    """Saves or copies a plot, on a right click or the menu key.
+    """Saves or copies a plot from a menu, which a right click or the menu key opens.
 
-    `numbers` returns what is drawn, and `dress` applies the colours of the theme to it.
+    `numbers` returns the drawn series, and `dress` applies the colours of the theme to them.
     """
 
     def __init__(
@@ -175,12 +172,12 @@ class PlotSaver(QObject):
             say_saved(self._document, f"Plot saved to {path}.", path)
 
     def save(self, path: Path) -> None:
-        """Write the plot in the format of the file's ending, one of those offered.
+        """Write the plot in the format of the file's ending.
 
         Raises
         ------
         InputError
-            If the ending is another one, or the file cannot be written.
+            If the ending is unknown, or the file cannot be written.
         """
         check_output(path, "plot")
         ending = path.suffix.lower()
@@ -194,7 +191,7 @@ class PlotSaver(QObject):
                 self._write_vectors(part, ending == ".pdf")
 
     def _write_numbers(self, path: Path) -> None:
-        """Write one row a point: its series, x and y, named as the axes are."""
+        """Write a CSV table with a row per point: series, x and y, with the names of the axes."""
         bottom, left = self._plot.labels
         with path.open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file)
@@ -231,17 +228,17 @@ class PlotSaver(QObject):
                 painter.setRenderHint(QPainter.RenderHint.Antialiasing)
                 draw(painter)
             image.setDevicePixelRatio(1.0)
-            # afterwards, since fonts depend on it
+            # set after painting, since the size of fonts depends on it
             image.setDotsPerMeterX(round(_DPI / _INCH * 1000.0))
             image.setDotsPerMeterY(round(_DPI / _INCH * 1000.0))
         return image
 
     @contextmanager
     def _on_paper(self, scale: float = 1.0) -> Iterator[tuple[QSize, Callable[[QPainter], None]]]:
-        """Dress the plot in the light colours; yields its size and what draws it."""
+        """Give the plot light colours; yield its size with the legend, and a function that draws."""
         plot, box = self._plot, self._plot.plotItem.vb
         automatic = box.autoRangeEnabled()
-        box.disableAutoRange()  # which would follow the widths of pens
+        box.disableAutoRange()  # automatic ranges depend on the widths of pens
         try:
             with theme.light(), scaled_pens(scale):
                 self._dress_all()
@@ -266,7 +263,7 @@ class PlotSaver(QObject):
         none = QGraphicsItem.CacheMode.NoCache
         cached = [item for item in plot.scene().items() if item.cacheMode() != none]
         modes = [item.cacheMode() for item in cached]
-        for item in cached:  # else as pixels of the screen
+        for item in cached:  # a cache has pixels of the screen
             item.setCacheMode(none)
         exporter.setExportMode(True, {"antialias": True, "painter": painter})
         try:
@@ -281,7 +278,7 @@ class PlotSaver(QObject):
         self._dress()
 
     def _rows(self, named: Sequence[Series]) -> list[list[Series]]:
-        """Rows of the legend, each as long as the plot is wide."""
+        """Break the legend into rows that are at most as wide as the plot."""
         metrics, rows, used = QFontMetricsF(self._plot.font()), list[list[Series]](), 0.0
         for each in named:
             wide = (_STROKE + 2.0 * _GAP) * metrics.height() + metrics.horizontalAdvance(each.name)

@@ -1,4 +1,4 @@
-"""Plots in the colours of the theme, with ticks that read 2×10⁻⁸, and a quiet mouse."""
+"""Plots in the colours of the theme, with tick labels such as 2×10⁻⁸."""
 
 from __future__ import annotations
 
@@ -32,25 +32,24 @@ from meshmash_viewer.units import engineering, minus, named_quantity, power_text
 
 
 def color(name: str, alpha: float = 1.0) -> QColor:
-    """A colour with an opacity."""
+    """Return a colour with an opacity."""
     result = QColor(name)
     result.setAlphaF(alpha)
     return result
 
 
 class _Pens:
-    """Widths of the pens of lines.
+    """Scale of the pens of lines: Qt measures their widths in pixels of the screen or picture.
 
-    Not of the rims of points: pyqtgraph adjusts automatic ranges to the widest one ever drawn.
-    Qt counts them in pixels of the screen, of which a logical one has several on a dense screen.
+    Rims of points are not scaled: pyqtgraph adjusts automatic ranges to the widest rim ever drawn.
     """
 
-    #: Factor of a picture; None for the screen's.
+    #: Pixels of a picture per logical pixel; None for the screen.
     scale: float | None = None
 
     @classmethod
     def wide(cls, width: float) -> float:
-        """The width of a pen in pixels."""
+        """Return the width of a pen in pixels; `width` is in logical pixels."""
         if cls.scale is not None:
             return width * cls.scale
         return width * QGuiApplication.primaryScreen().devicePixelRatio()
@@ -58,7 +57,7 @@ class _Pens:
 
 @contextmanager
 def scaled_pens(scale: float) -> Iterator[None]:
-    """Make wider pens, for a picture with more pixels than the screen."""
+    """Scale the pens that are made in this context, for a picture of a higher resolution."""
     _Pens.scale = scale
     try:
         yield
@@ -67,22 +66,22 @@ def scaled_pens(scale: float) -> Iterator[None]:
 
 
 def solid(name: str, width: float = 1.0, alpha: float = 1.0) -> QPen:
-    """A pen whose width in pixels does not depend on the zoom."""
+    """Return a pen whose width does not depend on the zoom."""
     return QPen(pg.mkPen(color(name, alpha), width=_Pens.wide(width)))
 
 
 def rim(name: str, width: float) -> QPen:
-    """A pen for the rims of points."""
+    """Return a pen for the rims of points."""
     return QPen(pg.mkPen(color(name), width=width))
 
 
 def dashed(name: str, width: float = 1.0) -> QPen:
-    """A dashed pen whose width in pixels does not depend on the zoom."""
+    """Return a dashed pen whose width does not depend on the zoom."""
     return QPen(pg.mkPen(color(name), width=_Pens.wide(width), style=Qt.PenStyle.DashLine))
 
 
 def hatch(region: pg.LinearRegionItem) -> None:
-    """Hatch a region, which needs more eigenpairs."""
+    """Hatch a region of eigenvalues that have not been computed."""
     name = theme.palette().hatch
     region.setBrush(QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern))
     for line in region.lines:
@@ -90,7 +89,7 @@ def hatch(region: pg.LinearRegionItem) -> None:
 
 
 def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) -> pg.InfiniteLine:
-    """A vertical line; `drag` is called while it is dragged, `settle` when it is released."""
+    """Return a vertical line; dragging it calls `drag`, releasing it `settle`."""
     line = pg.InfiniteLine(angle=90, movable=True)
     line.setCursor(Qt.CursorShape.SizeHorCursor)
     line.sigDragged.connect(drag)
@@ -99,16 +98,16 @@ def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) 
 
 
 def _named(label: str) -> tuple[str, str]:
-    """Split what `units.named_quantity` has written into name and unit."""
+    """Split a text of `units.named_quantity` into name and unit."""
     name, _, unit = label.removesuffix(")").rpartition(" (")
     return (name, unit) if name and label.endswith(")") else (label, "")
 
 
-#: Pixels between the middles of labels on a logarithmic axis, at least: across and up.
+#: Smallest distance in pixels between labels of a logarithmic axis, horizontal and vertical.
 _CLOSEST = 44.0, 18.0
-#: A label as wide as those of the left axis get.
+#: Widest label of the left axis.
 _WIDEST = "−2.5×10⁻⁵"
-#: Largest power of ten of a number, about.
+#: Approximate largest power of ten of a float.
 _POWERS = 300.0
 
 
@@ -132,17 +131,18 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             self.label.setPos(0.0, -self.label.boundingRect().height())
 
     def _updateWidth(self) -> None:
-        """Take the width of the tick labels alone."""
+        """Set the width of the axis to that of the tick labels."""
         super()._updateWidth()
         if self.label.isVisible():
-            wide = self.maximumWidth() - 0.8 * self.label.boundingRect().height()  # pyqtgraph's
+            # pyqtgraph has added 0.8 of the height of the label
+            wide = self.maximumWidth() - 0.8 * self.label.boundingRect().height()
             self.setMinimumWidth(wide)
             self.setMaximumWidth(wide)
 
     def updateAutoSIPrefix(self) -> None:
-        """Choose the unit that suits the range; pyqtgraph's own prefixes fit no nm⁻²."""
+        """Choose a unit that suits the range; pyqtgraph's prefixes are wrong for nm⁻²."""
         low, high = self.range
-        # the range may be that of an axis of indices before, whose powers are no numbers
+        # the range may still be that of indices, whose powers of ten are too large for a float
         power = min(max((low + high) / 2.0, -_POWERS), _POWERS)
         size = 10.0**power if self.logMode else max(abs(low), abs(high))
         exponent, written = engineering(size, self.unit)
@@ -162,7 +162,7 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             low, high = self.range
             upright = self.orientation == "left"
             pixels = self.height() if upright else self.width()
-            # from 1 to 2 are 0.3 of the pixels of a decade
+            # 1 and 2 are 0.3 decades apart
             close = 0.3 * pixels < _CLOSEST[upright] * (high - low)
             factors = (1, 10) if high - low > 1.0 and close else (1, 2, 5, 10)
             powers = [value + math.log10(scale) for value in values]
@@ -171,7 +171,7 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             return [power_text(*each) if each[1] in factors else None for each in multiples]
         texts: list[str] = super().tickStrings(values, scale, spacing)
         largest = max(map(abs, self.range)) * scale
-        if not 1e-3 <= largest < 1e5:  # all with the power of the largest
+        if not 1e-3 <= largest < 1e5:  # all labels have the power of ten of the largest
             power = math.floor(math.log10(largest or 1.0))
             ten = f"×10{superscript(power)}"
             texts = [f"{value * scale / 10.0**power:.4g}{ten}" for value in values]
@@ -189,23 +189,23 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
 class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     """A plot in the theme's colours.
 
-    The wheel zooms, in a panel that scrolls only after a click; a drag pans, and the button "Fit"
-    shows everything. A right click or the menu key requests a menu, see
+    The wheel zooms (in a scrolling panel only if the plot has the focus), a drag pans, and the
+    button "Fit" shows everything. A right click or the menu key requests a menu, see
     `meshmash_viewer.app.plots.panel`.
     """
 
     #: Position in plot coordinates.
     clicked = Signal(float, float)
-    #: Likewise; NaN when the pointer has left.
+    #: Position in plot coordinates; NaN when the pointer has left.
     hovered = Signal(float, float)
-    #: Place on the screen of a menu.
+    #: Position of the menu on the screen.
     menu_requested = Signal(QPoint)
 
     def __init__(self, name: str, accessible_name: str) -> None:
         axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
         super().__init__(axisItems=axes, enableMenu=False)
         theme.named(self, name, accessible_name)
-        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # panels have the keys
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # panels handle the keys
         self.setFrameShape(self.Shape.NoFrame)
         self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
@@ -223,7 +223,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.dress()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Zoom, or leave the wheel to a panel that scrolls unless the plot has the focus."""
+        """Zoom; in a scrolling panel without the focus, leave the wheel to the panel."""
         if scroll_area(self) is None or self.hasFocus():
             super().wheelEvent(event)
         else:
@@ -268,7 +268,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             axis = self.getAxis(side)
             axis.setPen(solid(theme.palette().border_strong))
             axis.setTextPen(solid(colors.axis))
-            # a width of its own would depend on the labels that there were before
+            # a fixed width: pyqtgraph's width depends on the previous labels
             wide = round(QFontMetricsF(font).horizontalAdvance(_WIDEST))
             axis.setStyle(
                 tickFont=font,
@@ -292,17 +292,17 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             self.plotItem.vb.setYRange(*self._heights, padding=0.0)
 
     def set_heights(self, heights: tuple[float, float] | None) -> None:
-        """Fix the range of the left axis; None for an automatic one."""
+        """Fix the range of the left axis; None makes it automatic."""
         self._heights = heights
         self.setMouseEnabled(x=True, y=heights is None)
 
     def pixel_of(self, x: float, y: float) -> QPointF:
-        """Position of a point of the plot on the widget."""
+        """Return the position on the widget of a point of the plot."""
         return QPointF(self.mapFromScene(self.plotItem.vb.mapViewToScene(QPointF(x, y))))
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         super().resizeEvent(event)
-        if event is not None:  # None when pyqtgraph calls it, before there is a button
+        if event is not None:  # pyqtgraph calls it with None before the button exists
             self.fit_button.move(0, self.height() - self.fit_button.sizeHint().height())
 
     def leaveEvent(self, event: object) -> None:
@@ -322,7 +322,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             self.menu_requested.emit(QPointF(event.screenPos()).toPoint())
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
-        """Request the menu for its key; of the mouse, a drag with the right button zooms."""
+        """Request the menu for the menu key; `_click` handles the right button."""
         if event.reason() == QContextMenuEvent.Reason.Keyboard:
             self.menu_requested.emit(self.mapToGlobal(self.rect().center()))
         event.accept()
@@ -335,7 +335,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A curve or points in the units of the labels of `Plot`; in the legend if it has a `color`."""
+    """A curve or points in the units of a `Plot`; the legend has it if it has a `color`."""
 
     name: str
     x: npt.ArrayLike
@@ -343,16 +343,16 @@ class Series:
     color: str = ""
 
 
-#: Magnitude from which entries have the full colour: those of a refined map are at most 1.
+#: Magnitude from which entries have the full colour; entries of a refined map are at most 1.
 _FULL = 0.5
 
 
 class MatrixView(Plot):
-    """The matrix C of a functional map, in the colours of the first curve where it is negative."""
+    """The matrix of a functional map; entries have the colours of two curves, by their sign."""
 
     def __init__(self, name: str) -> None:
         self._image = pg.ImageItem(axisOrder="row-major")
-        #: The matrix that is shown.
+        #: Displayed matrix.
         self.matrix = np.zeros((0, 0))
         super().__init__(name, "Matrix of the functional map")
         self.addItem(self._image)
@@ -367,7 +367,7 @@ class MatrixView(Plot):
         self.matrix = matrix
         self._image.setImage(matrix, levels=(-_FULL, _FULL))
         rows, columns = matrix.shape
-        self._image.setRect(-0.5, -0.5, columns, rows)  # entries are at their indices
+        self._image.setRect(-0.5, -0.5, columns, rows)  # centres entries on their indices
         self.show_all()
 
     def dress(self) -> None:

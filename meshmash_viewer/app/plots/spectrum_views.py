@@ -1,4 +1,4 @@
-"""What the plot of the spectrum shows: eigenvalues against their index, or filter responses."""
+"""Contents of the spectrum plot: eigenvalues by index, or responses of filters."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from meshmash_viewer.units import named_quantity
 class EigenvalueView:
     """Contents of the spectrum plot for eigenfunctions.
 
-    A click or a drag of the marker selects an eigenfunction; zero modes are hollow.
+    A click, or a drag of the marker, selects an eigenfunction. Zero modes are hollow.
     """
 
-    #: Range of the left axis, None for an automatic one.
+    #: Range of the left axis; None for an automatic one.
     heights: ClassVar[tuple[float, float] | None] = None
 
     def __init__(self, document: Document) -> None:
@@ -39,21 +39,21 @@ class EigenvalueView:
         #: Whether the left axis is logarithmic.
         self.log = False
         self.weyl = pg.PlotCurveItem()
-        #: A band behind the points of each multiplet.
+        #: Band behind the points of each multiplet.
         self.multiplets = pg.PlotCurveItem(connect="pairs")
         self._has_multiplets = False
         self.points = pg.ScatterPlotItem(pxMode=True)
         self.zeros = pg.ScatterPlotItem(pxMode=True)
         self.current = pg.ScatterPlotItem(pxMode=True)
         self.marker = marker(self._drag, self.refresh_current)
-        self.expected = pg.PlotCurveItem()  # invisible: extends the axes to the requested pairs
+        self.expected = pg.PlotCurveItem()  # invisible; extends the axes to the requested pairs
         self.items = (
             self.expected, self.weyl, self.multiplets, self.points, self.zeros, self.marker,
             self.current,
         )  # fmt: skip
         for item in (self.weyl, self.multiplets, self.points, self.zeros):
-            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)  # the same for all indices
-        # neurons have far more eigenvalues than Weyl's law, which must not set the scale
+            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)  # unchanged by a new index
+        # Weyl's law may be far above the eigenvalues of a neuron, and must not set the scale
         self.unbounded = (self.weyl, self.marker, self.multiplets, self.current)
         self.dress()
 
@@ -90,7 +90,7 @@ class EigenvalueView:
         return "&nbsp;&nbsp; ".join(parts)
 
     def refresh_spectrum(self) -> None:
-        """Draw the pairs computed so far, on axes that extend to all requested ones."""
+        """Draw the computed pairs, on axes that extend to all requested pairs."""
         spectrum, solved = self._document.spectrum, self._document.solved
         if spectrum is None or not len(spectrum):
             for item in self.items:
@@ -102,7 +102,7 @@ class EigenvalueView:
         index = np.arange(length, dtype=np.float64)
         heights = self._heights(spectrum.eigenvalues, zeros)
         size = 5.0 if length <= 400 else 3.5
-        # approximate ones are pale
+        # approximate eigenvalues are pale
         self.points.setBrush(color(theme.palette().accent, 0.45 if spectrum.preview else 1.0))
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
@@ -150,17 +150,17 @@ class EigenvalueView:
 
     @property
     def family(self) -> Family:
-        """The family whose eigenvalues are drawn."""
+        """Family whose eigenvalues are drawn."""
         return self._document.display[Eigenfunctions]
 
     @property
     def index(self) -> int:
-        """Index of the chosen pair, limited to those computed."""
+        """Index of the displayed pair, at most that of the last computed one."""
         spectrum, chosen = self._document.spectrum, self._document.display[Eigenfunctions]
         return chosen.index if spectrum is None else chosen.within(spectrum).index
 
     def index_at(self, x: float) -> int:
-        """Index of the pair nearest to a position of the plot."""
+        """Return the index of the pair nearest to a position on the bottom axis."""
         spectrum = self._document.spectrum
         last = len(spectrum) - 1 if spectrum is not None else 0
         return min(max(round(x), 0), max(last, 0)) if math.isfinite(x) else 0
@@ -172,16 +172,17 @@ class EigenvalueView:
     def _heights(self, eigenvalues: npt.NDArray[np.float64], zeros: int) -> npt.NDArray[np.float64]:
         if not self.log:
             return np.asarray(np.maximum(eigenvalues, 0.0))
-        # zero has no logarithm: zero modes are drawn below the first nonzero eigenvalue
+        # zero has no logarithm; zero modes are drawn below the first nonzero eigenvalue
         rest = eigenvalues[zeros:]
         floor = rest[0] / 3.0 if len(rest) else 1.0
         return np.asarray(np.log10(np.concatenate([np.full(zeros, floor), rest])))
 
 
+#: Lower end of the ticks of eigenvalues on the left axis.
 _RUG = -0.09
-#: Top of the left axis, with the grips above 1.
+#: Upper end of the left axis, which leaves room for grips above 1.
 _TOP = 1.32
-#: Fraction of the height that the filter's handle spans, below the grips of the limits.
+#: Fraction of the height that the handle of the filter spans, below the grips of the limits.
 _HANDLE_SPAN = 0.82
 #: Diameter of a grip in pixels.
 _GRIP = 10
@@ -194,8 +195,8 @@ _SAMPLES = 256
 class ResponseView:
     """Contents of the spectrum plot for features.
 
-    Handles move the filter of the field, and the limits of the range if the family has one; a
-    click chooses the filter there. Ticks at the bottom are eigenvalues.
+    Handles move the filter of the field, and the limits of the family's range of filters if it has
+    one. A click selects the filter at that eigenvalue. Ticks at the bottom are eigenvalues.
     """
 
     #: Range of the left axis, the same for all responses.
@@ -209,7 +210,7 @@ class ResponseView:
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
         self.response = pg.PlotCurveItem(fillLevel=0.0)
-        for item in (self.rug, *self.series, self.response):  # the same for most changes
+        for item in (self.rug, *self.series, self.response):  # unchanged by most changes
             item.setCacheMode(item.CacheMode.DeviceCoordinateCache)
         self.missing = pg.LinearRegionItem(movable=False)
         self.low, self.high, self.handle = (
@@ -260,7 +261,7 @@ class ResponseView:
         if not family.response_decades:
             return [Series(name, *curve, shade) for name, curve, shade in curves]
         found = []
-        for name, (x, y), shade in curves:  # lines from the lower end of a logarithmic axis
+        for name, (x, y), shade in curves:  # y = 0 is the lower end of a logarithmic axis
             above = y > 0.0
             values = 10.0 ** (family.response_decades * (y[above] - 1.0))
             found.append(Series(name, x[above], values, shade))
@@ -278,7 +279,7 @@ class ResponseView:
         return 0.0 if self.log and value <= 1.001 * self._floor() else max(value, 0.0)
 
     def _floor(self) -> float:
-        """Position of zero on a logarithmic axis: half of the first nonzero eigenvalue."""
+        """Return the eigenvalue drawn for 0 on a logarithmic axis: half the first nonzero one."""
         spectrum = self._document.scaled_spectrum
         if spectrum is None:
             return 1e-30
@@ -287,7 +288,7 @@ class ResponseView:
     # -- from the model ---------------------------------------------------------------------
 
     def refresh_spectrum(self) -> None:
-        """Draw the eigenvalues computed so far, and the responses."""
+        """Draw the computed eigenvalues, and the responses."""
         spectrum = self._document.scaled_spectrum
         if spectrum is None:
             for item in (self.rug, self.response, *self.series):
@@ -324,7 +325,7 @@ class ResponseView:
             if value is not None and not line.moving:
                 line.setBounds((None, None))
                 line.setValue(float(self._x(value)))
-        some_left = len(spectrum) < spectrum.n_vertices  # beyond the last of all there is nothing
+        some_left = len(spectrum) < spectrum.n_vertices  # there are no more than n eigenvalues
         beyond = some_left and high is not None and bool(high > known * (1.0 + 1e-9))
         self.missing.setVisible(beyond)
         if beyond and high is not None:
@@ -332,7 +333,7 @@ class ResponseView:
 
     @property
     def family(self) -> Family:
-        """The family whose filters are drawn; one of features if the displayed one has none."""
+        """Family whose filters are drawn; a family of features if the displayed one has none."""
         display = self._document.display
         if display.response_family is not None:
             return display.response_family
@@ -371,7 +372,7 @@ class ResponseView:
         display.put(family.between(value, high) if line is self.low else family.between(low, value))
 
     def _bounds(self, spectrum: Eigenpairs, line: pg.InfiniteLine) -> tuple[float, float]:
-        """Limits of dragging a line, such that the range keeps some eigenvalues."""
+        """Return the limits of dragging a line; the range has to keep some eigenvalues."""
         values = spectrum.eigenvalues
         known = float(values[-1])
         if line is self.handle:
@@ -388,13 +389,13 @@ class ResponseView:
         return max(values[min(above + 1, len(values) - 1)], low + _NARROWEST * known), known
 
     def _ends(self, spectrum: Eigenpairs) -> tuple[float, float]:
-        """Range of the filters of the family."""
+        """Return the range of the family's filters."""
         response = self.family.response(spectrum, spectrum.eigenvalues[-1:])
         return (0.0, 0.0) if response is None or response.ends is None else response.ends
 
 
 def _set_curve(item: pg.PlotCurveItem, x: FloatArray, y: FloatArray) -> None:
-    """Draw other data, if they differ: a repaint takes milliseconds."""
+    """Set the data of a curve if they differ: a repaint takes milliseconds."""
     before = item.getData()
     if any(
         old is None or not np.array_equal(old, new, equal_nan=True)

@@ -57,7 +57,7 @@ TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
 _FORMULA, _FORMULA_FROM = 18, 360
 #: Distance of the origin of the axes from the corner, and length of an axis.
 _ORIGIN, _AXIS = 46, 26
-#: Colours of the x, y and z axis; they differ in brightness, for readers who see no colours.
+#: Colours of the x, y and z axis; they differ in brightness as well.
 AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 #: Rim of a pin, and background of its number.
 _DARK = "#14181d"

@@ -1,4 +1,4 @@
-"""How a mesh is seen: its arrays near the origin, and the camera in a parallel projection."""
+"""Camera in a parallel projection, its default and standard views, and the arrays for VTK."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Margins:
-    """Pixels at the edges that a fitted mesh leaves free for annotations."""
+    """Widths in pixels of the edges of a picture that a fitted mesh does not cover."""
 
     left: float = 0.0
     right: float = 0.0
@@ -31,24 +31,24 @@ class Margins:
 class View:
     """Position, orientation and zoom of the camera, in mesh coordinates."""
 
-    #: Shape (3,): The point in the centre of the picture, about which it rotates.
+    #: Shape (3,): the point in the centre of the picture, about which the mesh rotates.
     focus: FloatArray
-    #: Shape (3, 3): Unit vectors to the right, up and towards the eye, as rows.
+    #: Shape (3, 3): unit vectors to the right, up and towards the eye, as rows.
     axes: FloatArray
     #: Half of the smaller side of the picture, in the mesh's length unit.
     half_size: float
 
     def length_per_pixel(self, width: int, height: int) -> float:
-        """Length in the mesh's unit that one pixel spans, everywhere in the picture."""
+        """Return the width of a pixel in the mesh's unit."""
         return 2.0 * self.half_size / max(min(width, height), 1)
 
     def to_pixels(self, points: FloatArray, width: int, height: int) -> FloatArray:
-        """Project points of shape (m, 3) to pixels from the lower left, with height above focus.
+        """Return the pixels, from the lower left, to which points of shape (m, 3) are projected.
 
-        The result, shape (m, 3), has x and y in pixels, and the distance from the focal plane
-        towards the eye.
+        The result has shape (m, 3): x and y in pixels, and the distance from the focal plane
+        towards the eye in the mesh's unit.
         """
-        # a matrix of three rows times many columns: BLAS takes 40 times longer the other way round
+        # (3, 3) times (3, m): BLAS takes 40 times longer for (m, 3) times (3, 3)
         seen = (self.axes @ (np.atleast_2d(points) - self.focus).T).T
         pixel = self.length_per_pixel(width, height)
         seen[:, 0] = seen[:, 0] / pixel + width / 2
@@ -56,21 +56,21 @@ class View:
         return seen
 
     def from_pixels(self, x: float, y: float, width: int, height: int) -> FloatArray:
-        """The point of the focal plane under a pixel counted from the lower left."""
+        """Return the point of the focal plane at a pixel counted from the lower left."""
         pixel = self.length_per_pixel(width, height)
         across, along = (x - width / 2) * pixel, (y - height / 2) * pixel
         return np.asarray(self.focus + across * self.axes[0] + along * self.axes[1])
 
     def turned(self, right: float, up: float, roll: float = 0.0) -> View:
-        """Rotate the mesh by angles in radians, as if pushed to the right and up."""
+        """Return the view of the mesh rotated right, up and counterclockwise by radians."""
         axes = self.axes
         for axis, angle in ((1, -right), (0, up), (2, -roll)):
             axes = Rotation.from_rotvec(angle * axes[axis]).apply(axes)
-        u, _, vt = np.linalg.svd(axes)  # keeps the axes orthonormal over thousands of rotations
+        u, _, vt = np.linalg.svd(axes)  # removes rounding errors, which add up over rotations
         return replace(self, axes=u @ vt)
 
     def towards(self, other: View, share: float) -> View:
-        """The view at a share of the way to another."""
+        """Return the view between this one (`share` 0) and another (`share` 1)."""
         turn = Rotation.from_matrix(other.axes @ self.axes.T).as_rotvec()
         return View(
             (1.0 - share) * self.focus + share * other.focus,
@@ -79,24 +79,25 @@ class View:
         )
 
     def moved(self, dx: float, dy: float, width: int, height: int) -> View:
-        """Shift the mesh by pixels to the right and up."""
+        """Return the view of the mesh shifted by pixels to the right and up."""
         pixel = self.length_per_pixel(width, height)
         return replace(self, focus=self.focus - pixel * (dx * self.axes[0] + dy * self.axes[1]))
 
     def zoomed(self, factor: float, x: float, y: float, width: int, height: int) -> View:
-        """Magnify by a factor; what is under the pixel (x, y) stays under it."""
+        """Return the view magnified by a factor about the pixel (x, y)."""
         fixed = self.from_pixels(x, y, width, height)
         focus = fixed + (self.focus - fixed) / factor
         return replace(self, focus=focus, half_size=self.half_size / factor)
 
     def mirrored(self, centre: FloatArray) -> View:
-        """The view that shows the mirror image, in x about a point, of what this one shows."""
+        """Return the view of the mesh reflected in the plane through `centre` with constant x."""
         flip = np.array([-1.0, 1.0, 1.0])
-        axes = self.axes * flip * flip[:, np.newaxis]  # the first one again, to stay right-handed
+        # the first axis is flipped once more, so that the axes stay right-handed
+        axes = self.axes * flip * flip[:, np.newaxis]
         return replace(self, focus=centre + flip * (self.focus - centre), axes=axes)
 
     def to_json(self) -> dict[str, Any]:
-        """The view as plain lists and numbers."""
+        """Return the view as lists and numbers."""
         return {
             "focus": self.focus.tolist(),
             "axes": self.axes.tolist(),
@@ -105,7 +106,7 @@ class View:
 
     @classmethod
     def from_json(cls, state: dict[str, Any]) -> View:
-        """The view of a dictionary made by `to_json`; `ValueError` is raised if it is invalid."""
+        """Return the view of a dictionary made by `to_json`; ValueError if it is invalid."""
         try:
             focus = np.array(state["focus"], dtype=np.float64)
             axes = np.array(state["axes"], dtype=np.float64)
@@ -120,7 +121,10 @@ class View:
 
 
 def _sampled_triangles(mesh: Mesh) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Some 50,000 of the faces: corners, shape (m, 3, 3), normals of twice the area, and areas."""
+    """Return corners, shape (m, 3, 3), normals and areas of about 50,000 of the faces.
+
+    The length of a normal is twice the area of its face.
+    """
     corners = mesh.vertices[mesh.faces[:: max(1, mesh.n_faces // 50_000)]]
     edges = corners[:, 1:] - corners[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])
@@ -128,7 +132,7 @@ def _sampled_triangles(mesh: Mesh) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _compactness(mesh: Mesh) -> float:
-    """Isoperimetric quotient 36 pi V² / A³: 1 for a ball, near 0 for a neurite or a sheet."""
+    """Return the isoperimetric quotient 36 pi V² / A³: 1 for a ball, near 0 for a neurite."""
     corners, normals, areas = _sampled_triangles(mesh)
     area = float(areas.sum())
     volume = float(np.einsum("ij,ij->", corners[:, 0] - corners[0, 0], normals)) / 6.0
@@ -137,7 +141,7 @@ def _compactness(mesh: Mesh) -> float:
 
 
 def _stands_on(mesh: Mesh, axis: int) -> bool:
-    """Whether more than 2 % of the area lies at the lower end along an axis, as of a base."""
+    """Return whether the mesh has a flat base: over 2 % of the area at the low end of an axis."""
     corners, _, areas = _sampled_triangles(mesh)
     top = corners[:, :, axis].max(axis=1)
     low, high = float(corners[:, :, axis].min()), float(top.max())
@@ -145,19 +149,21 @@ def _stands_on(mesh: Mesh, axis: int) -> bool:
 
 
 def sampled_points(mesh: Mesh) -> FloatArray:
-    """A sample of at most some 100,000 of the vertices that faces use, shape (m, 3)."""
+    """Return at most about 100,000 of the vertices that faces use, shape (m, 3)."""
     points = mesh.vertices[mesh.referenced]
     return np.asarray(points[:: max(1, len(points) // 100_000)])
 
 
 def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
-    """Right, up and eye directions of the first view of a mesh, as rows, shape (3, 3).
+    """Return the right, up and eye directions of the first view of a mesh, as rows, shape (3, 3).
 
-    Meshes that fill little of their box (neurons) have their longest principal axis along the
-    width of the picture and their shortest towards the eye. Others have y up as in graphics, or z
-    up where the unit is that of medical images or the mesh stands tall on a flat base, and are
-    rotated by 30 degrees to show depth; a hemisphere of a brain is seen from outside. `points` are
-    its `sampled_points`.
+    - A hemisphere of a brain is seen from its outer side.
+    - A neuron, which fills little of its box, has its longest principal axis along the width of
+      the picture and its shortest towards the eye.
+    - Other meshes have y up, or z up (see `upright_axis`), and are rotated by 30 degrees to show
+      depth.
+
+    `points` are the mesh's `sampled_points`.
     """
     if hemisphere := brain_side(mesh.structure, mesh.name):
         outside = np.array([1.0 if hemisphere == "right" else -1.0, 0.0, 0.0])
@@ -175,10 +181,10 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
     flat = [axis for axis in range(3) if axis != up_axis]
     eye_axis = min(flat, key=lambda axis: extent[axis])
     if extent[eye_axis] > 0.6 * max(extent[axis] for axis in flat):
-        eye_axis = flat[1]  # without a long side, from +z if y is up and from -y if z is up
+        eye_axis = flat[1]  # no side is long: seen from +z if y is up, from -y if z is up
     middle = (low[eye_axis] + high[eye_axis]) / 2
     front = -1.0 if (up_axis, eye_axis) == (2, 1) else 1.0
-    # one half of an object, such as a hemisphere of a brain, shows its outer side
+    # a mesh on one side of the origin is half of an object: its outer side is shown
     side = np.sign(middle) if abs(middle) > 0.2 * extent[eye_axis] else front
     up, eye = np.eye(3)[up_axis], side * np.eye(3)[eye_axis]
     view = View(np.zeros(3), np.array([np.cross(up, eye), up, eye]), 1.0)
@@ -186,20 +192,20 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
 
 
 def upright_axis(mesh: Mesh, extent: FloatArray) -> int:
-    """The axis that points up: 2 for medical images and what stands tall on a flat base, or 1."""
+    """Return the axis that points up: z (2) in mm or for a tall mesh on a flat base, else y (1)."""
     tall = extent[2] > 1.15 * max(extent[0], extent[1]) and _stands_on(mesh, 2)
     return 2 if mesh.unit == "mm" or tall else 1
 
 
 def _signed(axis: FloatArray) -> FloatArray:
-    """The axis with its largest component positive, since singular vectors have any sign."""
+    """Return the vector or its negative: its largest component is positive."""
     return axis * (1.0 if axis[np.argmax(np.abs(axis))] > 0.0 else -1.0)
 
 
 def fitted_view(
     points: FloatArray, axes: FloatArray, width: int, height: int, margins: Margins
 ) -> View:
-    """The view along given axes in which points, shape (m, 3), fill what the margins leave."""
+    """Return the view along given axes in which points, shape (m, 3), fit between the margins."""
     centre = points[0]
     seen = axes @ (points - centre).T
     low, high = seen.min(axis=1), seen.max(axis=1)
@@ -214,7 +220,7 @@ def fitted_view(
     )
 
 
-#: Axis and side from which each view is seen, on a right hemisphere and on other meshes.
+#: Axis, and sign of its direction, from which a right hemisphere or another mesh is seen.
 DIRECTIONS = {
     "lateral": (0, 1.0),
     "medial": (0, -1.0),
@@ -226,7 +232,7 @@ DIRECTIONS = {
 
 
 def view_label(name: str, mesh: Mesh | None) -> str:
-    """The name of one of `DIRECTIONS` for a mesh: "Lateral" of a hemisphere, else "From +x"."""
+    """Return the label of one of `DIRECTIONS`: "Lateral" for a hemisphere, else "From +x"."""
     side = None if mesh is None else brain_side(mesh.structure, mesh.name)
     axis, sign = DIRECTIONS[name]
     if side is None:
@@ -237,7 +243,7 @@ def view_label(name: str, mesh: Mesh | None) -> str:
 
 
 def view_axes(name: str, mesh: Mesh) -> FloatArray:
-    """Right, up and eye directions of one of `DIRECTIONS`, as rows, shape (3, 3)."""
+    """Return right, up and eye directions of one of `DIRECTIONS`, as rows, shape (3, 3)."""
     side = brain_side(mesh.structure, mesh.name)
     axis, sign = DIRECTIONS[name]
     if side == "left" and axis == 0:
@@ -254,23 +260,23 @@ def view_axes(name: str, mesh: Mesh) -> FloatArray:
 class Geometry:
     """Arrays for VTK, and the data of the first view."""
 
-    #: Centre of the mesh, in its coordinates.
+    #: Centre of the bounding box, in mesh coordinates.
     centre: FloatArray
-    #: `drawn_points`, shape (n, 3): relative to `centre`, so that single precision is enough.
+    #: Shape (n, 3), relative to `centre`, so that single precision is enough.
     points: npt.NDArray[np.float32]
     faces: npt.NDArray[np.int32]
     #: Bounding box of `points`, shape (2, 3).
     bounds: FloatArray
-    #: `camera.sampled_points`.
+    #: `sampled_points`.
     sample: FloatArray
-    #: `camera.default_axes`.
+    #: `default_axes`.
     axes: FloatArray
 
 
 def geometry_of(mesh: Mesh) -> Geometry:
-    """Geometry of a mesh, computed once.
+    """Return the geometry of a mesh, computed once.
 
-    Takes some tenths of a second at a million vertices, so the first call belongs in a thread.
+    The first call takes tenths of a second at a million vertices: make it in a thread.
     """
     known = mesh.derived.get((Geometry, mesh.unit))
     if known is None:
@@ -287,9 +293,9 @@ def geometry_of(mesh: Mesh) -> Geometry:
 def drawn_points(
     mesh: Mesh, vertices: FloatArray, centre: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float32]:
-    """Positions of the vertices of a mesh relative to a centre, shape (n, 3).
+    """Return the positions of the vertices relative to a centre, shape (n, 3).
 
-    Unreferenced vertices are not drawn, and may be outside the range of single precision: they
+    Unreferenced vertices may be outside the range of single precision. They are not drawn, and
     are moved into the bounds of the surface.
     """
     if len(unused := mesh.unreferenced):

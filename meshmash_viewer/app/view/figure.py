@@ -1,8 +1,8 @@
-"""Pictures with a size on paper: renders as images; text, colour bar and scale bar as vectors.
+"""Figures with a size on paper: the mesh as an image; text, colour bar and scale bar as vectors.
 
-They are made in three steps: `panel_of` finds what a frame shows of the mesh, `sharpened` draws
-that with the pixels that it has on paper, and `compose` adds the rest. The first and the last may
-run in another thread.
+A figure is made in three steps: `panel_of` finds the visible part of the mesh in a frame,
+`sharpened` draws that part with the resolution of the figure, and `compose` adds the annotations.
+`panel_of` and `compose` may run in any thread.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ if TYPE_CHECKING:  # loaded when the first figure is composed
 
 Background: TypeAlias = Literal["white", "transparent", "window"]
 
-#: Height over width of the images, at least and at most, where the meshes decide.
+#: Smallest and largest height over width of the images.
 _FLATTEST, _TALLEST = 0.25, 1.5
-#: Larger side in pixels of the trial that finds the mesh, and the margin around it there.
+#: Larger side in pixels of the picture in which the mesh is found, and margin around the mesh.
 _TRIAL, _AROUND = 640, 8
 #: Largest side of an image in pixels.
 _LARGEST = 16_384
@@ -57,13 +57,13 @@ class FigureOptions:
 
     #: Width on paper.
     width_mm: float = 85.0
-    #: Pixels of the images per inch, and of a PNG.
+    #: Pixels per inch of the images and of a PNG.
     dpi: int = 300
     #: Size of the text.
     font_points: float = 7.0
     #: "window" is the background of the render.
     background: Background = "white"
-    #: What is drawn around the mesh.
+    #: Whether the figure has each of these.
     title: bool = True
     color_bar: bool = True
     scale_bar: bool = True
@@ -86,46 +86,46 @@ class FigureOptions:
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """What is drawn around a mesh."""
+    """Contents of the annotations of a mesh."""
 
-    #: Of the mesh, for a figure of two.
+    #: Name of the mesh, drawn in a figure of two meshes.
     name: str
     caption: Caption | None
     pins: Sequence[Pin]
     unit: str
-    #: Of the render.
+    #: Colours of the render.
     theme: RenderTheme
-    #: Of the points over the mesh.
+    #: Legend of the points over the mesh.
     legend: PointLegend | None
 
     @property
     def bar(self) -> Caption | None:
-        """The caption, if there is a colour bar: colours of labels have none."""
+        """The caption, if it has a colour bar; colours of labels have none."""
         caption = self.caption
         return caption if caption is not None and isinstance(caption.colormap, str) else None
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """What a figure shows of one mesh."""
+    """The visible part of one mesh in a figure."""
 
-    #: Centred on what is seen of the mesh, `half_size` half the width of that.
+    #: View centred on the visible part; `half_size` is half the width of that part.
     view: View
-    #: What is seen, without a background, with premultiplied alpha; shape (height, width, 4).
+    #: Visible part, without a background, with premultiplied alpha; shape (height, width, 4).
     image: npt.NDArray[np.uint8]
     #: Height over width.
     shape: float
     around: Around
 
     def in_box(self, box: Box) -> View:
-        """The view for a picture of a box, where `half_size` is of the smaller side."""
+        """Return the view for a picture in a box; its `half_size` is half of the smaller side."""
         share = min(box.width, box.height) / box.width
         return replace(self.view, half_size=self.view.half_size * share)
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame of a mesh alone."""
+    """A frame without background and annotations."""
 
     #: Shape (height, width, 4), with premultiplied alpha, see `OffScreen.draw`.
     pixels: npt.NDArray[np.uint8]
@@ -134,7 +134,7 @@ class Frame:
 
 
 def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
-    """The frame of a drawing, of which the pixels are given."""
+    """Return the frame of a drawing with given pixels."""
     assert drawing.view is not None
     assert drawing.mesh is not None
     caption, pins = drawing.shown_caption, drawing.placed_pins()
@@ -145,23 +145,28 @@ def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a panel is: its part of the page, room of the image, image, and lines below `top`.
+    """Place of a panel on the page."""
 
-    `bar` is its colour bar, if it has one.
-    """
-
+    #: Part of the page, largest area of the image, and area of the image.
     part: Box
     room: Box
     image: Box
+    #: Lines of text that begin at the height `top`, in mm.
     lines: Sequence[Line]
     top: float
+    #: Caption whose colour bar is drawn; None for no bar.
     bar: Caption | None
 
 
 def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> Panel:
-    """Find what a drawing, which is in no window, shows of its mesh in a picture of some size.
+    """Return the visible part of the mesh of a drawing in a picture of a size in pixels.
 
-    `InputError` is raised if the mesh is outside its view.
+    The drawing must be in no other window.
+
+    Raises
+    ------
+    InputError
+        If the mesh is outside its view.
     """
     wide, high = (max(round(side * _TRIAL / max(size)), 1) for side in size)
     drawing.annotated = False
@@ -170,12 +175,15 @@ def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> 
 
 
 def panel_of(frame: Frame) -> Panel:
-    """Find what a frame shows of its mesh, in any thread.
+    """Return the visible part of the mesh in a frame; may run in any thread.
 
-    `InputError` is raised if it shows nothing of it.
+    Raises
+    ------
+    InputError
+        If no part of the mesh is visible.
     """
-    view, (high, wide, _) = frame.view, frame.pixels.shape
-    picture = frame.pixels
+    view, picture = frame.view, frame.pixels
+    high, wide, _ = picture.shape
     opaque = picture[..., 3] > 0
     if not opaque.any():
         raise InputError(
@@ -183,7 +191,7 @@ def panel_of(frame: Frame) -> Panel:
         )
     picture = np.pad(picture, ((_AROUND, _AROUND), (_AROUND, _AROUND), (0, 0)))
     across, along = (np.flatnonzero(opaque.any(axis=axis)) for axis in (0, 1))
-    # of the padded picture, with the margin
+    # in the padded picture, with the margin
     left, right, top, foot = across[0], across[-1] + 1, along[0], along[-1] + 1
     right, foot = right + 2 * _AROUND, foot + 2 * _AROUND
     middle = (left + right) / 2 - _AROUND, high - ((top + foot) / 2 - _AROUND)
@@ -199,7 +207,7 @@ def panel_of(frame: Frame) -> Panel:
 def sharpened(
     drawings: Sequence[MeshRenderer], panels: Sequence[Panel], options: FigureOptions
 ) -> list[Panel]:
-    """Draw the images of panels with the pixels that they have on paper."""
+    """Return the panels with images drawn in the resolution of the figure."""
     made = []
     for drawing, panel, place in zip(drawings, panels, _placed(panels, options), strict=True):
         drawing.annotated, drawing.view = False, panel.in_box(place.image)
@@ -211,19 +219,22 @@ def sharpened(
 
 
 def compose_figure(drawings: Sequence[MeshRenderer], options: FigureOptions) -> Figure:
-    """Draw one or two meshes side by side, each with its caption, colour bar and scale bar.
+    """Return a figure of one or two meshes side by side, with their annotations.
 
-    The drawings are in no window (`MeshRenderer.twin`). Each is drawn along its view, zoomed to
-    what that view shows of the mesh. The figure has the width asked for; its height follows from
-    the meshes. `InputError` is raised if the mesh is outside its view, or the text leaves no room
-    for it.
+    The drawings must be in no window (`MeshRenderer.twin`). The visible part of each mesh fills
+    its image. The height of the figure follows from the meshes.
+
+    Raises
+    ------
+    InputError
+        If a mesh is outside its view, or the text leaves no room for it.
     """
     panels = [seen_of(drawing) for drawing in drawings]
     return compose(sharpened(drawings, panels, options), options)
 
 
 def compose(panels: Sequence[Panel], options: FigureOptions) -> Figure:
-    """Put panels side by side on a page, in any thread; see `compose_figure`."""
+    """Return a figure of panels side by side; may run in any thread. See `compose_figure`."""
     from matplotlib.figure import Figure
 
     places = _placed(panels, options)
@@ -242,7 +253,7 @@ def compose(panels: Sequence[Panel], options: FigureOptions) -> Figure:
 
 
 def picture_of(figure: Figure, dpi: float) -> npt.NDArray[np.uint8]:
-    """Draw a figure with some pixels an inch; RGBA, shape (height, width, 4), first row on top."""
+    """Draw a figure with `dpi` pixels per inch; RGBA, shape (height, width, 4), top row first."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.dpi = dpi
@@ -252,13 +263,16 @@ def picture_of(figure: Figure, dpi: float) -> npt.NDArray[np.uint8]:
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, PDF or SVG, by the ending; text of PDF and SVG stays text.
+    """Write a figure as PNG, PDF or SVG, by the ending; PDF and SVG keep text as text.
 
-    `InputError` is raised if the ending is unknown or the file cannot be written.
+    Raises
+    ------
+    InputError
+        If the ending is unknown or the file cannot be written.
     """
     path = Path(path)
     check_output(path, "figure")
-    if path.suffix.lower() == ".png":  # matplotlib leaves out what is no whole pixel
+    if path.suffix.lower() == ".png":  # matplotlib truncates the size to whole pixels
         pixels = np.rint(figure.get_size_inches() * figure.dpi)
         figure.set_size_inches(*(pixels + 1e-3) / figure.dpi)
     fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "none"}
@@ -267,9 +281,12 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
 
 def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
-    """Place the panels: images as large as the text around them allows, and centred.
+    """Place the panels; images are as large as the text allows.
 
-    `InputError` is raised if the text leaves no room for them.
+    Raises
+    ------
+    InputError
+        If the text leaves no room for the meshes.
     """
     font = options.font_points / POINTS * MM
     edge = 0.4 * font
@@ -278,7 +295,7 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     barred = [bar for bar in bars if bar is not None]
     legends = [each.legend for each in around if each.legend is not None and options.color_bar]
     aside = font * max((*map(bar_width, barred), *map(legend_width, legends)), default=0.0)
-    # one bar for all panels, next to the last, takes its width once
+    # one bar for all panels is next to the last panel, and takes its width once
     once = aside if len(panels) > 1 and barred == bars[-1:] and not legends else 0.0
     across = (options.width_mm - once) / len(panels)
     wide = across - 2.0 * edge - aside + once
@@ -305,7 +322,7 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
 
 
 def _bars(around: Sequence[Around]) -> list[Caption | None]:
-    """The colour bar of each panel: that of the last one alone where all are the same."""
+    """Return the colour bar of each panel; if all are equal, only the last panel has one."""
     bars = [each.bar for each in around]
     plain = {bar and replace(bar, title="", quantity="", formula="", lines=None) for bar in bars}
     return bars if len(plain) > 1 else [*(None for _ in bars[1:]), bars[-1]]
@@ -314,7 +331,7 @@ def _bars(around: Sequence[Around]) -> list[Caption | None]:
 def _lines(
     around: Around, font: float, width: float, options: FigureOptions, *, named: bool
 ) -> list[Line]:
-    """Lines of name, title, formula and quantity, `width` in mm."""
+    """Return the lines of name, title, formula and quantity, broken at `width` mm."""
     caption = around.caption
     if caption is None or not options.title:
         return []
@@ -326,10 +343,10 @@ def _lines(
 
 
 def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions) -> None:
-    """Draw a panel, with its annotations."""
+    """Draw a panel with its annotations."""
     image, part, font, around = place.image, place.part, page.font, panel.around
     view, right = panel.in_box(image), part.left + part.width
-    # a preview has other pixels than the page
+    # the image of a preview has another resolution than the page
     seen = straight(panel.image)
     page.axes(image).imshow(seen, aspect="auto", interpolation="antialiased")
     page.lines(place.lines, part.left, place.top)
@@ -349,6 +366,6 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
         long, up = length / millimetre, 0.8 * font
         page.line([(right - long, up), (right, up)], page.ink, 0.2)
         text = scale_bar_text(length, around.unit)
-        # a text longer than the bar ends where the page does
+        # a text longer than the bar is moved to the left, so that it ends within the page
         middle = min(right - 0.5 * long, right - 0.5 * font * text_width(text))
         page.text(middle, up + 0.9 * font, text, ha="center")

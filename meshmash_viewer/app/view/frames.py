@@ -1,4 +1,4 @@
-"""Frames of the render, with a coarse stand-in for large meshes while they are slow."""
+"""Frames of the render; a coarse stand-in replaces a large mesh whose frames are slow."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from meshmash_viewer.surface.decimation import CoarseMesh, cluster_vertices
 
 #: Milliseconds without movement after which the full mesh is drawn again.
 REST = 220
-#: Seconds from which a frame is slow, and from which it has no multisampling, even at rest.
+#: Duration in seconds from which a frame is slow, and from which it has no multisampling.
 SLOW_FRAME, VERY_SLOW_FRAME = 0.045, 0.3
-#: Approximate number of vertices of a stand-in; meshes of up to twice as many have none.
+#: Approximate number of vertices of a stand-in; a mesh of up to twice as many has none.
 COARSE_VERTICES = 40_000
-#: Number of frames that are measured for each mesh, after the first, which compiles shaders.
+#: Number of frames measured for each mesh, after the first one, which compiles shaders.
 MEASURED_FRAMES = 4
 #: Names of OpenGL drivers that run on the processor.
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader")
@@ -31,15 +31,15 @@ _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader")
 class Frames(QObject):
     """Draws frames when the canvas is painted, and measures them.
 
-    Where frames of a large mesh are slow, a coarse stand-in is drawn while something moves. On a
-    processor, frames of a large mesh are taken to be slow before any has been measured.
+    If frames of a large mesh are slow, a coarse stand-in is drawn while something moves. If OpenGL
+    runs on the processor, frames of a large mesh count as slow before any has been measured.
     """
 
     #: The first frame is on the screen.
     first_drawn = Signal()
     #: A script has moved the camera.
     camera_moved = Signal()
-    #: `small_twin` returns a drawing from now on.
+    #: The stand-in is ready: `small_twin` returns a drawing.
     stand_in_made = Signal()
 
     def __init__(self, drawing: MeshRenderer, canvas: RenderWidget, parent: QObject) -> None:
@@ -65,7 +65,7 @@ class Frames(QObject):
         self._expect_slow_frames()
 
     def move(self) -> None:
-        """Request a frame of something that moves."""
+        """Request a frame while something moves."""
         if self.slow:
             self.rest.start()
         self._canvas.render()
@@ -87,10 +87,10 @@ class Frames(QObject):
         return not self.rest.isActive() and not self._coarsening.working
 
     def small_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None] | None:
-        """A copy of the drawing for thumbnails; of a large mesh a coarse one without its field.
+        """Return a copy of the drawing for thumbnails, and its vertices; None for all vertices.
 
-        With it come its vertices, None for all of them. Without a stand-in of a large mesh, one is
-        requested and the result is None until `stand_in_made`.
+        The copy of a large mesh is its stand-in, without a field. If that is not ready, it is
+        requested, and the result is None until `stand_in_made`.
         """
         if not self._large:
             return self._drawing.twin(), None
@@ -98,9 +98,9 @@ class Frames(QObject):
         return self._drawing.coarse_twin()
 
     def mesh_alone(self) -> npt.NDArray[np.uint8] | None:
-        """The mesh as it is seen, without background and annotations; see `OffScreen.draw`.
+        """Draw the mesh without background and annotations; see `OffScreen.draw`.
 
-        Where frames are slow it is the stand-in; the result is None until `stand_in_made`.
+        If frames are slow, the stand-in is drawn; the result is None until `stand_in_made`.
         """
         drawing = self._drawing
         if self.slow and self._large and drawing.coarse is None:
@@ -126,12 +126,12 @@ class Frames(QObject):
 
     @property
     def _large(self) -> bool:
-        """Whether the mesh has many more vertices than its stand-in would."""
+        """Whether the mesh is large enough for a stand-in."""
         mesh = self._drawing.mesh
         return mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES
 
     def _expect_slow_frames(self) -> None:
-        """Begin with the stand-in of a large mesh on a processor."""
+        """Draw the stand-in of a large mesh first if OpenGL runs on the processor."""
         if self.software and self._large:
             self._seconds = math.inf
             self._request_stand_in()
@@ -161,7 +161,7 @@ class Frames(QObject):
             self._canvas.render()
 
     def _draw(self) -> None:
-        """Draw a frame; called by the canvas when Qt paints."""
+        """Draw a frame, when Qt paints the canvas."""
         drawing, window = self._drawing, self._canvas.window_of_vtk
         if self._first:  # the driver is known once the window is on the screen
             capabilities = window.ReportCapabilities().lower()
@@ -170,8 +170,8 @@ class Frames(QObject):
         at_rest = not self.rest.isActive()
         coarse = not at_rest and self.slow and drawing.coarse is not None
         drawing.show_coarse(coarse)
-        # Multisampling may double the time of a frame: slow frames have it at rest only, and very
-        # slow ones are smoothed afterwards instead.
+        # Multisampling may double the time of a frame: slow frames have it at rest only, very slow
+        # frames are smoothed by FXAA instead.
         quickly = self.slow and (self._seconds > VERY_SLOW_FRAME or not at_rest)
         window.SetMultiSamples(0 if quickly else 4)
         drawing.renderer.SetUseFXAA(quickly and at_rest)
@@ -183,19 +183,19 @@ class Frames(QObject):
         hasten()
         measuring = self.software or self._measured <= MEASURED_FRAMES
         if measuring:
-            window.WaitForCompletion()  # otherwise a graphics card is still drawing
+            window.WaitForCompletion()  # a graphics card draws asynchronously
         took = perf_counter() - started
         if self._first:
             self._first = False
             self.first_drawn.emit()
         elif drawing.surface is not None and not coarse and measuring:
             self._measured += 1
-            if self._measured > 1:  # the first one also compiled shaders
+            if self._measured > 1:  # the first frame also compiled shaders
                 self._seconds = took
             if self.slow:
                 self._request_stand_in()
 
 
 def _stand_in_of(mesh: Mesh, _cancel: object) -> CoarseMesh:
-    """The stand-in of a mesh; takes a second at a million vertices."""
+    """Return the stand-in of a mesh; takes a second at a million vertices."""
     return cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)

@@ -21,22 +21,24 @@ if TYPE_CHECKING:
 _COLOR = "#f59e0b"
 #: Size of the handle in pixels of the screen.
 _SIZE = 9.0
-#: Where the arrow and the ball begin among the actors of VTK's widget, after its plane.
+#: Index of the first actor of arrow and ball in VTK's widget, after those of the plane.
 _ARROW = 3
-#: Square of the length at which the normal is seen from which the ball stays under the pointer.
+#: Smallest square of the length of the projected unit normal at which the ball follows the pointer.
 _STEEPEST = 0.05
-#: Pixels from the ball within which an arrow does not turn faster.
+#: Shortest arm, in pixels, of the rotation of the arrow; a shorter one would make it too fast.
 _SHORTEST = 20.0
-#: Points at which a handle is taken hold of to the left of the bar, and beyond its other sides.
+#: Distance in points from the left side of the bar, and from its other sides, at which a handle
+#: can be grabbed.
 _LEFT, _BEYOND = 16.0, 6.0
 
 
 class CutHandle:
-    """A ball that is dragged along the normal, and an arrow that is turned, at the plane.
+    """Handle of the clipping plane: a ball that moves it, and an arrow that rotates it.
 
-    Of the plane itself only the outline is drawn, and not dragged, so that what is under it can
-    still be clicked, turned and painted. The arrow is to the side that is cut away. VTK's widget
-    draws, and finds what is under the pointer; dragged by it, ball and arrow would not stay there.
+    The ball moves along the normal of the plane; the arrow points to the side that is cut away.
+    Only the outline of the plane is drawn. It cannot be dragged, so that the mesh under it can be
+    clicked, rotated and painted. VTK's widget draws and picks; dragging is done here, since VTK
+    does not keep ball and arrow under the pointer.
     """
 
     def __init__(self, drawing: MeshRenderer) -> None:
@@ -57,7 +59,7 @@ class CutHandle:
         made.VisibilityOff()
         drawing.handle = made
         drawing.renderer.AddViewProp(made)
-        # VTK would take hold of the plane and its outline, too
+        # picks ball and arrow only, not the plane and its outline
         self._picker = vtkCellPicker()
         self._picker.PickFromListOn()
         actors = vtkPropCollection()
@@ -67,12 +69,12 @@ class CutHandle:
             assert isinstance(actor, vtkProp)
             self._picker.AddPickList(actor)
             self._ball = actor  # the last one
-        #: Where the ball is, and the pointer when it took hold of that; the arrow's length to the
-        #: pointer, negative on the other side of the plane, or 0 while the ball is held.
+        #: Positions of the ball and, when it was grabbed, of the pointer; distance along the arrow
+        #: to the pointer, negative on the other side of the plane, and 0 while the ball is held.
         self._origin, self._start, self._arm = np.zeros(3), np.zeros(2), 0.0
 
     def show(self, plane: Plane | None, bounds: FloatArray) -> None:
-        """Place the handle at a plane of a mesh with these bounds, shape (2, 3), or hide it."""
+        """Place the handle at a plane of a mesh with bounds of shape (2, 3); None hides it."""
         made = self._widget
         made.SetVisibility(plane is not None)
         if plane is None:
@@ -88,7 +90,7 @@ class CutHandle:
         made.BuildRepresentation()
 
     def grab(self, x: float, y: float) -> bool:
-        """Take hold of the ball or the arrow, if one is at a position in pixels."""
+        """Grab the ball or the arrow at a position in pixels; return False if neither is there."""
         made, view = self._widget, self._drawing.view
         if view is None or not made.GetVisibility():
             return False
@@ -102,7 +104,7 @@ class CutHandle:
         return True
 
     def drag(self, x: float, y: float) -> None:
-        """Move the ball along the normal, or turn the arrow, to the pointer."""
+        """Move the ball along the normal, or rotate the arrow, to a position in pixels."""
         view, size, origin = self._drawing.view, self._drawing.renderer.GetSize(), self._origin
         if view is None:
             return
@@ -111,8 +113,8 @@ class CutHandle:
         if self._arm:
             across = (np.array([x, y]) - view.to_pixels(origin, *size)[0, :2]) * pixel / self._arm
             far = float(np.hypot(*across))
-            # beyond its reach, the arrow is seen from the side; else it stays before the plane
-            # of the screen through the ball, or behind it
+            # a pointer farther than the arrow's length leaves it in the plane of the screen; a
+            # nearer one keeps it in front of that plane, or behind it
             depth = np.sqrt(max(1.0 - far**2, 0.0)) * (1.0 if view.axes[2] @ normal <= 0 else -1.0)
             normal = -(np.array([*(across / max(far, 1.0)), depth]) @ view.axes)
         else:
@@ -124,23 +126,23 @@ class CutHandle:
 
 
 class BarHandles:
-    """Moves the ends of `Annotations.bar_range`, shares of the colour bar."""
+    """Handles of the colour bar; they move the ends of `Annotations.bar_range`."""
 
     def __init__(self, drawing: MeshRenderer) -> None:
         self._drawing = drawing
-        #: Called with both shares while one is dragged.
+        #: Called with both positions, 0 to 1, while a handle is dragged.
         self.moved: Callable[[float, float], None] = lambda _low, _high: None
-        #: Whether the upper one is held.
+        #: Whether the upper handle is held.
         self._upper = False
 
     def _place(self) -> tuple[BarPlace, tuple[float, float]] | None:
-        """Where the bar is, and the shares of its handles, if it has any."""
+        """Return the places of the bar and of its handles; None without handles."""
         drawing, ends = self._drawing, self._drawing.annotations.bar_range
         place = None if drawing.caption is None else bar_place(drawing.caption, drawing.page)
         return None if place is None or ends is None else (place, ends)
 
     def grab(self, x: float, y: float) -> bool:
-        """Take hold of the nearer handle, and move it to a position in pixels at the bar."""
+        """Grab the nearer handle and move it to a position in pixels; return False off the bar."""
         if (found := self._place()) is None:
             return False
         place, ends = found
@@ -154,7 +156,7 @@ class BarHandles:
         return True
 
     def drag(self, _x: float, y: float) -> None:
-        """Move the handle, as far as the other one."""
+        """Move the handle to the height of a position, at most to the other handle."""
         if (found := self._place()) is not None:
             place, (low, high) = found
             share = (y / self._drawing.page.scale - place.below) / place.tall

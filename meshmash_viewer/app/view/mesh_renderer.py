@@ -1,4 +1,4 @@
-"""Drawing of a mesh with its field, lines, pins and annotations, for any VTK window."""
+"""Drawing of a mesh with its field, lines, pins and annotations in a VTK renderer."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ from meshmash_viewer.surface.decimation import CoarseMesh
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.surface.rays import Plane, RayTarget
 
-#: Number of visible points from which the first view is found.
+#: Approximate number of visible points to which the view is fitted.
 _SAMPLED = 100_000
-#: Number of pins with labels.
+#: Largest number of pins with labels.
 _LABELLED = 40
 
 
 class MeshRenderer:
-    """A drawing for a window, to which `renderer` is added; call `prepare` before each frame.
+    """A drawing for a window to which `renderer` is added; call `prepare` before each frame.
 
-    The renderer (that of a plotter, or a new one) is in mesh coordinates, also for actors that
-    others add. Our own actors hold points relative to the centre of the mesh, where single
-    precision is enough, and are positioned there; VTK multiplies matrices in double precision.
+    The renderer (of a plotter, or a new one) has mesh coordinates, so that scripts can add actors.
+    The actors of this class have points relative to the centre of the mesh, where single precision
+    is enough, and are positioned at the centre; VTK multiplies matrices in double precision.
     """
 
     def __init__(self, dark: bool = False, renderer: vtkRenderer | None = None) -> None:
         self.renderer = vtkRenderer() if renderer is None else renderer
         self.renderer.SetUseDepthPeeling(False)
         self.renderer.AutomaticLightCreationOff()
-        # from above left, and a weak one from the right; both move with the camera
+        # a light from above left and a weak one from the right, which move with the camera
         for x, y, z, intensity in ((-0.5, 0.7, 1.6, 0.92), (0.9, -0.5, 0.8, 0.30)):
             light = vtkLight()
             light.SetLightTypeToCameraLight()
@@ -61,48 +61,48 @@ class MeshRenderer:
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
-        #: Sampled points and default axes of the first view, see `Geometry`.
+        #: Points and axes of the default view, see `Geometry`.
         self.sample, self.axes = np.zeros((1, 3)), np.eye(3)
         self._bounds = np.zeros((2, 3))
-        #: Which vertices are hidden, with their faces; None for none.
+        #: Hidden vertices, whose faces are hidden too; None for none.
         self.hidden: Mask | None = None
-        #: Which vertices are drawn as selected; None for none.
+        #: Vertices that are drawn as selected; None for none.
         self.selected: Mask | None = None
-        #: Where the mesh is cut, in mesh coordinates.
+        #: Clipping plane in mesh coordinates.
         self.cut: Plane | None = None
-        #: The handle of the plane, which is in the window but not in pictures.
+        #: Handle of the plane, drawn in the window but not in pictures.
         self.handle: vtkProp | None = None
-        #: Displayed points relative to `centre` and normals, if they are not those of the mesh.
+        #: Displayed points, relative to `centre`, and normals; None for those of the mesh.
         self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
         self.view: View | None = None
         self._placed: tuple[View | None, int] = (None, 0)
         self._hidden: tuple[Any, ...] = ()
         self._pins_placed: list[Pin] = []
         self.caption: Caption | None = None
-        #: Text in place of the quantity while another field is being computed.
+        #: Text that replaces the quantity while another field is being computed.
         self.awaited = ""
-        #: Which shape is drawn, if not that of the mesh.
+        #: Description of the displayed shape if it is not that of the mesh.
         self.shape_text = ""
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
-        #: Search structure of picking and of hidden pins, once it has been made.
+        #: Search structure for picking and for hidden pins; None until it has been made.
         self.picker: RayTarget | None = None
         self._coarse_mesh: CoarseMesh | None = None
-        #: The points of `drawn` that it has.
+        #: Displayed points from which the stand-in was made.
         self._coarse_points: npt.NDArray[np.float32] | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
-        #: What is drawn over the surface, by what it is of: faults, borders, graph, points.
+        #: Overlays by name: "faults", "borders", "graph" or "points".
         self.overlays: dict[str, Overlay] = {}
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
-        #: The frame that was drawn last.
+        #: Size and look of the last frame.
         self.page = Page(self.theme, 1, 1, 1.0)
 
     # -- contents ---------------------------------------------------------------------------
 
     def set_theme(self, dark: bool) -> None:
-        """Set the colours of the background and of everything but the field."""
+        """Set the colours of everything but the field."""
         self.dark = dark
         self.theme = DARK if dark else LIGHT
         self.renderer.SetBackground(*rgb(self.theme.background_bottom))
@@ -114,11 +114,11 @@ class MeshRenderer:
 
     @property
     def _surfaces(self) -> list[Surface]:
-        """The mesh and its stand-in, if there are any."""
+        """Surfaces of the mesh and of its stand-in, if they exist."""
         return [surface for surface in (self.surface, self.coarse) if surface is not None]
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
-        """Draw a mesh with normals of shape (n, 3), or none, without field and pins."""
+        """Draw a mesh without field and pins; None draws nothing. `normals` have shape (n, 3)."""
         for of in tuple(self.overlays):
             self.set_overlay(None, of)
         for surface in self._surfaces:
@@ -137,7 +137,7 @@ class MeshRenderer:
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
 
     def set_hidden(self, hidden: Mask | None) -> None:
-        """Hide vertices with the faces around them; None shows all."""
+        """Hide vertices and the faces around them; None shows all."""
         if self.mesh is None or self.surface is None:
             return
         self.hidden = hidden
@@ -145,19 +145,19 @@ class MeshRenderer:
         for overlay in self.overlays.values():
             overlay.hide(hidden)
         geometry = geometry_of(self.mesh)
-        self.sample = geometry.sample  # stays where nothing is visible
+        self.sample = geometry.sample  # also if nothing is visible
         if hidden is not None and len(visible := np.flatnonzero(self.mesh.referenced & ~hidden)):
             chosen = visible[:: max(1, len(visible) // _SAMPLED)]
             self.sample = geometry.points[chosen] + self.centre
 
     def set_selected(self, selected: Mask | None) -> None:
-        """Draw vertices as selected; None for none."""
+        """Draw vertices as selected; None deselects all."""
         if self.surface is not None:
             self.selected = selected
             self.surface.select(selected)
 
     def set_cut(self, plane: Plane | None) -> None:
-        """Cut the mesh at a plane of its coordinates; None draws all of it."""
+        """Cut the mesh at a plane in mesh coordinates; None draws all of it."""
         self.cut = plane
         for overlay in self.overlays.values():
             self._cut_overlay(overlay)
@@ -171,11 +171,11 @@ class MeshRenderer:
 
     @property
     def _local_cut(self) -> Plane | None:
-        """The plane relative to `centre`, as the points of `drawn` are."""
+        """The clipping plane relative to `centre`."""
         return None if self.cut is None else self.cut.seen_from(self.centre)
 
     def away(self) -> Mask | None:
-        """Find the vertices that are not drawn, as they are hidden or cut away; None for none."""
+        """Return the mask of vertices that are hidden or cut away; None for none."""
         cut = self._local_cut
         if self.mesh is None or cut is None:
             return self.hidden
@@ -183,14 +183,14 @@ class MeshRenderer:
         return away if self.hidden is None else away | self.hidden
 
     def vertex_under(self, through: FloatArray) -> int:
-        """Vertex seen at a point of the focal plane, in mesh coordinates; -1 for none."""
+        """Return the vertex visible at a point of the focal plane, in mesh coordinates, or -1."""
         if self.picker is None or self.view is None:
             return -1
         eye = self.view.axes[2]
         return self.picker.seen_vertex(through - self.centre, eye, self._local_cut)
 
     def is_covered(self, vertex: int) -> bool:
-        """Whether the mesh is between a vertex and the eye, or the vertex is cut away."""
+        """Return whether the mesh hides a vertex, or the vertex is cut away."""
         if self.picker is None or self.view is None:
             return False
         cut = self._local_cut
@@ -203,8 +203,8 @@ class MeshRenderer:
     ) -> None:
         """Draw the vertices at other positions, and drop `picker`.
 
-        `points`, shape (n, 3), are relative to `centre`, None for those of the mesh; `normals`,
-        shape (n, 3), are by default those displayed before.
+        `points`, shape (n, 3), are relative to `centre`; None for those of the mesh. `normals`,
+        shape (n, 3), are by default those that are displayed.
         """
         if self.mesh is None or self.surface is None or self.normals is None:
             return
@@ -220,7 +220,7 @@ class MeshRenderer:
         for overlay in self.overlays.values():
             overlay.move(self.drawn[0])
         self.picker = None
-        # vertices may move beyond the mesh, and must not be clipped
+        # vertices may move out of the bounds of the mesh, and must not be clipped
         room = 0.0 if points is None else 0.3 * np.ptp(geometry.bounds, axis=0).max()
         self._bounds = geometry.bounds + np.array([[-room], [room]])
         self._hidden = ()
@@ -233,7 +233,7 @@ class MeshRenderer:
         return self.moved or (geometry_of(self.mesh).points, self.normals)
 
     def place(self, vertex: int) -> FloatArray:
-        """Displayed position of a vertex, shape (3,), in mesh coordinates."""
+        """Return the displayed position of a vertex, shape (3,), in mesh coordinates."""
         assert self.mesh is not None
         if self.moved is None and self.mesh.referenced[vertex]:
             return np.asarray(self.mesh.vertices[vertex])
@@ -261,14 +261,14 @@ class MeshRenderer:
         return surface
 
     def set_coarse(self, coarse: CoarseMesh) -> None:
-        """Set the stand-in, which `show_coarse` draws in place of the mesh."""
+        """Set the stand-in that `show_coarse` draws instead of the mesh."""
         self._coarse_points = self.drawn[0]
         points, normals = (each[coarse.representatives] for each in self.drawn)
         self.coarse, self._coarse_mesh = self._new_surface(points, coarse.faces, normals), coarse
         self.coarse.actor.VisibilityOff()
 
     def show_coarse(self, shown: bool) -> None:
-        """Draw the stand-in, if there is one, or the mesh."""
+        """Draw the stand-in, if it exists, or the mesh."""
         if self.surface is not None and self.coarse is not None:
             self.surface.actor.SetVisibility(not shown)
             self.coarse.actor.SetVisibility(shown)
@@ -281,9 +281,12 @@ class MeshRenderer:
     def set_field(
         self, values: npt.NDArray[np.floating] | None, caption: Caption | None = None
     ) -> None:
-        """Colour the mesh by values of shape (n,) as a caption says, or by none.
+        """Colour the mesh by values of shape (n,) and a caption; None removes the field.
 
-        `ValueError` is raised if the shape differs, or there is no such colour map.
+        Raises
+        ------
+        ValueError
+            If the shape differs, or the colour map does not exist.
         """
         if self.mesh is None or self.surface is None:
             return
@@ -303,18 +306,18 @@ class MeshRenderer:
 
     @property
     def shown_caption(self) -> Caption | None:
-        """The caption with the shape, or the text `awaited` while a field is being computed."""
+        """The caption with `shape_text`, and with `awaited`, if set, instead of the quantity."""
         if self.caption is None:
             return None
         parts = [self.awaited or self.caption.quantity, self.shape_text]
         return replace(self.caption, quantity=" · ".join(filter(None, parts)))
 
     def set_pins(self, pins: Sequence[tuple[int, str, str]]) -> None:
-        """Mark vertices: index, colour and label of each."""
+        """Set the pins: vertex, colour and label of each."""
         self._pins = tuple(pins)
 
     def set_overlay(self, overlay: Overlay | None, of: str) -> None:
-        """Draw something over the surface, in place of what there was of the same before."""
+        """Draw an overlay, which replaces the one of the same name; None removes that."""
         if of in self.overlays:
             self.renderer.RemoveActor(self.overlays.pop(of).actor)
         if overlay is not None:
@@ -335,7 +338,7 @@ class MeshRenderer:
 
     @property
     def legend(self) -> PointLegend | None:
-        """What the colours of the points mean."""
+        """Legend of the points; None without one."""
         return None if self.points is None else self.points.legend
 
     # -- camera and frame -------------------------------------------------------------------
@@ -343,13 +346,13 @@ class MeshRenderer:
     def fit_view(
         self, width: int, height: int, scale: float, axes: FloatArray | None = None
     ) -> None:
-        """Show the whole mesh along given axes, by default those of `default_axes`."""
+        """Show the whole mesh along given axes, by default those of the first view."""
         space = margins(self.caption is not None, width, height, scale)
         axes = self.axes if axes is None else axes
         self.view = fitted_view(self.sample, axes, width, height, space)
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
-        """Set field, camera and annotations for a frame; see `Page` for the arguments."""
+        """Set stand-in, camera and annotations for a frame; see `Page` for the arguments."""
         if self.shows_coarse:
             self._write_coarse()
         if self.mesh is not None and self.view is None:
@@ -367,7 +370,7 @@ class MeshRenderer:
         self.annotations.show(page, view, self.shown_caption, unit, pins, self.legend)
 
     def _write_coarse(self) -> None:
-        """Give the stand-in the values and positions of its vertices."""
+        """Set values, selection and positions of the stand-in to those of the mesh."""
         assert self.surface is not None
         assert self.coarse is not None
         assert self._coarse_mesh is not None
@@ -375,7 +378,7 @@ class MeshRenderer:
         self.coarse.write(self.surface.values[chosen])
         self.coarse.select(None if self.selected is None else self.selected[chosen])
         points, normals = self.drawn
-        if points is not self._coarse_points:  # they are far apart in memory
+        if points is not self._coarse_points:  # copying scattered rows is slow
             self._coarse_points = points
             self.coarse.move(points[chosen], normals[chosen])
 
@@ -383,8 +386,8 @@ class MeshRenderer:
         camera = self.renderer.GetActiveCamera()
         known_view, known_time = self._placed
         if known_view is view and known_time != camera.GetMTime():
-            view = self.view = _view_of(camera, width, height)  # moved by a script
-        # bounds of the surface by VTK would take a pass through all faces
+            view = self.view = _view_of(camera, width, height)  # a script moved the camera
+        # the bounds are known; VTK would compute them by a pass over all faces
         boxes = [self.centre + self._bounds]
         handles = () if self.handle is None or not self.handle.GetVisibility() else (self.handle,)
         for box in (prop.GetBounds() for prop in (*self.added(), *handles)):
@@ -407,10 +410,10 @@ class MeshRenderer:
         self._placed = view, camera.GetMTime()
 
     def placed_pins(self) -> list[Pin]:
-        """The pins with their positions, and whether the mesh hides them.
+        """Return the pins with their positions, and whether the mesh hides them.
 
-        Rays and labels take a quarter of a millisecond each. Further pins have no label, and are
-        hidden where the surface faces away.
+        A ray and a label take a quarter of a millisecond each. Pins after the first 40 therefore
+        have no label, and count as hidden if the surface there faces away.
         """
         if self.mesh is None or self.view is None or not self._pins:
             return []
@@ -435,7 +438,7 @@ class MeshRenderer:
     # -- actors added by scripts, windows, copies -------------------------------------------
 
     def added(self) -> Iterator[vtkProp]:
-        """Actors in the renderer that scripts have added."""
+        """Yield the actors that scripts have added to the renderer."""
         ours = {id(prop) for prop in (*self.annotations.props, self.handle)}
         ours |= {id(surface.actor) for surface in self._surfaces}
         ours |= {id(overlay.actor) for overlay in self.overlays.values()}
@@ -446,7 +449,7 @@ class MeshRenderer:
                 yield prop
 
     def _add_copies(self, props: Iterator[vtkProp]) -> None:
-        """Add copies of the actors of another window, which share the data."""
+        """Add copies of actors of another window; the data are shared."""
         for prop in props:
             copy = prop.NewInstance()
             copy.ShallowCopy(prop)
@@ -465,7 +468,7 @@ class MeshRenderer:
         self.renderer.SetBackgroundAlpha(0.0)
 
     def twin(self) -> MeshRenderer:
-        """Copy the drawing for another window; the arrays of mesh and field are shared."""
+        """Return a copy for another window; the arrays of mesh and field are shared."""
         other = MeshRenderer(self.dark)
         other._add_copies(self.added())
         if self.mesh is None:
@@ -485,12 +488,12 @@ class MeshRenderer:
             other.surface.dress(self.caption)
             other.caption = self.caption
         for of, overlay in self.overlays.items():
-            if of != "faults":  # which are no part of a picture
+            if of != "faults":  # not drawn in pictures
                 other.set_overlay(overlay.copy(), of)
         return other
 
     def coarse_twin(self) -> tuple[MeshRenderer, IntArray] | None:
-        """Copy the stand-in without its field, with its vertices of the mesh; None without one."""
+        """Return a copy of the stand-in, without field, and its vertices; None without stand-in."""
         mesh, coarse = self.mesh, self._coarse_mesh
         if mesh is None or coarse is None or self.coarse is None:
             return None

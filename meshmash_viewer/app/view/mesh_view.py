@@ -32,46 +32,49 @@ from meshmash_viewer.surface.rays import Plane, RayTarget
 
 #: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
 _Places: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer], Mask | None]
-#: Pixels (of a screen without scaling) within which a click counts for a vertex, and the number
-#: of vertices tried.
+#: Distance in pixels of Qt within which a click picks a vertex, and largest number of vertices that
+#: are tested for visibility.
 _NEAR, _TRIED = 8.0, 50
-#: Half of the picture when one looks at vertices, in units of the diagonal of their box, and at
-#: least in units of that of the mesh.
+#: Half the size of the picture of `look_at`, as a fraction of the diagonal of the vertices, and its
+#: minimum as a fraction of the diagonal of the mesh.
 _AROUND, _SMALLEST = 0.8, 0.03
-#: Cosine between normal and line of sight above which vertices are looked at from where one is.
+#: Cosine between normal and line of sight above which `look_at` keeps the direction of the view.
 _SEEN = 0.3
-#: Magnification by a double click.
+#: Magnification of a double click.
 _CLOSER = 1.4
-#: Milliseconds of the way of the camera to a place that is looked at.
+#: Duration of a camera movement in milliseconds.
 _FLIGHT = 300
 
 
 class MeshView(QWidget):
     """The render of a `Document`, with its camera, mouse gestures and picking.
 
-    A drag rotates; with Shift or the right button it pans, with Ctrl it rolls. The wheel and a
-    pinch zoom towards the pointer; Ctrl and the wheel step. A click picks a vertex; a click of the
-    middle button centres on one, one of the right button requests a menu. Where `movable_pins`, a
-    drag that begins on a pin moves that along the surface. Keys are handled by the window.
+    - A drag rotates; with Shift or the right button it pans, with Ctrl it rolls. If `movable_pins`
+      is set, a drag that begins on a pin moves the pin along the surface.
+    - The wheel and a pinch zoom towards the pointer; Ctrl and the wheel step.
+    - A click picks a vertex, a click of the middle button centres on a vertex, a click of the right
+      button requests a menu.
+
+    The window handles keys.
     """
 
     #: Vertex under the pointer, -1 for none.
     vertex_hovered = Signal(int)
-    #: Row in its table of the drawn point under the pointer, -1 for none.
+    #: Row, in the table of points, of the point under the pointer, -1 for none.
     point_hovered = Signal(int)
-    #: Vertex that was clicked (not dragged from).
+    #: Vertex that was clicked.
     vertex_clicked = Signal(int)
-    #: The last click was the first of a double click, and means nothing by itself.
+    #: The last click was the first of a double click, and has to be undone.
     click_revoked = Signal()
-    #: Right click: the vertex there, -1 for none, and the position on the screen.
+    #: Right click: the vertex, -1 for none, and the position on the screen.
     menu_requested = Signal(int, QPoint)
-    #: The pin of a vertex is dragged to another vertex.
+    #: A pin is dragged from one vertex to another.
     pin_dragged = Signal(int, int)
     pin_dropped = Signal()
-    #: Ctrl and the wheel: one step forward or back, +1 or -1 per notch.
+    #: Ctrl and the wheel: steps forward, negative for backward.
     stepped = Signal(int)
     camera_changed = Signal()
-    #: Vertices can be picked from now on.
+    #: The search structure for picking is ready.
     picking_ready = Signal()
 
     def __init__(self, document: Any, parent: QWidget | None = None) -> None:
@@ -80,7 +83,7 @@ class MeshView(QWidget):
         self.setAccessibleName("Render of the mesh")
         self.document = document
         self.plotter = RenderWidget(self)
-        self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # it has no keys of its own
+        self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # it handles no keys
         self.renderer = MeshRenderer(renderer=self.plotter.renderer)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -93,9 +96,9 @@ class MeshView(QWidget):
         self._flight.setEasingCurve(QEasingCurve.Type.InOutQuad)
         self._flight.valueChanged.connect(self._fly)
         self._flown: View | None = None
-        #: Whether pins can be dragged, and the vertex of the one that is: -1 where the drag turns
-        #: the mesh, None without a drag.
+        #: Whether pins can be dragged.
         self.movable_pins = False
+        #: Vertex of the dragged pin: -1 during a drag that rotates the mesh, None without a drag.
         self._dragged_pin: int | None = None
         self._closed = False
         self._hovered = self._pointed = self._last_clicked = self._hovered_point = -1
@@ -131,7 +134,7 @@ class MeshView(QWidget):
         normals: npt.NDArray[np.float32] | None = None,
         hidden: Mask | None = None,
     ) -> None:
-        """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
+        """Draw a mesh with vertex normals of shape (n, 3); None draws nothing."""
         self._picking.drop()
         self.renderer.set_mesh(mesh, normals)
         self.renderer.set_hidden(hidden)
@@ -149,10 +152,9 @@ class MeshView(QWidget):
         limits: Limits | tuple[float, float] = (-1.0, 1.0),
         colormap: ColorMap = "RdBu_r",
     ) -> None:
-        """Colour the mesh by a field (`meshmash_viewer.model.field.Field`), or by none.
+        """Colour the mesh by a `meshmash_viewer.model.field.Field`; None removes the field.
 
-        Several calls before the next frame cost one frame. Lines are drawn as chosen in the
-        document's display.
+        Level lines are drawn if the document's display has them.
         """
         mesh = self.renderer.mesh
         if mesh is None:
@@ -178,8 +180,8 @@ class MeshView(QWidget):
     ) -> None:
         """Draw the vertices at other positions, see `MeshRenderer.move`.
 
-        `rests` says that they stay there for a while; only then can vertices be picked. `text` is
-        added below the title.
+        Vertices can be picked only if `rests`, which means that the shape does not change soon.
+        `text` is added below the title.
         """
         self.renderer.shape_text = text
         if points is None and self.renderer.moved is None:
@@ -191,7 +193,7 @@ class MeshView(QWidget):
         self._moves()
 
     def set_hidden(self, hidden: Mask | None) -> None:
-        """Hide vertices with the faces around them, a mask of shape (n,); None shows all."""
+        """Hide vertices, a mask of shape (n,), and the faces around them; None shows all."""
         if self.mesh is None:
             return
         self.renderer.set_hidden(hidden)
@@ -202,7 +204,7 @@ class MeshView(QWidget):
         self.plotter.render()
 
     def set_awaited(self, title: str) -> None:
-        """Show that the field of this title is being computed; "" when it is displayed."""
+        """Show that the field with this title is being computed; "" for none."""
         before = self.renderer.awaited
         self.renderer.awaited = title and f"{title} is being computed …"
         if self.renderer.awaited != before:
@@ -210,12 +212,12 @@ class MeshView(QWidget):
 
     @property
     def title_size(self) -> QSize:
-        """Size of title and quantity in the upper left corner; empty if there are none."""
+        """Size of title, formula and quantity in the upper left corner; (0, 0) without a field."""
         caption = self.renderer.shown_caption
         if caption is None:
             return QSize(0, 0)
         wide, tall = title_size(caption, self.height())
-        # rounded up, so that what is placed next to it does not move with every digit
+        # rounded up, so that widgets next to it do not move with every digit
         return QSize(-(-wide // 40) * 40, tall)
 
     @property
@@ -228,13 +230,13 @@ class MeshView(QWidget):
         self.plotter.render()
 
     def set_selected(self, selected: Mask | None) -> None:
-        """Draw vertices as selected, a mask of shape (n,); None for none."""
+        """Draw vertices, a mask of shape (n,), as selected; None deselects all."""
         if self.mesh is not None:
             self.renderer.set_selected(selected)
             self._moves()
 
     def set_cut(self, plane: Plane | None) -> None:
-        """Cut the mesh at a plane of its coordinates, with a handle to drag; None draws all."""
+        """Cut the mesh at a plane in mesh coordinates, with a handle; None draws all of it."""
         if self.mesh is not None:
             self.renderer.set_cut(plane)
             self.cut_handle.show(plane, self.mesh.bounds)
@@ -242,7 +244,7 @@ class MeshView(QWidget):
             self._moves()
 
     def set_bar_range(self, ends: tuple[float, float] | None) -> None:
-        """Draw handles at two shares of the colour bar, or none."""
+        """Draw handles at two positions, 0 to 1, of the colour bar; None removes them."""
         if ends != self.renderer.annotations.bar_range:
             self.renderer.annotations.bar_range = ends
             self._moves()
@@ -259,13 +261,13 @@ class MeshView(QWidget):
         self.plotter.render()
 
     def camera(self) -> dict[str, Any] | None:
-        """The camera as plain numbers for a session, None without a mesh."""
+        """Return the camera as numbers for a session; None without a mesh."""
         return None if self.renderer.view is None else self.renderer.view.to_json()
 
     def set_camera(self, state: dict[str, Any], *, fitted: bool = False) -> None:
-        """Restore what `camera` returned; ValueError if it is not a camera.
+        """Restore a camera that `camera` returned; ValueError if it is invalid.
 
-        With `fitted` it shows the whole mesh, also when the render is resized.
+        If `fitted`, the whole mesh is shown again whenever the render is resized.
         """
         self.renderer.view = View.from_json(state)
         self.turned_by_hand = not fitted
@@ -273,13 +275,13 @@ class MeshView(QWidget):
         self.camera_changed.emit()
 
     def look_from(self, name: str) -> None:
-        """Show the whole mesh from one of the sides of `camera.DIRECTIONS`."""
+        """Show the whole mesh from one of `camera.DIRECTIONS`."""
         if self.mesh is not None:
             self._fit(view_axes(name, self.mesh))
             self._moves()
 
     def _fit(self, axes: FloatArray | None = None) -> None:
-        """Show the whole mesh along these axes, or from where it is seen."""
+        """Show the whole mesh along some axes, by default those of the current view."""
         view = self.renderer.view
         if axes is None and view is not None:
             axes = view.axes
@@ -289,9 +291,9 @@ class MeshView(QWidget):
         self.camera_changed.emit()
 
     def look_like(self, other: MeshView, *, mirrored: bool = False) -> None:
-        """Take the camera of another view, scaled so that both meshes appear equally large.
+        """Set the camera to that of another view, scaled so that both meshes appear equally large.
 
-        If `mirrored`, show the side of this mesh that is the mirror image, in x, of the other's.
+        If `mirrored`, the camera is reflected in x.
         """
         view, mine, theirs = other.renderer.view, self.mesh, other.mesh
         if view is None or mine is None or theirs is None:
@@ -303,8 +305,8 @@ class MeshView(QWidget):
         if mirrored:
             view = view.mirrored(centre)
             width, height, scale = other.plotter.pixels()
-            # the mesh stays to the left of the colour bar, which is not mirrored; a view without
-            # a field for now is moved as the other one is, so that there and back is no motion
+            # The colour bar is not mirrored: the mesh has to stay to its left. Both views get the
+            # same shift, even if one has no field yet: mirroring twice must restore the view.
             barred = any(view.renderer.caption is not None for view in (self, other))
             free = margins(barred, width, height, scale)
             view = view.moved(free.left - free.right, 0.0, width, height)
@@ -324,11 +326,11 @@ class MeshView(QWidget):
     def picture(
         self, size: tuple[int, int] | None = None, transparent: bool = False
     ) -> npt.NDArray[np.uint8]:
-        """Draw what is on the screen at any size; RGBA of shape (height, width, 4)."""
+        """Draw the render in a size in pixels; RGBA of shape (height, width, 4)."""
         return draw_picture(self.renderer.twin(), size or self.plotter.pixels()[:2], transparent)
 
     def display_point(self, vertex: int) -> QPoint:
-        """Position of a vertex on this widget."""
+        """Return the position of a vertex on this widget."""
         (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
         if self.mesh is None or view is None:
             raise ValueError("No mesh is shown: open one first.")
@@ -336,17 +338,17 @@ class MeshView(QWidget):
         return QPoint(round(x / ratio - 0.5), round((height - y) / ratio - 0.5))
 
     def vertex_at(self, x: float, y: float) -> int:
-        """Vertex displayed at a position of this widget, -1 for none."""
+        """Return the vertex displayed at a position of this widget, -1 for none."""
         view = self.renderer.view
         return -1 if view is None else self.renderer.vertex_under(self._through(view, x, y))
 
     def _through(self, view: View, x: float, y: float) -> FloatArray:
-        """The point of the focal plane, in mesh coordinates, at a position of this widget."""
+        """Return the point of the focal plane, in mesh coordinates, at a position."""
         width, height, _ = self.plotter.pixels()
         return view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
 
     def pin_at(self, x: float, y: float) -> int:
-        """Vertex of the nearest visible pin within a few pixels of a position, -1 for none."""
+        """Return the vertex of the nearest visible pin within a few pixels, -1 for none."""
         (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
         pins = [pin for pin in self.renderer.placed_pins() if not pin.hidden]
         if not pins or view is None:
@@ -356,9 +358,9 @@ class MeshView(QWidget):
         return pins[int(far.argmin())].vertex if far.min() <= _NEAR * ratio else -1
 
     def vertex_near(self, x: float, y: float) -> int:
-        """Vertex of the pin at a position, else the one displayed there, else the nearest visible.
+        """Return the vertex of the pin at a position, else the displayed vertex, else the nearest.
 
-        Pin and nearest vertex are within a few pixels.
+        The nearest vertex is visible and within a few pixels. The result is -1 for none.
         """
         vertex, drawing = self.pinned_or_at(x, y), self.renderer
         if vertex >= 0 or drawing.picker is None or drawing.view is None:
@@ -374,7 +376,7 @@ class MeshView(QWidget):
         return -1
 
     def pinned_or_at(self, x: float, y: float) -> int:
-        """Vertex of the pin or point at a position, else the one displayed there, -1 for none."""
+        """Return the vertex of the pin or point at a position, else the displayed vertex, or -1."""
         pinned = self.pin_at(x, y)
         if pinned >= 0:
             return pinned
@@ -382,7 +384,7 @@ class MeshView(QWidget):
         return self.vertex_at(x, y) if at < 0 or cloud is None else int(cloud.vertices[at])
 
     def _drawn_point_at(self, x: float, y: float) -> int:
-        """Place among the drawn points of the one at a position, -1 for none or a hidden one."""
+        """Return the index of the visible drawn point at a position, -1 for none."""
         drawing, cloud = self.renderer, self.renderer.points
         if cloud is None or drawing.view is None or drawing.picker is None:
             return -1
@@ -406,21 +408,21 @@ class MeshView(QWidget):
     def _take_picker(self, request: _Places, made: RayTarget | Exception) -> None:
         now = self.renderer
         if now.mesh is None or now.drawn[0] is not request[0] or now.hidden is not request[2]:
-            return  # for other positions
+            return  # made for other positions
         if isinstance(made, Exception):
             raise made
         self.renderer.picker = made
-        self.plotter.render()  # pins behind the mesh can be drawn so now
+        self.plotter.render()  # pins behind the mesh are drawn fainter
         self.picking_ready.emit()
 
     @property
     def at_rest(self) -> bool:
-        """Whether the full mesh is drawn and no computation for the render is running."""
+        """Whether the full mesh is drawn and nothing is being computed for the render."""
         flying = self._flight.state() == QVariantAnimation.State.Running
         return self.frames.at_rest and not self._picking.working and not flying
 
     def _moves(self) -> None:
-        """Draw a frame of what moves."""
+        """Draw a frame while something moves."""
         if self.frames.slow:
             self._set_hovered(-1)
         self.frames.move()
@@ -431,19 +433,19 @@ class MeshView(QWidget):
     # -- strokes ----------------------------------------------------------------------------
 
     def take_strokes(self, taken: bool) -> None:
-        """Let the left button draw strokes, see `RenderWidget.strokes`, or turn the mesh."""
+        """Let the left button draw strokes, see `RenderWidget.strokes`, or rotate the mesh."""
         self.plotter.strokes = taken
         self.plotter.setCursor(Qt.CursorShape.CrossCursor if taken else Qt.CursorShape.ArrowCursor)
         self.outline.show_line([])
 
     @property
     def unit_per_pixel(self) -> float:
-        """Length in the mesh's unit that a pixel of Qt spans; 0 without a mesh."""
+        """Width of a pixel of Qt in the mesh's unit; 0 without a mesh."""
         (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
         return 0.0 if view is None else ratio * view.length_per_pixel(width, height)
 
     def projection(self) -> Projection | None:
-        """The drawn vertices and how they are seen; None without a mesh."""
+        """Return the projection of the displayed vertices; None without a mesh."""
         drawing, view = self.renderer, self.renderer.view
         if drawing.mesh is None or view is None:
             return None
@@ -478,7 +480,7 @@ class MeshView(QWidget):
             self._set_view(view.turned(angle * dx, angle * dy))
 
     def _drag_pin(self, pinned: int) -> None:
-        """Move a pin to the vertex under the pointer, unless that has one."""
+        """Move a pin to the vertex under the pointer, unless that has a pin."""
         at = self.plotter.pointer
         vertex = -1 if at is None else self.vertex_at(at.x(), at.y())
         if vertex >= 0 and all(pin.vertex != vertex for pin in self.document.pins.placed):
@@ -521,7 +523,7 @@ class MeshView(QWidget):
 
     def _place_ring(self) -> None:
         vertex = self._hovered if self._hovered >= 0 else self._pointed
-        if vertex >= 0 and not self.plotter.strokes:  # the brush has a circle of its own
+        if vertex >= 0 and not self.plotter.strokes:  # the brush has a circle instead
             self._ring.show_at(self.display_point(vertex))
         else:
             self._ring.hide()
@@ -538,7 +540,7 @@ class MeshView(QWidget):
             self.vertex_clicked.emit(self._last_clicked)
 
     def _double_clicked(self, at: QPointF) -> None:
-        """Move what is under the pointer into the middle, a little closer."""
+        """Centre on the vertex under the pointer, a little magnified."""
         if self._last_clicked >= 0:
             self.click_revoked.emit()
         vertex = self.vertex_near(at.x(), at.y())
@@ -546,13 +548,13 @@ class MeshView(QWidget):
             self.centre_on(vertex, _CLOSER)
 
     def centre_on(self, vertex: int, closer: float = 1.0) -> None:
-        """Move the camera so that a vertex is in the middle, magnified by a factor."""
+        """Centre on a vertex, magnified by a factor."""
         view = self.renderer.view
         if view is not None:
             self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size / closer))
 
     def look_at(self, vertices: npt.NDArray[np.integer]) -> None:
-        """Show some vertices large, from the side that they are on."""
+        """Zoom in on some vertices, from a side on which they are visible."""
         view, drawing = self.renderer.view, self.renderer
         if view is None or self.mesh is None:
             return
@@ -568,7 +570,7 @@ class MeshView(QWidget):
         self._fly_to(View(focus, axes, size))
 
     def _fly_to(self, end: View) -> None:
-        """Move the camera on a way that can be followed; at once where frames are slow."""
+        """Move the camera in an animation, or at once if frames are slow."""
         self._flight.stop()
         self._flown = start = self.renderer.view
         if start is None or self.frames.slow:
@@ -579,14 +581,14 @@ class MeshView(QWidget):
 
     def _fly(self, share: float) -> None:
         start, end = self._way
-        if self.renderer.view is not self._flown:  # moved by something else
+        if self.renderer.view is not self._flown:  # the user or a script moved the camera
             self._flight.stop()
             return
         self._flown = start.towards(end, share) if share < 1.0 else end
         self._set_view(self._flown)
 
     def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
-        """Draw marks over the surface, or none; those of something else stay."""
+        """Draw marks over the surface, which replace those of the same name; None removes them."""
         self.renderer.set_overlay(marks, of)
         self.plotter.render()
 
@@ -607,7 +609,7 @@ class MeshView(QWidget):
     # -- the end ----------------------------------------------------------------------------
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Wait for the threads and release the graphics; nothing is drawn afterwards."""
+        """Wait for the threads, and release the graphics."""
         super().closeEvent(event)
         if self._closed:
             return
@@ -621,7 +623,7 @@ class MeshView(QWidget):
 
 
 def _facing(outwards: FloatArray, axes: FloatArray) -> FloatArray:
-    """The axes of a camera turned by the smallest angle so that it looks against a direction."""
+    """Return the axes rotated by the smallest angle such that `outwards` points at the eye."""
     eye = outwards / np.linalg.norm(outwards)
     turn, _ = Rotation.align_vectors(eye[np.newaxis], axes[2][np.newaxis])
     return np.asarray(turn.apply(axes))

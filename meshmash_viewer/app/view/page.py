@@ -1,4 +1,4 @@
-"""Page of a figure: text, lines and images at positions in mm, as vectors where possible."""
+"""Page of a figure: text, lines, colour bars and images at positions in mm."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ if TYPE_CHECKING:  # loaded when the first figure is composed
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Millimetres and points of an inch.
+#: Millimetres and points per inch.
 MM, POINTS = 25.4, 72.0
-#: Width of a colour bar, the gap to its labels, and the space around both, in font sizes.
+#: Width of a colour bar, gap between bar and labels, and space around both, in font sizes.
 _BAR, _GAP, _AROUND = 1.2, 0.5, 1.2
 #: Largest height of a colour bar in font sizes.
 _TALLEST = 20.0
-#: Most labels of a colour bar, and the smallest distance between two in font sizes.
+#: Largest number of labels of a colour bar, and their smallest distance in font sizes.
 _MOST, _APART = 7, 1.3
+#: Number of rectangles of a colour bar.
 _CELLS = 128
 
 
@@ -40,16 +41,17 @@ class Box:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text: its size and the distance to the next line in mm, and whether it is bold."""
+    """A line of text."""
 
     text: str
+    #: Font size, and distance to the next line, in mm.
     size: float
     space: float
     bold: bool = False
 
 
 def text_width(text: str, bold: bool = False) -> float:
-    """Width of a text in font sizes."""
+    """Return the width of a text in font sizes."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
@@ -58,9 +60,9 @@ def text_width(text: str, bold: bool = False) -> float:
 
 
 def wrapped(line: Line, width: float) -> list[Line]:
-    """Break a line at spaces where it is wider than `width`; longer words become smaller."""
+    """Break a line at spaces into lines of at most `width` mm; longer words get a smaller font."""
     lines, begun = list[str](), ""
-    for word in line.text.split(" "):  # not before units
+    for word in line.text.split(" "):  # a number and its unit have a no-break space
         longer = f"{begun} {word}".lstrip()
         if begun and line.size * text_width(longer, line.bold) > width:
             lines.append(begun)
@@ -74,7 +76,10 @@ def wrapped(line: Line, width: float) -> list[Line]:
 
 
 def _bar_texts(caption: Caption, size: float) -> tuple[str, dict[float, str]]:
-    """The heading of a colour bar of a size in font sizes, and its labels by position, 0 to 1."""
+    """Return the heading of a colour bar, and its labels by position, 0 to 1.
+
+    `size` is the height of the bar in font sizes.
+    """
     ends = caption.low, caption.high
     most, gap = min(max(int(size / _APART), 3), _MOST), _APART / size
     labels, heading = bar_labels(*ends, caption.unit, caption.logarithmic, most, gap)
@@ -82,14 +87,14 @@ def _bar_texts(caption: Caption, size: float) -> tuple[str, dict[float, str]]:
 
 
 def bar_width(caption: Caption) -> float:
-    """Width of a colour bar with its text and the space around both, in font sizes."""
+    """Return the width of a colour bar with its text and the space around, in font sizes."""
     factor, labels = _bar_texts(caption, _TALLEST)
     texts = [*labels.values(), "no value" if caption.missing else ""]
     return _AROUND + max(text_width(factor), _BAR + _GAP + max(map(text_width, texts)))
 
 
 def legend_width(legend: PointLegend) -> float:
-    """Width of a legend of points with the space around it, in font sizes."""
+    """Return the width of a legend of points with the space around, in font sizes."""
     texts = max(text_width(text) for _, text in legend.rows)
     return _AROUND + max(text_width(legend.title, True), _BAR + _GAP + texts)
 
@@ -97,8 +102,8 @@ def legend_width(legend: PointLegend) -> float:
 class Page:
     """A figure to which text, lines and images are added at positions in mm.
 
-    `width` and `height` of the page, and the size of its text, `font`, are in mm; text is drawn in
-    the colour `ink`, over the mesh on a plate of the colour `ground`.
+    `width`, `height` and the font size `font` are in mm. Text has the colour `ink`; over the mesh
+    it has a background of the colour `ground`.
     """
 
     def __init__(
@@ -120,13 +125,13 @@ class Page:
         return axes
 
     def text(self, x: float, y: float, text: str, size: float = 1.0, **style: Any) -> None:
-        """Write a line; `size` in font sizes."""
+        """Add a line of text; `size` is in font sizes."""
         points = size * self.font / MM * POINTS
         style = {"color": self.ink, "va": "center", "parse_math": False, **style}
         self.figure.text(x / self.width, y / self.height, text, fontsize=points, **style)
 
     def line(self, points: Sequence[tuple[float, float]], color: str, width: float) -> None:
-        """Draw a line through points, `width` in font sizes."""
+        """Draw a line through points in mm; `width` is in font sizes."""
         axes = self.axes(Box(0.0, 0.0, self.width, self.height))
         axes.set(xlim=(0.0, self.width), ylim=(0.0, self.height))
         axes.plot(*zip(*points, strict=True), color=color, lw=width * self.font / MM * POINTS)
@@ -144,7 +149,7 @@ class Page:
             top -= line.space
 
     def bar(self, caption: Caption, left: float, box: Box) -> None:
-        """Draw the colour bar of a field at `left`, next to a box and lower than that."""
+        """Draw the colour bar of a field at `left`, centred along the height of a box."""
         from matplotlib.collections import PolyCollection
 
         font = self.font
@@ -153,8 +158,8 @@ class Page:
         axes = self.axes(Box(left, below, _BAR * font, tall))
         colors = color_table(caption.colormap, _CELLS) / 255.0
         edges = np.linspace(0.0, 1.0, _CELLS + 1)
-        # rectangles, so that the bar is no image in PDF and SVG; each goes on below the next one,
-        # as viewers smooth edges, and the page would be seen between two
+        # Rectangles, so that the bar is a vector in PDF and SVG. Each extends below the next one:
+        # viewers smooth edges, and the page would be visible between two.
         ends = np.append(edges[2:], 1.0)
         corners = [
             [(0.0, low), (1.0, low), (1.0, high), (0.0, high)]
@@ -181,7 +186,7 @@ class Page:
             self.text(right, below - 1.35 * font, "no value")
 
     def legend(self, legend: PointLegend, left: float, below: float) -> float:
-        """Draw what the colours of points mean above `below`; returns where it ends."""
+        """Draw the legend of points above `below`; return its upper end in mm."""
         font = self.font
         left, step = left + 0.5 * _AROUND * font, 1.4 * font
         up = below + step * (len(legend.rows) - 0.5)
@@ -201,10 +206,10 @@ class Page:
         return below + step * (len(legend.rows) + 1.5)
 
     def pins(self, pins: Sequence[Pin], view: View, box: Box) -> None:
-        """Draw pins as discs with their labels; fainter where the mesh hides them."""
+        """Draw pins as discs with labels, fainter if the mesh hides them."""
         if not pins:
             return
-        # hundredths of a millimetre as pixels
+        # a pixel is a hundredth of a millimetre
         size = round(100.0 * box.width), round(100.0 * box.height)
         places = view.to_pixels(np.array([pin.position for pin in pins]), *size) / 100.0
         axes = self.axes(box)
@@ -223,12 +228,9 @@ class Page:
             )  # fmt: skip
 
     def directions(self, axes: npt.NDArray[np.float64], corner: tuple[float, float]) -> None:
-        """Draw the directions of x, y and z above and right of a point.
-
-        Those away from the eye are drawn first.
-        """
+        """Draw the directions of x, y and z above and right of `corner`, the nearest on top."""
         length = 1.6 * self.font
-        # room for the axes that point left and down, and for half a letter at their ends
+        # leaves room for axes that point left and down, and for half a letter at their ends
         least = 1.35 * length * np.minimum(axes[:2].min(axis=1), 0.0)
         at = np.asarray(corner) - least + 0.45 * self.font
         for axis in np.argsort(axes[2]):

@@ -1,4 +1,4 @@
-"""Pictures and scene files of a drawing, off screen: without Qt and, where VTK can, a display."""
+"""Pictures and scene files of a drawing, made off screen, without Qt."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from meshmash_viewer.model.limits import (
 if TYPE_CHECKING:
     import pyvista
 
-#: Seconds after which a graphics driver is given up.
+#: Seconds after which the test of a graphics driver is terminated.
 _DRIVER_TIMEOUT = 30.0
-#: Samples of a pixel, and their largest number for all pixels: a driver stores 8 bytes of each.
+#: Samples per pixel, and largest number of samples of a picture; a driver stores 8 bytes of each.
 _SAMPLES, _MAX_SAMPLES = 8, 1 << 28
 
 
@@ -51,13 +51,12 @@ def new_drawing(
     formula: str = "",
     dark: bool = False,
 ) -> MeshRenderer:
-    """Return the drawing of a field on a mesh; None draws the mesh without a field.
+    """Return the drawing of a field on a mesh; without `values`, the mesh has one colour.
 
-    `values`, shape (n,), are NaN where there is none; `colormap` is one of matplotlib's.
-    Limits are on a linear scale unless they say otherwise, and by default the smallest and the
-    largest value, or a range symmetric about zero if there are values of both signs. `title` and
-    `quantity` are the lines of the caption, `formula` says in small below the title what the values
-    are, `unit` is theirs.
+    `values` have shape (n,) and are NaN for vertices without a value. The default limits are the
+    smallest and the largest value, or symmetric about zero if there are values of both signs.
+    `title`, `formula` (small) and `quantity` are the lines of the caption; `unit` is that of the
+    values.
     """
     drawing = MeshRenderer(dark)
     drawing.set_mesh(mesh, mesh.vertex_normals)
@@ -73,7 +72,7 @@ def new_drawing(
 
 
 def _limits(values: npt.NDArray[np.float32], wanted: Limits | tuple[float, float] | None) -> Limits:
-    """Limits of the colour bar, of which the lower is below the upper for constant fields, too."""
+    """Return the limits of the colour bar; they differ even for a constant field."""
     if wanted is not None:
         logarithmic = Limits(*wanted).logarithmic
         return Limits(*LockedLimits(*wanted[:2]).limits(values), logarithmic)
@@ -84,13 +83,13 @@ def _limits(values: npt.NDArray[np.float32], wanted: Limits | tuple[float, float
 def draw_picture(
     drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
-    """Draw off screen; returns RGBA, shape (height, width, 4), first row on top."""
+    """Draw a picture off screen; RGBA, shape (height, width, 4), first row on top."""
     with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
         return straight(window.draw())
 
 
 def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """RGBA with straight alpha of a picture from `OffScreen.draw`, in any thread."""
+    """Return a picture of `OffScreen.draw` as RGBA with straight alpha; may run in any thread."""
     rgba = np.full((*picture.shape[:2], 4), 255, dtype=np.uint8)
     rgba[..., : picture.shape[2]] = picture
     if picture.shape[2] == 4:
@@ -100,9 +99,10 @@ def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 class OffScreen:
-    """An off-screen window that draws pictures of one size in pixels; text grows with it.
+    """An off-screen window that draws pictures of one size in pixels; text grows with the size.
 
-    The drawing must be in no other window (`MeshRenderer.twin`). Few `samples` of a pixel are fast.
+    The drawing must be in no other window (`MeshRenderer.twin`). `samples` is the number of samples
+    per pixel.
     """
 
     def __init__(
@@ -126,9 +126,9 @@ class OffScreen:
         self._window.SetDPI(round(72 * text_scale(self.size)))
 
     def draw(self) -> npt.NDArray[np.uint8]:
-        """Draw the current state: uint8, shape (height, width, 3 or 4), first row on top.
+        """Draw a frame: uint8, shape (height, width, 3), first row on top.
 
-        Four channels have premultiplied alpha, see `straight`.
+        A transparent one has four channels with premultiplied alpha, see `straight`.
         """
         width, height = self.size
         self.drawing.prepare(width, height, text_scale(self.size), plates=not self.transparent)
@@ -144,34 +144,34 @@ class OffScreen:
 def pixels_of(
     window: vtkRenderWindow, size: tuple[int, int], transparent: bool
 ) -> npt.NDArray[np.uint8]:
-    """The last frame of a window; see `OffScreen.draw`."""
+    """Return the last frame of a window; see `OffScreen.draw`."""
     pixels, (width, height) = vtkUnsignedCharArray(), size
     corners = (0, 0, width - 1, height - 1)
     if transparent:
-        # averages the samples of a pixel with their opacity, unlike the frame on the screen
+        # averages the samples of a pixel together with their opacity
         window.GetRGBACharPixelData(*corners, 0, pixels, 0)
     else:
-        # the frame of the screen, whose samples have been averaged already
+        # reads the displayed frame, in which the samples are averaged already
         window.GetPixelData(*corners, 1, pixels, 0)
     rows: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(height, width, -1)
     return np.ascontiguousarray(rows[::-1])
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Pixels per point of text on a picture."""
+    """Return the pixels per point of a picture of a size in pixels."""
     return max(1.0, min(size[0] / 1000, size[1] / 750))
 
 
 def new_window() -> vtkRenderWindow:
-    """A render window, on a machine without a display one that needs none."""
+    """Return a render window; on Linux without a display, one that needs no display."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        # the default window would try the display first, and warn
+        # the default window tries the display first, and prints a warning
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     return vtkRenderWindow()
 
 
 def graphics(window: vtkRenderWindow) -> str:
-    """Name and version of the OpenGL driver of a window that has rendered a frame."""
+    """Return name and version of the OpenGL driver of a window that has rendered a frame."""
     lines = window.ReportCapabilities().splitlines()
     values = dict(line.split(":", 1) for line in lines if ":" in line)
     names = "OpenGL renderer string", "OpenGL version string"
@@ -179,7 +179,10 @@ def graphics(window: vtkRenderWindow) -> str:
 
 
 def asked_graphics() -> str:
-    """Name and version of the OpenGL driver, found in a subprocess, which some drivers crash."""
+    """Return name and version of the OpenGL driver, or what its test says.
+
+    The test runs in a subprocess, since some drivers crash.
+    """
     command = [sys.executable, "-m", __name__]
     try:
         answer = subprocess.run(command, capture_output=True, text=True, timeout=_DRIVER_TIMEOUT)
@@ -198,7 +201,7 @@ _PAGE_MAKERS = ("trame_pyvista", "nest_asyncio2")
 
 
 def missing_pages() -> str:
-    """Why HTML pages cannot be written, and the remedy; empty if they can."""
+    """Return why HTML pages cannot be written, with the remedy; empty if they can."""
     if all(importlib.util.find_spec(name) is not None for name in _PAGE_MAKERS):
         return ""
     return (
@@ -208,12 +211,16 @@ def missing_pages() -> str:
 
 
 def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
-    """Copy the mesh as it is drawn, in its own coordinates, with the displayed field.
+    """Return a copy of the mesh as it is drawn, in its own coordinates, with the displayed field.
 
-    The field is its active scalars, named by its title, NaN where there is no value; ``user_dict``
-    has ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the colours), ``"limits"`` and
-    ``"log_scale"``. Faces that are hidden, or with a vertex that is cut away, are left out.
-    `ValueError` is raised if no mesh is displayed, or no face of it.
+    The active scalars are the field, named by its title, NaN for vertices without a value.
+    ``user_dict`` has ``"quantity"``, ``"unit"``, ``"colormap"`` (a name, or the colours of labels),
+    ``"limits"`` and ``"log_scale"``. Faces with a vertex that is hidden or cut away are left out.
+
+    Raises
+    ------
+    ValueError
+        If no mesh or no face is displayed.
     """
     if drawing.mesh is None:
         raise ValueError("No mesh is shown: open one first.")
@@ -245,10 +252,12 @@ def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
 
     The path ends in ".gltf" (one self-contained file) or ".html" (a page that needs no server).
 
-    `InputError` is raised if the ending is unknown, trame is missing, or the file cannot be
-    written.
+    Raises
+    ------
+    InputError
+        If the ending is unknown, trame is missing, or the file cannot be written.
     """
-    # imported late: the writers load more than a picture on the screen needs
+    # imported late: the window does not need the writers to start
     from meshmash_viewer.io.atomic import writing_errors, written_whole
     from meshmash_viewer.io.write import check_output
 

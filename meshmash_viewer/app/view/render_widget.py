@@ -1,4 +1,4 @@
-"""Widget that VTK draws into: a pyvista plotter that emits mouse gestures as signals."""
+"""Qt widget of the render: a pyvista plotter that emits mouse gestures as signals."""
 
 from __future__ import annotations
 
@@ -30,50 +30,50 @@ from meshmash_viewer.app.view.picture import pixels_of
 
 
 class Grip(Protocol):
-    """What the left button takes hold of; positions are in pixels from the lower left."""
+    """A handle that the left button drags; positions are in pixels from the lower left."""
 
     def grab(self, x: float, y: float) -> bool:
-        """Take hold of what is at a position, if it is there."""
+        """Grab the handle at a position; return False if it is not there."""
 
     def drag(self, x: float, y: float) -> None:
-        """Move what is held."""
+        """Move the handle to a position."""
 
 
 class RenderWidget(QtInteractor):
     """A `pyvista.Plotter` in Qt, without VTK's interactor styles.
 
-    Frames are drawn only when Qt paints: `render` requests one, `frame_due` is emitted once for
-    any number of requests, and `draw` makes the frame. When only the screen content was lost, the
-    last frame is shown again. Positions are in this widget's coordinates.
+    A frame is drawn only when Qt paints: `render` requests it, `frame_due` is emitted once for any
+    number of requests, and `draw` draws it. If Qt paints without a request, the last frame is shown
+    again. Positions are in this widget's coordinates.
     """
 
     frame_due = Signal()
     resized = Signal()
-    #: Gesture ("turn", "shift" or "roll"), and pixels of the window to the right and up.
+    #: Gesture ("turn", "shift" or "roll"), and movement to the right and up in pixels of Qt.
     dragged = Signal(str, float, float)
     drag_ended = Signal()
-    #: Factor and position, by the wheel or by a pinch.
+    #: Factor and position, of the wheel or a pinch.
     zoomed = Signal(float, QPointF)
-    #: Whole notches of the wheel with Ctrl: +1 for each towards the user.
+    #: Notches of the wheel with Ctrl, positive towards the user.
     stepped = Signal(int)
-    #: Pressed and released at one position, with the left, the middle or the right button.
+    #: A button was pressed and released at one position.
     clicked = Signal(QPointF)
     double_clicked = Signal(QPointF)
     middle_clicked = Signal(QPointF)
     right_clicked = Signal(QPointF)
     pointer_moved = Signal()
-    #: Where `strokes`: the left button was pressed, with these modifiers, moved, and released.
+    #: If `strokes` is set: the left button was pressed, with modifiers, moved, and released.
     stroke_begun = Signal(QPointF, object)
     stroke_moved = Signal(QPointF)
     stroke_ended = Signal()
 
     def __init__(self, parent: QWidget) -> None:
         self._drawing, self._stale = False, True
-        # the lights are those of `MeshRenderer`; no timer draws
+        # `MeshRenderer` adds the lights; frames are not drawn by a timer
         super().__init__(parent, auto_update=False, lighting="none", multi_samples=4)
-        # only `draw` makes frames, not VTK's interactor
+        # only `draw` draws frames, not VTK's interactor
         self.window_of_vtk.GetInteractor().EnableRenderOff()
-        # otherwise pyvista would move the camera to the first mesh that is added
+        # keeps pyvista from moving the camera to the first mesh that is added
         self.camera_set = True
         self.setAcceptDrops(False)
         self.setObjectName("scene_canvas")
@@ -82,14 +82,15 @@ class RenderWidget(QtInteractor):
         self.dragging = False
         #: Position of the pointer, None outside.
         self.pointer: QPointF | None = None
-        #: Where a button was pressed that is still down.
+        #: Position at which the held button was pressed; None if no button is held.
         self.pressed: QPointF | None = None
         self._last = QPointF()
         self._button, self._double = Qt.MouseButton.NoButton, False
-        #: Whether the left button draws strokes; the middle one, or Ctrl with the left, turns then.
+        #: Whether the left button draws strokes; then the middle button, or Ctrl and the left
+        #: button, rotates.
         self.strokes = False
         self._stroke = False
-        #: What the left button takes hold of before it draws, turns or clicks, and what it holds.
+        #: Handles, which the left button grabs before it draws, rotates or clicks.
         self.grips: list[Grip] = []
         self._grip: Grip | None = None
         self._step_rest = 0
@@ -104,12 +105,12 @@ class RenderWidget(QtInteractor):
         return QSize(800, 600)
 
     def pixels(self) -> tuple[int, int, float]:
-        """Width and height in pixels of the screen, and their number per pixel of Qt."""
+        """Return width and height in pixels of the screen, and these pixels per pixel of Qt."""
         ratio = self.devicePixelRatioF()
         return round(self.width() * ratio), round(self.height() * ratio), ratio
 
     def to_pixels(self, x: float, y: float) -> tuple[float, float]:
-        """Centre of Qt's pixel (x, y), in pixels of the screen from the lower left."""
+        """Return the centre of Qt's pixel (x, y), in pixels of the screen from the lower left."""
         ratio = self.devicePixelRatioF()
         return (x + 0.5) * ratio, (self.height() - y - 0.5) * ratio
 
@@ -140,7 +141,7 @@ class RenderWidget(QtInteractor):
         super().paintGL()  # type: ignore[no-untyped-call]
 
     def draw(self) -> None:
-        """Make a frame; only possible while `frame_due` is emitted."""
+        """Draw a frame; call it only while `frame_due` is emitted."""
         (width, height, ratio), window = self.pixels(), self.window_of_vtk
         if window.GetSize() != (width, height):
             window.SetSize(width, height)
@@ -148,10 +149,10 @@ class RenderWidget(QtInteractor):
         window.Render()
 
     def draw_aside(self) -> npt.NDArray[np.uint8] | None:
-        """Draw a frame that is not shown, with its opacity; see `OffScreen.draw`.
+        """Draw a transparent frame that is not displayed; see `OffScreen.draw`.
 
-        None before the first frame. The shaders and arrays of the window are there already, for
-        which another window takes a tenth of a second.
+        The result is None before the first frame. Unlike another window, which takes a tenth of a
+        second, this one has its shaders and arrays already.
         """
         window: Any = self.window_of_vtk
         if not window.GetReadyForRendering():
@@ -173,7 +174,7 @@ class RenderWidget(QtInteractor):
 
     @property
     def image(self) -> npt.NDArray[np.uint8]:  # type: ignore[override]
-        """The current frame, shape (height, width, 3), which pyvista's `screenshot` saves."""
+        """Displayed frame, shape (height, width, 3), which pyvista's `screenshot` saves."""
         grabbed = self.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
         width, height, stride = grabbed.width(), grabbed.height(), grabbed.bytesPerLine()
         rows = np.frombuffer(grabbed.constBits(), dtype=np.uint8).reshape(height, stride)
@@ -205,7 +206,7 @@ class RenderWidget(QtInteractor):
         self.pointer_moved.emit()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin a click or a drag; a second button is ignored."""
+        """Begin a click or a drag; ignore a second button."""
         event.accept()
         if self.pressed is not None and event.buttons() & self._button:
             return
@@ -299,7 +300,7 @@ class RenderWidget(QtInteractor):
         event.accept()
 
     def _pinch(self, event: QNativeGestureEvent) -> bool:
-        # a pinch is many events, whose values are a factor close to 1, minus 1
+        # a pinch consists of many events, each with the value of a factor minus 1
         zooms = event.gestureType() == Qt.NativeGestureType.ZoomNativeGesture
         if zooms and event.value() > -1.0:
             self.zoomed.emit(1.0 + event.value(), event.position())
@@ -307,7 +308,7 @@ class RenderWidget(QtInteractor):
         return zooms
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Pass keys on to the window."""
+        """Leave keys to the window."""
         event.ignore()
 
     def keyReleaseEvent(self, event: QKeyEvent) -> None:
@@ -315,7 +316,7 @@ class RenderWidget(QtInteractor):
 
 
 class Outline(QWidget):
-    """Draws the line of a lasso, or the circle of a brush, without a new frame."""
+    """Widget that draws the line of a lasso or the circle of a brush without a new frame."""
 
     def __init__(self, canvas: RenderWidget) -> None:
         super().__init__(canvas)
@@ -326,7 +327,7 @@ class Outline(QWidget):
         self.hide()
 
     def show_line(self, points: Sequence[QPointF]) -> None:
-        """Draw a closed line through positions of the canvas; none for no points."""
+        """Draw a closed line through positions of the canvas; no points draw nothing."""
         self._shape = QPolygonF(points)
         around = self._shape.boundingRect().toAlignedRect().adjusted(-3, -3, 3, 3)
         self.setGeometry(around & self._canvas.rect())
@@ -334,7 +335,7 @@ class Outline(QWidget):
         super().update()
 
     def show_circle(self, middle: QPointF | None, radius: float = 0.0) -> None:
-        """Draw a circle, or none."""
+        """Draw a circle; None draws nothing."""
         if middle is None:
             self.show_line([])
             return
@@ -352,7 +353,7 @@ class Outline(QWidget):
 
 
 class Ring(QWidget):
-    """Marks the vertex under the pointer without a new frame."""
+    """Widget that marks the vertex under the pointer without a new frame."""
 
     OUTER, INNER = 8, 5
 

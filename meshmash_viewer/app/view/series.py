@@ -1,4 +1,4 @@
-"""Series of pictures of one mesh, and the contact sheet that they are put on; without Qt."""
+"""Series of pictures of one mesh, and contact sheets of them; without Qt."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from meshmash_viewer.units import format_range
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Field and view of one picture; None leaves those of the drawing."""
+    """Field and view of one picture; None keeps that of the drawing."""
 
     request: FieldRequest | None = None
     view: View | None = None
@@ -44,11 +44,11 @@ def shots_of(
     hidden: Mask | None = None,
     names: Mapping[int, str] | None = None,
 ) -> list[Shot]:
-    """A shot of each family, with its open parameters resolved.
+    """Return a shot of each family, with its open parameters resolved.
 
-    Limits are taken from the vertices `sample` (`Mesh.area_sample`), and not from those that are
-    `hidden`; `chosen` are all families by name, since one may build on another. `names` are those
-    of pinned vertices.
+    Limits are taken from the vertices `sample` (`Mesh.area_sample`) without the `hidden` ones.
+    `chosen` are all families by name, since a family may depend on another. `names` are the names
+    of pinned vertices, by vertex.
     """
     resolved = (each.resolved(spectrum, chosen) for each in families)
     return [
@@ -65,7 +65,7 @@ def shots_of(
 def compute_shot(
     shot: Shot, display: Display, live: LiveFeatures, picked: IntArray | None = None
 ) -> Field | None:
-    """Compute the field of a shot, by the direct sum if there is one; in any thread.
+    """Compute the field of a shot; may run in any thread.
 
     `picked` are the vertices of the mesh that the drawing has, None for all.
     """
@@ -96,7 +96,7 @@ def draw_series(
     display: Display,
     transparent: bool = False,
 ) -> Iterator[npt.NDArray[np.uint8]]:
-    """Draw pictures of one size one after another, see `OffScreen.draw`."""
+    """Yield pictures of one size in pixels, see `OffScreen.draw`."""
     live = LiveFeatures()
     with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
         for shot in shots:
@@ -111,10 +111,11 @@ def series_view(
     *,
     turning: bool = False,
 ) -> View:
-    """The view that pictures of a size share, along the axes of the drawing's view.
+    """Return the common view of pictures of a size, along the axes of the drawing's view.
 
-    If that view shows only a part of the mesh in a picture of size `seen`, the part is shown;
-    otherwise the whole mesh fills the pictures, `turning` also while it turns about the vertical.
+    If the drawing's view shows only a part of the mesh in a picture of size `seen`, the pictures
+    show that part. Otherwise the whole mesh fills the pictures; with `turning`, it stays within
+    them while it turns about the vertical.
     """
     width, height = size
     view, points = drawing.view, drawing.sample
@@ -131,7 +132,7 @@ def series_view(
 
 
 def turntable(drawing: MeshRenderer, view: View, count: int) -> list[View]:
-    """Views of one turn of the mesh about the vertical of a view, through its centre."""
+    """Return `count` views of one turn of the mesh about the vertical through its centre."""
     middle = _middle(drawing.sample, view.axes)
     offset = view.axes @ (view.focus - middle)
     views = []
@@ -142,7 +143,7 @@ def turntable(drawing: MeshRenderer, view: View, count: int) -> list[View]:
 
 
 def aspect(drawing: MeshRenderer) -> float:
-    """Width over height of the mesh in its view."""
+    """Return width over height of the mesh in its view."""
     axes = drawing.axes if drawing.view is None else drawing.view.axes
     wide, high = np.ptp(axes[:2] @ drawing.sample.T, axis=1)
     return float(np.clip(wide / max(high, 1e-300), 0.25, 4.0))
@@ -159,7 +160,7 @@ def _middle(points: FloatArray, axes: FloatArray) -> FloatArray:
 
 
 def _cylinder(points: FloatArray, axes: FloatArray) -> FloatArray:
-    """Corners, shape (4, 3), of the area that points sweep as they turn about the vertical."""
+    """Return the corners, shape (4, 3), of the area that points sweep in a turn."""
     middle = _middle(points, axes)
     seen = axes @ (points - middle).T
     reach = float(np.hypot(seen[0], seen[2]).max())
@@ -177,21 +178,23 @@ _CAPTION, _STRIP = 1.5, 1.5
 
 @dataclass(frozen=True)
 class _Layout:
-    """Sizes in pixels of the title, of a cell, of the picture in it and of its text."""
+    """Number of columns, and sizes in pixels, of a contact sheet."""
 
     columns: int
+    #: Height of the title.
     head: int
     cell: tuple[int, int]
     picture: tuple[int, int]
+    #: Height of the text of a cell.
     text: float
 
 
 class ContactSheet:
-    """A sheet to which pictures are added one by one; InputError if it is too small.
+    """A sheet of pictures with captions; InputError if the sheet is too small.
 
-    `size` is that of the sheet in pixels, `aspect` the width over height of the mesh in the
-    pictures. They are to be drawn in `picture_size` without a background. `ground` is the colour
-    behind them, by default that of the render, and "" for none.
+    `size` is the size of the sheet in pixels, `aspect` the width over height of the mesh. Pictures
+    have the size `picture_size` and no background. `ground` is the background colour, by default
+    that of the render, and "" for a transparent one.
     """
 
     def __init__(
@@ -207,7 +210,7 @@ class ContactSheet:
         self._captions, self._theme = captions, DARK if dark else LIGHT
         count = len(captions)
         layouts = (_layout(columns, count, size) for columns in range(1, count + 1))
-        # the one in which a mesh of this aspect ratio is drawn widest
+        # the layout in which a mesh of this aspect ratio is widest
         self._layout = max(layouts, key=lambda each: min(each.picture[0], each.picture[1] * aspect))
         self.picture_size = self._layout.picture
         if min(self.picture_size) < _LEAST:
@@ -237,7 +240,7 @@ class ContactSheet:
         return ImageFont.truetype(font_file(bold), max(share * (height or self._layout.text), 6.0))
 
     def put(self, at: int, picture: npt.NDArray[np.uint8], caption: Caption) -> None:
-        """Add a picture, RGBA of `picture_size`, with its colour bar."""
+        """Add picture number `at`, RGBA of `picture_size`, with its caption and colour bar."""
         layout, text = self._layout, self._layout.text
         row, column = divmod(at, layout.columns)
         unused = self._sheet.width - layout.columns * layout.cell[0]
@@ -257,7 +260,7 @@ class ContactSheet:
         self._draw_strip(middle, below + (_CAPTION + 0.35 * _STRIP) * text, caption)
 
     def _draw_strip(self, middle: float, at: float, caption: Caption) -> None:
-        """Draw the colour bar between its limits, centred in a cell."""
+        """Draw a colour bar between the texts of its limits, centred at `middle`."""
         font, gap = self._font(0.72), 0.4 * self._layout.text
         low, high = format_range(caption.low, caption.high, caption.unit, digits=2).split(" – ")
         high += ", log scale" if caption.logarithmic else ""
@@ -278,7 +281,7 @@ class ContactSheet:
             self._draw.text((place, at), text, fill=self._theme.faint_ink, font=font, anchor="lm")
 
     def pixels(self) -> npt.NDArray[np.uint8]:
-        """The sheet, RGBA, shape (height, width, 4)."""
+        """Return the sheet as RGBA, shape (height, width, 4)."""
         return np.asarray(self._sheet)
 
 
@@ -288,7 +291,7 @@ def _layout(columns: int, count: int, size: tuple[int, int]) -> _Layout:
     edge = round(0.4 * head)
     wide = (size[0] - 2 * edge) // columns
     tall = (size[1] - head - edge) // rows
-    # as large as the caption of an eigenfunction allows, and no larger than the title
+    # the caption of an eigenfunction fits, and the text is not larger than the title
     text = min(max(wide / 15.0, 7.0), 0.36 * head, 0.2 * tall)
     picture = round(0.96 * wide), int(tall - (_CAPTION + _STRIP) * text)
     return _Layout(columns, head, (wide, tall), picture, text)

@@ -29,23 +29,23 @@ from meshmash_viewer.units import (
     superscript,
 )
 
-#: Distance of places along a colour bar, from 0 to 1, that are the same.
+#: Largest distance, from 0 to 1, of two positions on a colour bar that count as one.
 _SAME = 1e-6
-#: Most decimals; a longer number has nine digits, or fewer within a number of characters.
+#: Largest number of decimals and of characters of a label.
 _DECIMALS, _LONGEST = 6, 9
 
-#: A name of one of matplotlib's colour maps, or the colours of labels 0, 1, 2 … as "#rrggbb".
+#: Name of a colour map of matplotlib, or the colours of labels 0, 1, 2 … as "#rrggbb".
 ColorMap: TypeAlias = str | tuple[str, ...]
 
-#: Colour of vertices without a value: a grey that no colour map has.
+#: Colour of vertices without a value: a grey that no colour map contains.
 NAN_COLOR = "#8c8c8c"
-#: Colour that is mixed into selected vertices.
+#: Colour of the stripes over selected vertices.
 SELECTION_COLOR = "#ff2bd6"
 
 
 @dataclass(frozen=True)
 class RenderTheme:
-    """Colours around the field, as "#rrggbb"."""
+    """Colours of the background, of texts and of the mesh without a field, as "#rrggbb"."""
 
     background_top: str
     background_bottom: str
@@ -53,12 +53,12 @@ class RenderTheme:
     faint_ink: str
     surface: str
     line: str
-    #: Of what faces inwards where the mesh is cut.
+    #: Inner side of the surface where the mesh is cut.
     inside: str
     halo: str
 
     def ground(self, share: float) -> tuple[float, ...]:
-        """Red, green and blue of the background at a fraction of its height from below."""
+        """Return red, green and blue, 0 to 1, of the background; `share` is 0 at its lower edge."""
         share = min(max(share, 0.0), 1.0)
         ends = zip(rgb(self.background_bottom), rgb(self.background_top), strict=True)
         return tuple(low + share * (high - low) for low, high in ends)
@@ -74,7 +74,7 @@ LIGHT = RenderTheme(
     inside="#6f7883",
     halo="#ffffff",
 )
-#: Lighter than the dark end of every sequential map: with a contrast of at least 1.5.
+#: The background has a contrast of at least 1.5 to the dark end of every sequential map.
 DARK = RenderTheme(
     background_top="#525963",
     background_bottom="#3f444b",
@@ -89,22 +89,25 @@ DARK = RenderTheme(
 
 @lru_cache(maxsize=64)
 def rgb(color: str) -> tuple[float, float, float]:
-    """Red, green and blue from 0 to 1 of "#rrggbb"."""
+    """Return red, green and blue, 0 to 1, of "#rrggbb"."""
     return tuple(int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5))  # type: ignore[return-value]
 
 
 @lru_cache(maxsize=32)
 def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
-    """Colours of one of matplotlib's colour maps, or of labels, shape (count, 4), RGBA.
+    """Return a table of RGBA colours, shape (count, 4), of a colour map or of labels.
 
     Each of at most `count` labels has an equal part of the table.
 
-    `InputError` is raised if there is no colour map of that name.
+    Raises
+    ------
+    InputError
+        If matplotlib has no colour map of that name.
     """
     if isinstance(name, tuple):
         colors = np.array([[*rgb(each), 1.0] for each in name])
         places = np.arange(count) * len(name) // count
-        # the middle of each part has exactly the colour of its label, however narrow it is
+        # the middle of each part has exactly the colour of its label, even if the part is narrow
         places[((np.arange(len(name)) + 0.5) * count / len(name)).astype(int)] = range(len(name))
         labelled = np.round(255.0 * colors[places]).astype(np.uint8)
         labelled.setflags(write=False)
@@ -120,13 +123,13 @@ def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
 
 @cache
 def font_file(bold: bool) -> str:
-    """Path of matplotlib's DejaVu Sans; VTK's fonts lack Greek letters and superscripts."""
+    """Return the path of matplotlib's DejaVu Sans; VTK's fonts lack Greek and superscripts."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name)
 
 
 def set_style(properties: vtkTextProperty, size: float, color: str, bold: bool = False) -> None:
-    """Set font, size in points and colour of a text."""
+    """Set font, size in points, and colour of a text property of VTK."""
     properties.SetFontFamily(VTK_FONT_FILE)
     properties.SetFontFile(font_file(bold))
     properties.SetFontSize(round(size))
@@ -138,7 +141,7 @@ def set_style(properties: vtkTextProperty, size: float, color: str, bold: bool =
 
 @lru_cache(maxsize=1024)
 def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
-    """Width and height in points of a line of text."""
+    """Return width and height, in points, of a line of text."""
     properties, box = vtkTextProperty(), [0, 0, 0, 0]
     set_style(properties, size, "#000000", bold)
     vtkTextRenderer.GetInstance().GetBoundingBox(properties, text, box, 72)
@@ -146,7 +149,7 @@ def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
 
 
 def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
-    """Truncate a text with an ellipsis to a width, measured by `width_of`."""
+    """Return the text, truncated with an ellipsis if `width_of` says it is wider than `width`."""
     if width_of(text) <= width:
         return text
     while text and width_of(text + "…") > width:
@@ -155,7 +158,7 @@ def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
 
 
 def scale_bar_text(length: float, unit: str) -> str:
-    """Write a length, in "units" where its unit is not known."""
+    """Format a length; its unit is "units" if it is unknown."""
     return format_quantity(length, unit or ("unit" if length == 1.0 else "units"))
 
 
@@ -172,10 +175,11 @@ def bar_labels(
     most: int = 6,
     gap: float = 0.06,
 ) -> tuple[list[tuple[float, str]], str]:
-    """Label a colour bar at both ends and at round values, in a unit of the size of its values.
+    """Return the labels of a colour bar: its ends and at most `most` round values.
 
-    A logarithmic bar has decades; where these are fewer than two, twice and five times them too.
-    `most` limits the round values, and those closer than `gap` to an end are left out.
+    The unit gets a prefix that suits the values. A logarithmic bar has labels at powers of ten,
+    and at 2 and 5 times these if it contains fewer than two. Round values closer than `gap`, from
+    0 to 1, to an end are left out.
 
     Returns
     -------
@@ -215,9 +219,10 @@ def _log_place(value: float, low: float, high: float) -> float:
 
 
 def _decades(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Powers of ten from `low` to `high`, or twice and five times them too; at least two, or none.
+    """Return values and texts of the powers of ten from `low` to `high`.
 
-    Each has its value and its text.
+    If there are fewer than two, 2 and 5 times these are included; if there are still fewer than
+    two, the list is empty.
     """
     powers = range(floor(log10(low)), ceil(log10(high)) + 1)
     for factors in (1,), (1, 2, 5):
@@ -229,15 +234,15 @@ def _decades(low: float, high: float, most: int) -> list[tuple[float, str]]:
 
 
 def _written_alone(value: float) -> str:
-    """Write a value to three digits, or to two where it has a power of ten."""
+    """Format a value with three digits, or with two and a power of ten."""
     text = format_number(value, 3)
     return format_number(value, 2) if "×" in text else text
 
 
 def _written_within(value: float, span: float) -> str:
-    """Write an end of a range to a hundredth of its span or finer; 0 to that without a sign."""
+    """Format an end of a range to 1/100 of `span` or finer; -0 becomes 0."""
     decimals = 2 - floor(log10(span))
-    if value:  # two digits of a small one, with no more than two decimals added
+    if value:  # a small value has two digits if at most two more decimals are enough
         decimals = max(decimals, min(1 - floor(log10(abs(value))), decimals + 2))
     texts = [f"{value:.{max(decimals, 0)}f}"]
     if decimals > _DECIMALS:
@@ -247,20 +252,20 @@ def _written_within(value: float, span: float) -> str:
 
 
 def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int]:
-    """Round values within ``[low, high]`` with one common power of ten, at most `most` (2 or more).
+    """Return at most `most` (2 or more) round values within ``[low, high]``.
 
-    Returns the values divided by ``10**exponent``, the format of their labels for the operator
-    ``%``, and the exponent, 0 if plain numbers are short.
+    The result is the values divided by ``10**exponent``, the format of their labels for the
+    operator ``%``, and the exponent, which is 0 if plain numbers are short.
     """
     largest = max(abs(low), abs(high))
     exponent = floor(log10(largest)) if largest > 0.0 else 0
     if -3 < exponent < 4:
         exponent = 0
-    # 10.0**-320 is subnormal, which the quotients tolerate
+    # 10.0**-320 is subnormal, but the quotients are still accurate enough
     low, high = low / 10.0**exponent, high / 10.0**exponent
-    # the smallest round step that gives at most that many ticks
+    # the smallest round step that gives at most `most` ticks
     power = 10.0 ** floor(log10((high - low) / (most + 1)))
-    # where that step leaves zero alone, one of 4 gives a value on either side
+    # if zero is the only multiple of that step, a step of 4 gives a value on either side
     for factors in ((1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0), (4.0, 40.0)):
         for step in (factor * power for factor in factors):
             first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)

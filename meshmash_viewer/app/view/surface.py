@@ -1,4 +1,4 @@
-"""What VTK draws of a mesh: its surface, coloured by a field in the shader, and marks over it."""
+"""Actors of a mesh: its surface, coloured by a field in the shader, and marks over it."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from meshmash_viewer.vertex_map import MOST_LABELS
 _FACING = """//VTK::Normal::Impl
   if (normalVCVSOutput.z < 0.0) { normalVCVSOutput = -normalVCVSOutput; }
 """
-#: Darkens the silhouette, so that pale values stand out from a pale background;
+#: Darkens the silhouette, so that pale values stand out from a pale background.
 #: `normalVCVSOutput.z` is the cosine between the normal and the line of sight. The normal of a
-#: tube of radius r rotates by 1/r per pixel: tubes of a few pixels would be dark all over, and are
-#: left out.
+#: tube of radius r rotates by 1/r per pixel; tubes of a few pixels are left out, as they would be
+#: dark all over.
 _RIM = """//VTK::Light::Impl
   vec2 turning = vec2(length(dFdx(normalVCVSOutput.xy)), length(dFdy(normalVCVSOutput.xy)));
   float turn = max(turning.x, turning.y) * pixelsToPoint;
@@ -41,9 +41,9 @@ _RIM = """//VTK::Light::Impl
   rim *= 1.0 - smoothstep(0.0, 0.5, abs(normalVCVSOutput.z));
   fragOutput0.rgb *= 1.0 - 0.42 * rim;
 """
-#: Lines, two points wide, where the field is zero or a multiple of a spacing; the distance from a
-#: line is the field over its slope on the screen. Zero lines fade on branches from 10 to 6 points
-#: in width, whose colours they would hide.
+#: Draws level lines, two points wide, at zero or at multiples of a spacing. The distance from a
+#: line is the field divided by its slope on the screen. Zero lines fade out on branches between 10
+#: and 6 points in width, whose colours they would hide.
 _LINES = """
   float level = lineSpacing > 0.0 ? lineSpacing * max(round(fieldVC / lineSpacing), 1.0) : 0.0;
   vec2 rise = abs(vec2(dFdx(fieldVC), dFdy(fieldVC)));
@@ -59,8 +59,8 @@ _LINES = """
     fragOutput0.rgb = mix(fragOutput0.rgb, lineColor, line);
   }
 """
-#: Stripes on the screen over selected vertices, with a dark line at their border: these differ from
-#: the colours of every map.
+#: Draws stripes over selected vertices and a dark line at their border, which differ from the
+#: colours of every map.
 _SELECTED = """
   if (selectionShown > 0) {
     vec2 change = vec2(dFdx(selectedVC), dFdy(selectedVC));
@@ -73,7 +73,7 @@ _SELECTED = """
     fragOutput0.rgb = mix(fragOutput0.rgb, vec3(0.06), border);
   }
 """
-#: Where the mesh is cut: a line along the cut, and what faces inwards is paler than the outside.
+#: Draws a line along a cut, and the inner side of the surface paler than the outer side.
 _CUT = """
   if (cutInwards != 0) {
     if (gl_FrontFacing == (cutInwards < 0)) {
@@ -85,11 +85,11 @@ _CUT = """
     fragOutput0.rgb = mix(lineColor, fragOutput0.rgb, smoothstep(1.5, 2.5, toCut));
   }
 """
-#: Size of the table by which the graphics card colours the field: the largest number of labels;
-#: the 256 colours of a map are repeated. VTK's own colouring computes texture coordinates on the
-#: processor, which takes 25 ms for a million vertices.
+#: Size of the colour table in the shader: the largest number of labels. The 256 colours of a map
+#: are repeated. VTK's own colouring computes texture coordinates on the processor, which takes
+#: 25 ms for a million vertices.
 _COLORS = MOST_LABELS
-#: Replaces NaN, which not every driver detects.
+#: Replaces NaN, which some drivers do not detect.
 _MISSING = np.float32(-3e38)
 #: Marks vertices whose faces are not drawn.
 _HIDDEN = np.float32(-3.3e38)
@@ -113,8 +113,8 @@ in float selectedVC;
 in float hiddenVC;
 flat in float labelVC;
 """
-#: Values are interpolated before they are coloured, so that large faces show the right colours.
-#: Labels are not interpolated: a face has the label of one corner.
+#: Interpolates values before colouring them, so that large faces have the right colours. Labels
+#: are not interpolated: a face has the label of one corner.
 _FIELD_COLOR = f"""//VTK::Color::Impl
   if (hiddenVC > 0.0) discard;  // one corner is enough
   float heightOverCut = dot(cutPlane.xyz, vertexVC.xyz) + cutPlane.w;
@@ -137,9 +137,9 @@ _FIELD_COLOR = f"""//VTK::Color::Impl
 
 
 class Surface:
-    """A surface with a field; the arrays are shared with NumPy.
+    """A surface with a field; its arrays are shared with NumPy.
 
-    Points, float32 of shape (n, 3), should be near the origin for their precision.
+    Points, float32 of shape (n, 3), should be near the origin, where float32 is most precise.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class Surface:
     def move(self, points: npt.NDArray[np.float32], normals: npt.NDArray[np.float32]) -> None:
         """Set points and normals, both of shape (n, 3).
 
-        They are not copied, and must not be changed while they are displayed.
+        The arrays are not copied; do not change them while they are displayed.
         """
         arrows = numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32))
         arrows.SetName("normals")
@@ -210,9 +210,9 @@ class Surface:
         self.data.Modified()
 
     def write(self, values: npt.NDArray[np.floating]) -> bool:
-        """Set the values, shape (n,), NaN where there is none; returns whether there is any NaN.
+        """Set the values, shape (n,), and return whether any is NaN, which means no value.
 
-        They are not copied, and must not be changed while they are displayed.
+        The array is not copied; do not change it while it is displayed.
         """
         shown = np.ascontiguousarray(values, dtype=np.float32)
         # the minimum is NaN if any entry is: one pass without a temporary array
@@ -224,7 +224,7 @@ class Surface:
         return missing
 
     def hide(self, hidden: Mask | None) -> None:
-        """Leave out the faces around some vertices."""
+        """Hide the faces around some vertices; None shows all."""
         self._hidden = hidden
         self._show()
 
@@ -232,26 +232,23 @@ class Surface:
         """Draw some vertices as selected; None for none."""
         self._uniforms.SetUniformi("selectionShown", int(selected is not None))
         if selected is not None:
-            self._selected[:] = selected  # in place: VTK has its address
+            self._selected[:] = selected  # in place: VTK uses this memory
             self._selected_array.Modified()
             self.data.Modified()
 
     def cut(self, plane: tuple[float, float, float, float] | None) -> None:
-        """Leave out what is below a plane of the camera's coordinates; None to draw all.
+        """Hide the part with ax + by + cz + d < 0 for a plane (a, b, c, d); None draws all.
 
-        The height of (x, y, z) over (a, b, c, d) is ax + by + cz + d.
+        x, y and z are coordinates of the camera.
         """
         if plane is not None and not self._inwards:
             self._inwards = self._orientation()
-        # each is sent to the graphics card in the next frame: moving the plane costs nothing
+        # only uniform variables change, so that moving the plane costs nothing
         self._uniforms.SetUniform4f("cutPlane", plane or (0.0, 0.0, 0.0, 1.0))
         self._uniforms.SetUniformi("cutInwards", 0 if plane is None else self._inwards)
 
     def _orientation(self) -> int:
-        """Whether normals are to the outside of most of the surface: 1, or -1 where they are not.
-
-        By the sign of the volume within, the sum of the heights over the middle along the normals.
-        """
+        """Return 1 if the normals point outwards, else -1, by the sign of the enclosed volume."""
         points = vtk_to_numpy(self.data.GetPoints().GetData())
         normals = vtk_to_numpy(self.data.GetPointData().GetNormals())
         away = np.einsum("ij,ij->i", points - points.mean(axis=0), normals)
@@ -262,17 +259,17 @@ class Surface:
         if self._hidden is not None:
             shown = np.where(self._hidden, _HIDDEN, shown)
         self._array.SetVoidArray(shown, len(shown), 1)
-        self._array._numpy_reference = shown  # keeps it alive while VTK has its address
+        self._array._numpy_reference = shown  # keeps the array alive while VTK uses its memory
         self._array.Modified()
         self.data.Modified()
         self.values = shown
 
     def shown_values(self) -> npt.NDArray[np.float32]:
-        """A copy of the displayed values, NaN where there is none."""
+        """Return a copy of the displayed values, NaN for vertices without one."""
         return np.where(self.values <= _MISSING, np.float32(np.nan), self.values)
 
     def dress(self, caption: Caption | None) -> None:
-        """Colour by the field, with colours, limits and lines of a caption; None for one colour."""
+        """Set colours, limits and lines of the field by a caption; None for one colour."""
         self._uniforms.SetUniformi("fieldShown", int(caption is not None))
         if caption is None:
             return
@@ -305,49 +302,49 @@ class Surface:
         self._uniforms.SetUniform3f("insideColor", rgb(theme.inside))
 
 
-#: Widths in points of points, of the corners of edges and faces, which are seen where these are
-#: smaller than a pixel, and of nodes of a graph.
+#: Diameters, in points, of marked points, of the corners of marked edges and faces (visible where
+#: an edge or face is smaller than a pixel), and of the nodes of a graph.
 _POINT, _CORNER, _NODE = 8.0, 5.0, 3.6
 
 
 class Layer(NamedTuple):
-    """How marks are drawn once: how far in front of the surface that they lie on, and so on."""
+    """Look of one of the actors that draw the same marks."""
 
-    #: In units of depth.
+    #: Offset away from the eye, in units of depth: negative is in front of the surface.
     front: float
     opacity: float
     color: str
-    #: Of lines, in points.
+    #: Width of lines in points.
     width: float
 
 
-#: Marks of faults, in a colour that no colour map has: what is behind or within a branch is seen
-#: through it, fainter.
+#: Marks of faults, in a colour that no colour map contains. Marks behind the surface are visible
+#: through it, but fainter.
 FAULTS = (Layer(-8.0, 1.0, "#ff2fa8", 2.5), Layer(-1e6, 0.45, "#ff2fa8", 2.5))
-#: Borders between labels: dark lines with a faint light edge, which are seen over every colour.
+#: Borders between labels: dark lines with a faint light edge, visible over every colour.
 BORDERS = (Layer(-8.0, 0.4, "#ffffff", 3.6), Layer(-12.0, 1.0, "#14181d", 1.8))
-#: Graph of regions, seen through the mesh. Both are opaque: so far in front they have one depth,
-#: where the second covers the first, but a translucent first one would cover it in turn.
+#: Graph of regions, visible through the mesh. Both layers are opaque: at this offset they have the
+#: same depth, where VTK draws the second over the first only if the first is not translucent.
 GRAPH = (Layer(-1e6, 1.0, "#ffffff", 2.4), Layer(-1e6, 1.0, "#14181d", 1.2))
 
 
 class Overlay:
-    """What is drawn over the surface, by an `actor`, in a window of its own for each copy."""
+    """Marks or points over the surface; each window needs a copy with its own `actor`."""
 
     actor: Any
     _mappers: list[vtkMapper]
-    #: What its colours mean.
+    #: Legend of its colours.
     legend: PointLegend | None = None
 
     def move(self, drawn: npt.NDArray[np.float32]) -> None:
-        """Follow the displayed vertices, shape (n, 3)."""
+        """Move with the displayed vertices, shape (n, 3)."""
         raise NotImplementedError
 
     def hide(self, hidden: Mask | None) -> None:
-        """Follow which vertices are hidden, as far as that concerns it."""
+        """Hide the parts at hidden vertices; by default nothing is hidden."""
 
     def cut(self, plane: vtkPlane | None) -> None:
-        """Leave out what is on the negative side of a plane; None to draw all."""
+        """Hide the part on the negative side of a plane; None draws all."""
         for mapper in self._mappers:
             mapper.RemoveAllClippingPlanes()
             if plane is not None:
@@ -358,15 +355,15 @@ class Overlay:
         raise NotImplementedError
 
     def copy(self) -> Overlay:
-        """The same for another window."""
+        """Return a copy for another window."""
         raise NotImplementedError
 
 
 class Marks(Overlay):
     """Draws points, edges or faces, given by their vertices: shape (k, 1), (k, 2) or (k, 3).
 
-    Of a face the sides are drawn, too, so that one without area is visible; of faults and graphs
-    the corners.
+    The sides of a face are drawn as well, so that a face without area is visible. All marks but
+    borders also have their corners drawn.
     """
 
     def __init__(self, parts: IntArray, layers: tuple[Layer, ...] = FAULTS) -> None:
@@ -406,7 +403,7 @@ class Marks(Overlay):
 
 
 def _drawn(data: vtkPolyData, layer: Layer) -> vtkActor:
-    """Make the actor that draws marks once."""
+    """Return the actor of one layer."""
     front = layer.front
     mapper = vtkPolyDataMapper()
     mapper.SetInputData(data)
