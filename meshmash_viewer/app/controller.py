@@ -67,7 +67,7 @@ class Controller(QObject):
         self._patience = QTimer(self, singleShot=True, interval=_LATE)
         self._patience.timeout.connect(self._announce)
         self._fields = LatestThread(self._compute, self._take, parent=self, one_core=True)
-        self._tables = LatestThread(self._prepare, self._improve, _REST, self)
+        self._tables = LatestThread(self.live.prepare, self._improve, _REST, self)
         listen(document.mesh_changed, self.show_mesh)
         listen(document.pins.changed, self._show_pins)
         listen(document.selection.changed, self._show_selection)
@@ -205,9 +205,6 @@ class Controller(QObject):
             self.link.draw(self)
 
     # -- tables -------------------------------------------------------------------------------
-
-    def _prepare(self, request: FieldRequest, cancel: CancelCallback) -> None:
-        self.live.prepare(request, cancel)
 
     def _improve(self, request: FieldRequest, fault: Exception | None) -> None:
         """Compute the field again if it was computed without the new table."""

@@ -235,7 +235,7 @@ class PlotSaver(QObject):
 
     @contextmanager
     def _on_paper(self, scale: float = 1.0) -> Iterator[tuple[QSize, Callable[[QPainter], None]]]:
-        """Give the plot light colours; yield its size with the legend, and a function that draws."""
+        """Give the plot light colours; yield its size with the legend, and how it is drawn."""
         plot, box = self._plot, self._plot.plotItem.vb
         automatic = box.autoRangeEnabled()
         box.disableAutoRange()  # automatic ranges depend on the widths of pens

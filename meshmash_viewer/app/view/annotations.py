@@ -477,8 +477,9 @@ class _Layout:
         edge: float = EDGE,
     ) -> None:
         """Add a line of text; left-justified text is truncated at `edge` from the right edge."""
-        if across == _LOW:
-            free = self._width - x - edge
+        free = self._width - x - edge
+        # letters that are not bold are at most as wide as the font size, apart from rare ones
+        if across == _LOW and (bold or len(text) * size > free):
             text = fitted(text, free, lambda part: text_size(part, size, bold)[0])
         if not text:
             return

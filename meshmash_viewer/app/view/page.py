@@ -27,6 +27,8 @@ _TALLEST = 20.0
 _MOST, _APART = 7, 1.3
 #: Number of rectangles of a colour bar.
 _CELLS = 128
+#: Corners of a whole box, from 0 to 1.
+_SQUARE = (0, 1, 1, 0), (0, 0, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,12 @@ class Page:
         axes.set_axis_off()
         return axes
 
+    def patch(self, box: Box, color: Any, x: Sequence[float], y: Sequence[float]) -> None:
+        """Fill a polygon with corners (x, y), from 0 to 1 in a box."""
+        axes = self.axes(box)
+        axes.fill(x, y, color=color)
+        axes.set(xlim=(0, 1), ylim=(0, 1))
+
     def text(self, x: float, y: float, text: str, size: float = 1.0, **style: Any) -> None:
         """Add a line of text; `size` is in font sizes."""
         points = size * self.font / MM * POINTS
@@ -174,15 +182,12 @@ class Page:
         for end, side, up, tip in ((0, 0, 0.0, -0.7), (-1, 1, tall, 0.7)):
             if caption.beyond[side]:
                 place = below + up + min(tip, 0.0) * font
-                axes = self.axes(Box(left, place, _BAR * font, 0.7 * font))
                 base, point = (0.0, 1.0) if tip > 0.0 else (1.0, 0.0)
-                axes.fill([0.0, 1.0, 0.5], [base, base, point], color=colors[end])
-                axes.set(xlim=(0, 1), ylim=(0, 1))
+                triangle = Box(left, place, _BAR * font, 0.7 * font)
+                self.patch(triangle, colors[end], [0.0, 1.0, 0.5], [base, base, point])
         self.text(left, below + tall + 1.4 * font, factor)
         if caption.missing:
-            axes = self.axes(Box(left, below - 1.8 * font, _BAR * font, 0.9 * font))
-            axes.fill([0, 1, 1, 0], [0, 0, 1, 1], color=NAN_COLOR)
-            axes.set(xlim=(0, 1), ylim=(0, 1))
+            self.patch(Box(left, below - 1.8 * font, _BAR * font, 0.9 * font), NAN_COLOR, *_SQUARE)
             self.text(right, below - 1.35 * font, "no value")
 
     def legend(self, legend: PointLegend, left: float, below: float) -> float:
@@ -193,9 +198,7 @@ class Page:
         self.text(left, up + step, legend.title, weight="bold")
         for color, text in legend.rows:
             if legend.graded:
-                axes = self.axes(Box(left, up - 0.5 * step, _BAR * font, step))
-                axes.fill([0, 1, 1, 0], [0, 0, 1, 1], color=color)
-                axes.set(xlim=(0, 1), ylim=(0, 1))
+                self.patch(Box(left, up - 0.5 * step, _BAR * font, step), color, *_SQUARE)
             else:
                 axes = self.axes(Box(left, up - 0.6 * font, _BAR * font, _BAR * font))
                 size = 0.75 * font / MM * POINTS

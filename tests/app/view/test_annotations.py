@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from written_annotations import Written
 
 from meshmash_viewer.app.view.annotations import Caption, title_size
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
-from meshmash_viewer.app.view.picture import draw_picture
+from meshmash_viewer.app.view.picture import OffScreen, draw_picture
 from meshmash_viewer.app.view.style import text_size
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.units import NO_BREAK
@@ -146,6 +147,23 @@ def test_a_title_too_long_for_the_picture_ends_in_an_ellipsis(qapp) -> None:
     text = max(Written(renderer, SIZE).texts, key=len)
     assert text.endswith("…")
     assert text_size(text, 15, True)[0] <= SIZE[0] - 32
+
+
+def test_texts_of_an_earlier_field_are_gone_and_later_ones_are_drawn(qapp) -> None:
+    drawing, bare, later = shown(), MeshRenderer(), shown("Eigenfunction 6", "λ₆ = 2")
+    bare.set_mesh(SQUARE, SQUARE.vertex_normals)
+    bare.fit_view(*SIZE, 1.0)
+    for each in (drawing, later):
+        each.view = bare.view
+    with closing(OffScreen(drawing, SIZE)) as window:
+        window.draw()
+        drawing.set_field(None)
+        without = window.draw()
+        drawing.set_field(np.zeros(4), later.caption)
+        again = window.draw()
+    for picture, wanted in ((without, bare), (again, later)):
+        with closing(OffScreen(wanted, SIZE)) as window:
+            assert np.abs(picture.astype(int) - window.draw()).max() <= 1
 
 
 @pytest.mark.slow
