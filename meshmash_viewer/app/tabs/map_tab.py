@@ -211,7 +211,8 @@ class MapTab(FamilyTab):
         self.title.setText(resolved.chosen)
         facts, known = {}, resolved.vertex_map(spectrum)
         if known is not None:
-            facts = _map_facts(self._of_part(known), resolved.mean(spectrum), known.n_vertices)
+            total = "mesh" if self._document.part_mesh is None else "mask"
+            facts = _map_facts(self._of_part(known), resolved.mean(spectrum), total)
         self.facts.show_values(facts)
         self._refresh_pairs(spectrum, resolved)
         self._refresh_labels(resolved.describe(spectrum, self._document.unit).labels)
@@ -323,10 +324,11 @@ def _show_lines(shown: QListWidget, most: int) -> None:
     shown.setFixedHeight(line * min(max(shown.count(), 1), most) + 6)
 
 
-def _map_facts(shown: VertexMap, mean: float, n_vertices: int) -> dict[str, str]:
-    """Return facts about a map, which may be a part of one with `n_vertices` vertices."""
-    of = "" if shown.n_values == n_vertices else f" of {n_vertices:,}"
-    count = {"map_count_label": f"{shown.n_values:,}{of}"}
+def _map_facts(shown: VertexMap, mean: float, total: str) -> dict[str, str]:
+    """Describe a map of all vertices of the mesh or of the mask, which `total` names."""
+    of = "" if shown.n_values == shown.n_vertices else f" of {shown.n_vertices:,}"
+    where = f" in the {total}" if of or total == "mask" else ""
+    count = {"map_count_label": f"{shown.n_values:,}{of}{where}"}
     if shown.labels:
         return count | {"map_range_label": counted(len(shown.labels), "label")}
     like = max(np.abs(shown.range))  # the unit of the range
