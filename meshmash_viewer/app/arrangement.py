@@ -191,8 +191,10 @@ class Arrangement:
         window, field, aside = self._window, self.docks["field"], self._is_field_aside
         if aside == self._field_aside or field.isFloating() or field.isHidden():
             return
-        left = (self.docks[name] for name in reversed(_LEFT))
-        there = next((dock for dock in left if not (dock.isHidden() or dock.isFloating())), None)
+        left = [self.docks[name] for name in _LEFT]
+        left = [dock for dock in left if not (dock.isHidden() or dock.isFloating())]
+        there = left[-1] if left else None
+        front = next((dock for dock in left if dock.widget().isEnabled()), None)
         if aside and there is None:
             return
         self._field_aside = aside
@@ -203,7 +205,7 @@ class Arrangement:
             window.addDockWidget(Qt.DockWidgetArea.RightDockWidgetArea, field)
             field.show()
             window.resizeDocks([field], [330], Qt.Orientation.Horizontal)
-        self.docks["pair" if self._comparing else "mesh"].raise_()
+        (front or self.docks["pair" if self._comparing else "mesh"]).raise_()
 
     def save(self) -> tuple[QByteArray, QByteArray]:
         return self._window.saveGeometry(), self._window.saveState(_VERSION)

@@ -104,6 +104,11 @@ def test_a_narrow_window_leaves_room_for_the_render(qtbot: QtBot, window: MainWi
         window.resize(1440, 900)
         qtbot.waitUntil(lambda: not mesh.visibleRegion().isEmpty(), timeout=PATIENCE)
         assert field.mapTo(window, QPoint(0, 0)).x() > window.width() / 2
+    window.arrangement.docks["label"].raise_()
+    for width in (900, 1440):
+        window.resize(width, 700)
+        qtbot.wait(100)
+        assert not window.label_panel.visibleRegion().isEmpty(), "the tab stays"
 
 
 @pytest.mark.slow
