@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PySide6.QtCore import QEventLoop, Qt
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QDialog, QMainWindow
 
@@ -91,14 +93,15 @@ class Pictures:
         from meshmash_viewer.app.view.figure import compose, save_figure, seen_of, sharpened
 
         path, options, panels = dialog.path, dialog.options, dialog.panels
-        scenes, mesh = self._scenes(), self._document.mesh
-        drawings = [scene.renderer.twin() for scene in scenes]
         try:
-            # another mesh may have been opened since the preview
-            if not panels or self._previewed != list(map(_reference, drawings)):
-                sizes = [scene.plotter.pixels()[:2] for scene in scenes]
-                panels = [seen_of(each, size) for each, size in zip(drawings, sizes, strict=True)]
-            panels = sharpened(drawings, panels, options)
+            with self._busy(f"Drawing {path.name} …"):
+                scenes, mesh = self._scenes(), self._document.mesh
+                drawings = [scene.renderer.twin() for scene in scenes]
+                # the mesh may have been replaced since the preview
+                if not panels or self._previewed != list(map(_reference, drawings)):
+                    sizes = (scene.plotter.pixels()[:2] for scene in scenes)
+                    panels = list(map(seen_of, drawings, sizes))
+                panels = sharpened(drawings, panels, options)
         except InputError as fault:
             self._document.notices.say(f"The picture was not saved: {fault}", Severity.ERROR)
             return
@@ -110,6 +113,18 @@ class Pictures:
             lambda: save_figure(compose(panels, options), path),
             lambda _: say_saved(self._document, f"Picture saved to {path}.", path),
         )
+
+    @contextmanager
+    def _busy(self, text: str) -> Iterator[None]:
+        """Show a message and a busy pointer while the interface thread draws."""
+        self._document.notices.say(text)
+        QGuiApplication.setOverrideCursor(Qt.CursorShape.BusyCursor)
+        try:
+            # paints the message before the draw blocks the thread
+            QGuiApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
+            yield
+        finally:
+            QGuiApplication.restoreOverrideCursor()
 
     def gallery(self) -> None:
         from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog

@@ -6,18 +6,20 @@ import csv
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import shapes
 from closed_form import give, rectangle_document
 from PIL import Image
-from PySide6.QtCore import QObject, QPoint, Qt, QUrl, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
+    QApplication,
     QDialog,
     QLabel,
     QLineEdit,
@@ -27,11 +29,13 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 import meshmash_viewer as mv
+import meshmash_viewer.app.view.figure as figure_module
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.view.figure import Panel, sharpened
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.model.export import ExportJob
 
@@ -169,6 +173,32 @@ def test_stored_options_of_a_picture_are_offered_where_they_are_valid(
     assert found == expected
     dialog.reject()
     window.settings.figure = "", ""
+
+
+def test_a_message_is_painted_before_a_picture_is_drawn(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bar, painted, drawn = window.stage.message_bar, list[str](), list[tuple[str, object]]()
+
+    class Painted(QObject):
+        def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+            if event.type() == QEvent.Type.Paint and bar.notice is not None:
+                painted.append(bar.notice.text)
+            return False
+
+    def draw(*given: Any) -> list[Panel]:
+        drawn.append((painted[-1], QApplication.overrideCursor().shape()))
+        return sharpened(*given)
+
+    monkeypatch.setattr(figure_module, "sharpened", draw)
+    dialog, painting = pictured(qtbot, window), Painted()
+    bar.installEventFilter(painting)
+    type_path(dialog, tmp_path / "figure.png")
+    QTest.keyClick(dialog.file_row.edit, Qt.Key.Key_Return)
+    assert drawn == [("Drawing figure.png …", Qt.CursorShape.BusyCursor)]
+    assert QApplication.overrideCursor() is None
+    qtbot.waitUntil((tmp_path / "figure.png").exists, timeout=PATIENCE)
+    bar.removeEventFilter(painting)
 
 
 def check_its_folder_is_shown(qtbot: QtBot, window: MainWindow, folder: Path) -> None:
