@@ -281,6 +281,7 @@ class Document(OpenMesh):
             self._take_part(shown.ready, shown.spectrum)
             return
         self.take(shown.ready, self.spectrum)
+        self.maps.follow_names(now, shown.ready.mesh)
         if shown.ready.mesh.unit != now.unit:
             self._emit_all()
         else:

@@ -31,6 +31,8 @@ class Maps:
     """Adds maps to the open mesh and removes them; ``requested`` asks that files are read."""
 
     requested = Signal(object, bool, bool)
+    #: The former and the new name of a map, before views are refreshed.
+    renamed = Signal(str, str)
 
     def __init__(
         self, opened: OpenMesh, display: Display, history: History, notices: Notices
@@ -198,17 +200,35 @@ class Maps:
         renamed = (
             replace(each, name=given, path="") if each.name == name else each for each in mesh.maps
         )
-        self._history.record("name of a map", "mesh")
+        self._history.record("name of a map", "mesh", "policies", "log_scales")
         self._take(mesh.with_only_maps(*renamed))
-        display, keys = self._display, [OwnMaps(chosen=each).limits_key for each in (name, given)]
-        display.set_limits(display.policies.get(keys[0]), keys[1])
-        display.set_log_scale(display.log_scales.get(keys[0]), keys[1])
-        colors = dict(display[OwnMaps].colors).get(name, ())
-        if self.displayed == name or colors:
-            self.show(given, colors)
+        self.renamed.emit(name, given)
+        with self._history.paused():
+            self._rename_choices(name, given)
         self._opened.spectrum_changed.emit()
         if given != wanted:
             self._notices.say(f"There is a map called {wanted} already: this one is {given}.")
+
+    def _rename_choices(self, name: str, given: str) -> None:
+        """Move what is stored under the name of a map to another name."""
+        display = self._display
+        maps, keys = display[OwnMaps], [OwnMaps(chosen=each).limits_key for each in (name, given)]
+        colors = tuple((given if each == name else each, ends) for each, ends in maps.colors)
+        chosen = given if maps.chosen == name else maps.chosen
+        display.put(replace(maps, chosen=chosen, colors=colors))
+        display.set_limits(display.policies.get(keys[0]), keys[1])
+        display.set_log_scale(display.log_scales.get(keys[0]), keys[1])
+        display.set_limits(None, keys[0])
+        display.set_log_scale(None, keys[0])
+
+    def follow_names(self, before: Mesh, now: Mesh) -> None:
+        """Move what is stored under the names of maps that undo or redo has renamed."""
+        former, names = ({each.name for each in mesh.maps} for mesh in (before, now))
+        new = [each for each in now.maps if each.name not in former]
+        for known in (each for each in before.maps if each.name not in names):
+            for same in new:
+                if np.array_equal(same.values, known.values, equal_nan=True):
+                    self._rename_choices(known.name, same.name)
 
     def exchange(self, label: str, names: Collection[str], maps: Sequence[VertexMap]) -> None:
         """Put maps in the place of others as one change, or without a label as part of the last."""
@@ -295,10 +315,14 @@ class Maps:
             self._display.kind = self._kind
 
     @property
+    def chosen(self) -> str:
+        """Name of the map that is displayed with the family of maps; "" for the first map."""
+        return self._display[OwnMaps].chosen
+
+    @property
     def displayed(self) -> str:
         """Name of the displayed map; "" while another family is displayed."""
-        chosen = self._display[OwnMaps].chosen
-        return chosen if self._display.kind == OwnMaps.name else ""
+        return self.chosen if self._display.kind == OwnMaps.name else ""
 
     def show(self, name: str, colors: tuple[float, ...] = ()) -> None:
         """Display a map, with its entry of `OwnMaps.colors` if that is given."""

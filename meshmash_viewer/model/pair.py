@@ -160,6 +160,7 @@ class Pair:
             (second.display.events.kind, self._follow_second),
             (second.history.changed, self._record_second),
             (second.history.started, self._keep_second),
+            (first.maps.renamed, self._rename_carried),
         ]  # fmt: skip
         for signal, slot in self._connections:
             signal.connect(slot)
@@ -352,8 +353,9 @@ class Pair:
     def carry_maps(self, *, to_first: bool = False) -> None:
         """Add maps of one mesh to the other under their names, with the score of each vertex.
 
-        It is one change, after which the other mesh shows the map that was chosen. Maps that were
-        carried before are replaced, and those of names that the other mesh has otherwise left out.
+        It is one change. Maps that were carried before are replaced; maps whose names the other
+        mesh has otherwise are left out. The other mesh then shows the map that is chosen on this
+        one, or the last carried map; so does the first mesh if families are linked.
         """
         source, target = (self.second, self.first) if to_first else (self.first, self.second)
         found, here, there = self.comparison, source.mesh, target.mesh
@@ -368,9 +370,8 @@ class Pair:
             text = f"{name} has no map that {other} lacks: add one, or keep what is shown as a map."
             self.first.notices.say(text, Severity.WARNING)
             return
-        shown = source.display.family
-        chosen = [getattr(shown, attribute) for attribute in shown.own]
-        own.sort(key=lambda each: each.name in chosen)  # the last is shown
+        chosen = source.maps.chosen or here.maps[0].name
+        own.sort(key=lambda each: each.name == chosen)  # the last is shown
         *maps, score = found.carried(own, back=not to_first)
         if before:
             target.maps.exchange("carried maps", before, [score, *maps])
@@ -378,8 +379,23 @@ class Pair:
         else:
             target.maps.add(there, [score, *maps])
         assert target.mesh is not None
-        target.maps.show(target.mesh.maps[-1].name)
+        target.maps.show(own[-1].name)
         self.carried += target.mesh.maps[-len(maps) - 1 :]
+        if "kind" in self.links:
+            self.first.maps.show(own[-1].name)
+
+    def _rename_carried(self, name: str, given: str) -> None:
+        """Rename a map of the second that was carried from the first, as part of that change."""
+        carried, mesh = {id(each) for each in self.carried}, self.second.mesh
+        known = next((each for each in mesh.maps if each.name == name), None) if mesh else None
+        if mesh is None or known is None or id(known) not in carried:
+            return
+        history, before = self.first.history, len(self._second_past)
+        with history.paused():
+            self.second.maps.rename(name, given)
+        assert self.second.mesh is not None
+        self.carried += (self.second.mesh.maps[mesh.maps.index(known)],)
+        history.complete(history.past[-1], {**history.past[-1].state, "second mesh": before})
 
     def with_shared_limits(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the second field scaled for comparison, and colour limits for both fields.

@@ -38,6 +38,7 @@ from meshmash_viewer.app.run import application
 from meshmash_viewer.app.tabs.parameters import FilterParameterRow
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
+from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_number, format_quantity, format_range, format_share
@@ -566,10 +567,23 @@ def test_a_kept_map_is_renamed_in_the_list(window: MainWindow) -> None:
     assert "There is a map called depth already" in window.stage.message_bar.notice.text
     rename("  ")
     assert names(window) == ["depth", "depth 2", *CURVATURES]
-    document.history.undo()
+    limits = LockedLimits(-1.0, 2.0)
+    document.display.limits = limits
+    rename("folds")
+    display, key = document.display, document.display.family.limits_key
+    assert key.endswith("folds")
+    assert [each for each in display.policies.values() if each == limits] == [limits]
+    assert [each for each, _ in display[OwnMaps].colors] == ["folds"]
     document.history.undo()
     rest(window)
+    assert document.maps.displayed == "depth 2"
+    assert display.limits == limits
+    assert key not in display.policies
+    for _ in range(3):
+        document.history.undo()
+    rest(window)
     assert names(window) == ["depth", kept, *CURVATURES]
+    assert document.maps.displayed == kept
     listed.setCurrentRow(2)
     QTest.keyClick(listed, Qt.Key.Key_F2)
     assert listed.findChild(QLineEdit) is None, "a curvature has its name"

@@ -45,12 +45,13 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.model.field import Field, FieldRequest
+from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.pair import MATCHED_IN
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_share
 
-LEFT = Qt.MouseButton.LeftButton
+LEFT, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.ShiftModifier
 PAIRS = 40
 FIRST = shapes.blob(3)
 COPY, PLACE = shapes.moved_copy(FIRST)
@@ -607,6 +608,40 @@ def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert [each.name for each in opened.document.mesh.maps] == before
     for name in ("height", "halves"):
+        first.maps.remove(name)
+
+
+def test_own_maps_show_the_carried_map_on_both_under_its_new_name(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, first = beside(window, folder / "copy.npz", monkeypatch), window.document
+    x, y, _ = FIRST.vertices.T
+    first.maps.add(first.mesh, [mv.VertexMap("x", x), mv.VertexMap("y", y)])
+    first.maps.show("x")
+    first.display.kind = "eigenfunction"
+    rest(window)
+    QTest.mouseClick(part(window, QPushButton, "carry_to_second_button"), LEFT)
+    rest(window)
+
+    def titles() -> list[str]:
+        return [each.field.title for each in (window.controller, opened.controller)]
+
+    assert titles() == ["x", "x"]
+    first.display.limits = LockedLimits(-0.5, 0.5)
+    first.maps.rename("x", "across")
+    rest(window)
+    assert titles() == ["across", "across"]
+    assert [each.name for each in opened.document.mesh.maps][-2:] == ["y", "across"]
+    assert opened.document.display.limits == LockedLimits(-0.5, 0.5)
+    assert "map:x" not in opened.document.display.policies
+    for key, expected in ((Qt.KeyboardModifier.NoModifier, "x"), (SHIFT, "across")):
+        window.stage.setFocus()
+        QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | key)
+        rest(window)
+        assert opened.document.mesh.maps[-1].name == expected
+        assert first.mesh.maps[-2].name == expected
+        assert titles()[1] == titles()[0]
+    for name in ("across", "y"):
         first.maps.remove(name)
 
 
