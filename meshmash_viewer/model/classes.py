@@ -1,4 +1,4 @@
-"""Classes of vertices in a document: learned from a label set, predicted as maps of the mesh."""
+"""Classification of vertices: learned from a label set, predicted as maps of the mesh."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ if TYPE_CHECKING:
     from meshmash_viewer.learn.classes import ClassModel
     from meshmash_viewer.learn.columns import ClassColumns
 
-#: Names of the maps of a prediction next to that of the classes.
+#: Names of the other maps of a prediction besides the predicted labels.
 _PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
-#: Most classes whose probabilities become maps; those of a parcellation would fill the list.
+#: Largest number of classes whose probabilities become maps, as more would fill the list of maps.
 _MOST_PROBABILITIES = 8
-#: Most columns of a model, and most letters of the name of one.
+#: Largest number of columns of a model, and of characters in the name of a column.
 _MOST_COLUMNS, _MOST_LETTERS = 1000, 200
 
 
 @dataclass(frozen=True)
 class ClassOptions(Parameters):
-    """How classes are learned, see `train_classes`; the smoothing is in the unit of the mesh."""
+    """Options of `train_classes`; the smoothing is in the unit of the mesh."""
 
     kinds: tuple[str, ...] = parameter(
         tuple(KINDS)[-1:], Listing(Choice(KINDS), len(KINDS), into=tuple, different=True)
@@ -65,7 +65,7 @@ class ClassOptions(Parameters):
 
 @dataclass(frozen=True)
 class Learned(Parameters):
-    """What is known of a prediction besides its maps: scores, and the importance of each column."""
+    """Scores of a prediction, and the importance of each column."""
 
     #: The scores in one line, or why there are none.
     said: str = parameter("", Text())
@@ -83,7 +83,7 @@ class Learned(Parameters):
 
     @classmethod
     def from_plain(cls, value: object) -> Learned | None:
-        """Make it from the result of `plain`, or raise `Refused`."""
+        """Return the inverse of `plain`; raise `Refused` for invalid values."""
         if value is None:
             return None
         known = cls(**cls.entries()(value))
@@ -95,7 +95,7 @@ class Learned(Parameters):
         return known
 
 
-#: The check of what `Classes.plain` returns.
+#: Check of a result of `Classes.plain`.
 _SAVED = Record({**ClassOptions.entries().kinds, "live": Flag(), "learned": Learned.from_plain})
 
 
@@ -107,7 +107,7 @@ def read_saved_classes(content: object, path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Classified:
-    """Maps of a prediction with what is known of it; or no map, and why."""
+    """Maps of a prediction with its scores; or no map, and the reason in `learned.said`."""
 
     maps: tuple[VertexMap, ...]
     learned: Learned
@@ -117,7 +117,7 @@ class Classified:
 class ClassesJob:
     """Train on a label set of a mesh and predict all its vertices; returns `Classified`.
 
-    A `live` one follows a change of the labels.
+    `live` is whether a change of the labels requested it, not the user.
     """
 
     mesh: Mesh
@@ -147,7 +147,7 @@ class ClassesJob:
 
     @property
     def _scored(self) -> bool:
-        """Whether to cross-validate, which takes long where each result is smoothed."""
+        """Whether to cross-validate, which takes long if each result is smoothed."""
         return not (self.live and self.options.smoothing)
 
     def _answered(self, channel: Channel) -> tuple[ClassModel, tuple[VertexMap, ...]]:
@@ -155,7 +155,7 @@ class ClassesJob:
         from meshmash_viewer.learn.columns import ClassColumns
 
         options, exact = self.options, self.pairs.exact
-        exact = replace(exact, rows=exact.rows[: exact.n_components])  # without those of a preview
+        exact = replace(exact, rows=exact.rows[: exact.n_components])  # without preview rows
         columns = ClassColumns.chosen(
             self.mesh, exact, kinds=options.kinds, operator=exact.operator or OperatorOptions()
         )
@@ -174,7 +174,7 @@ class ClassesJob:
         return model, (found.labels, *smaller)
 
 
-#: The columns that were computed last, so that training again after each stroke is quick.
+#: Cache of the last computed columns, for training after each stroke.
 _last: dict[tuple[str, ClassColumns], Features] = {}
 
 
@@ -189,7 +189,7 @@ def _computed(mesh: Mesh, columns: ClassColumns, pairs: Eigenpairs, channel: Cha
 
 
 def _described(model: ClassModel) -> str:
-    """Write F1 by class in one line."""
+    """Return the F1 of each class in one line."""
     scores = model.scores
     if scores is None:
         return model.unscored
@@ -198,10 +198,10 @@ def _described(model: ClassModel) -> str:
 
 
 class Classes:
-    """What is learned from the current label set, at request or after each change of it.
+    """Classes learned from the current label set, on request or after each change of the set.
 
-    The maps of a prediction replace those of the one before. At request that is a step of the
-    history; after a change of labels it belongs to the step of this change.
+    The maps of a prediction replace those of the former one. On request this is a step of the
+    history; after a change of labels it belongs to the step of that change.
     """
 
     changed = Signal()
@@ -212,20 +212,21 @@ class Classes:
         self._opened, self._maps, self._labels = opened, maps, labels
         self._work, self._notices = work, notices
         self._options, self._live = ClassOptions(), False
-        #: What is known of each prediction, and the options of that from each label set.
+        #: Scores by predicted set, and options of the last prediction by label set.
         self._known: WeakKeyDictionary[VertexMap, Learned] = WeakKeyDictionary()
         self._learned: WeakKeyDictionary[VertexMap, ClassOptions] = WeakKeyDictionary()
-        #: What a session knows of a prediction whose maps come later.
+        #: Scores in a session, whose maps are restored later.
         self._awaiting: Learned | None = None
         #: Labels and options of the last request.
         self._requested: tuple[VertexMap, ClassOptions] | None = None
+        #: Labels that could not be learned from, and the reason.
         self._refused: tuple[VertexMap, str] | None = None
         for signal in (opened.spectrum_changed, labels.changed):
             signal.connect(self._follow)
 
     @property
     def options(self) -> ClassOptions:
-        """How classes are learned."""
+        """Options of the training."""
         return self._options
 
     @options.setter
@@ -237,7 +238,7 @@ class Classes:
 
     @property
     def live(self) -> bool:
-        """Whether it is trained again after each change of the labels."""
+        """Whether to train again after each change of the labels."""
         return self._live
 
     @live.setter
@@ -249,7 +250,7 @@ class Classes:
 
     @property
     def missing(self) -> str:
-        """What is missing to learn from the current labels, in one sentence; "" if nothing is."""
+        """Sentence on what training on the current labels still needs; "" for nothing."""
         known, spectrum = self._labels.current, self._opened.spectrum
         if known is None:
             return "There is no label set to learn from: make one with New set, and label some."
@@ -261,48 +262,48 @@ class Classes:
 
     @property
     def said(self) -> str:
-        """Scores of the prediction, or why there is none, in one line."""
+        """Scores of the prediction, or the reason why there is none, in one line."""
         if self._refused is not None and self._refused[0] is self._labels.current:
             return self._refused[1]
         return "" if self.learned is None else self.learned.said
 
     @property
     def learned(self) -> Learned | None:
-        """What is known of the prediction; None without one."""
+        """Scores of the prediction; None without a prediction."""
         predicted = self._labels.predicted
         return None if predicted is None else self._known.get(predicted)
 
     def plain(self) -> dict[str, Any]:
-        """Return the choices, and what is known of the prediction, as JSON has them."""
+        """Return options and scores as JSON-able values."""
         learned = None if self.learned is None else self.learned.plain()
         return {**self._options.plain(), "live": self._live, "learned": learned}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Set what `read_saved_classes` returned; missing entries become their defaults."""
+        """Set the result of `read_saved_classes`; missing entries become their defaults."""
         given = {name: saved[name] for name in ClassOptions.declared() if name in saved}
         self._options, self._live = ClassOptions(**given), saved.get("live", False)
         self._awaiting, self._refused = saved.get("learned"), None
         self.changed.emit()
 
     def forget(self) -> None:
-        """Return to the defaults, as another mesh is open."""
+        """Return to the defaults for another mesh."""
         self.restore({})
 
     def classify(self) -> None:
-        """Request that classes are learned from the current labels, and predicted."""
+        """Request a prediction from the current labels."""
         if self.missing:
             self._notices.say(self.missing, Severity.WARNING)
         else:
             self._request(live=False)
 
     def show_uncertainty(self) -> None:
-        """Display where labels would help most."""
+        """Display the uncertainty of the prediction."""
         names = [each for each in self._own if not each.startswith("probability")]
         if len(names) > 1:
             self._maps.show(names[-1])
 
     def accept(self, job: ClassesJob, result: Classified) -> None:
-        """Take the result of a job; of a live one unless labels have changed since."""
+        """Add the maps of a result, unless it is live and the labels have changed since."""
         same = job.labels is self._labels.current
         if not self._opened.is_solved(job.mesh) or (job.live and not same):
             return
@@ -324,17 +325,15 @@ class Classes:
 
     @property
     def _own(self) -> Sequence[str]:
-        """Names of the maps of the last prediction."""
+        """Names of the maps of the last prediction, in their order in the mesh."""
         predicted, mesh = self._labels.predicted, self._opened.mesh
         if predicted is None or mesh is None:
             return []
-        made = [each.name for each in mesh.maps if self._maps.is_made_here(each)]
-        return [
-            name for name in made if name == predicted.name or _PROBABILITY.fullmatch(name)
-        ]  # in this order
+        made = (each.name for each in mesh.maps if self._maps.is_made_here(each))
+        return [name for name in made if name == predicted.name or _PROBABILITY.fullmatch(name)]
 
     def _follow(self) -> None:
-        """Learn again, once, from labels or with options that nothing was learned from yet."""
+        """Request a live prediction, once for each change of labels or options."""
         self._recall()
         known = self._labels.current
         if not self._live or known is None or self._learned.get(known) == self._options:
@@ -343,7 +342,7 @@ class Classes:
             self._request(live=True)
 
     def _recall(self) -> None:
-        """Take what a session knows of a prediction, once its maps and labels are there."""
+        """Assign the scores in a session to the prediction, once its maps are restored."""
         learned, predicted = self._awaiting, self._labels.predicted
         if learned is not None and predicted is not None:
             self._known[predicted] = learned
@@ -357,6 +356,6 @@ class Classes:
         assert solved is not None
         assert labels is not None
         assert spectrum is not None
-        mesh = solved.mesh.with_only_maps()  # maps need not go to the worker
+        mesh = solved.mesh.with_only_maps()  # the worker needs no maps
         self._requested = labels, self._options
         self._work.request(ClassesJob(mesh, labels, spectrum, self._options, live))

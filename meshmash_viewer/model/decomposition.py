@@ -1,4 +1,4 @@
-"""Decomposition of a mesh into its store, with results that grow in the window, after a preview."""
+"""Decomposition of a mesh: a preview, and pairs that are sent to the window as they converge."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from meshmash_viewer.work import Channel
 #: Temporary folder for eigenpairs that cannot be written to the user's cache.
 SPARE = "eigenpairs"
 
-#: Seconds between two messages that there are more pairs; the first comes at once.
+#: Seconds between two messages with more pairs; the first is sent at once.
 _GROWTH_SECONDS = 0.3
 
 
 def decompose(
     mesh: Mesh, operator: OperatorOptions, target: Target, channel: Channel
 ) -> Eigenpairs:
-    """Compute the eigenpairs of a mesh that its store lacks, and write them there.
+    """Compute the eigenpairs of a mesh that are not stored yet, store them, and return all.
 
-    `Eigenpairs` are sent through the channel whenever there are more, and remarks on the store as
-    text; all requested pairs are returned, with their certificate.
+    While they converge, `Eigenpairs` are sent through the channel, and remarks on the store as
+    text. The returned pairs have their certificate.
 
-    `InputError` is raised if they cannot fit into memory or on the disk, and `Cancelled` if the
-    user cancelled; the pairs that had converged stay in the store.
+    `InputError` is raised if the pairs do not fit into memory or on the disk, and `Cancelled` if
+    the user cancelled; converged pairs stay in the store.
     """
     growth = _Growth(mesh, operator, channel)
     request = Request(
@@ -59,7 +59,7 @@ def decompose(
 
 
 class _Growth:
-    """Sends pairs that have become final to the window, at most every `_GROWTH_SECONDS`."""
+    """Sends converged pairs to the window, at most every `_GROWTH_SECONDS`."""
 
     def __init__(self, mesh: Mesh, operator: OperatorOptions, channel: Channel) -> None:
         self._mesh = mesh
@@ -73,7 +73,7 @@ class _Growth:
         self._pairs: Eigenpairs | None = None
 
     def take(self, pairs: Eigenpairs) -> None:
-        """Take the known pairs, then longer ones."""
+        """Receive the stored pairs, and later each longer list of converged pairs."""
         first, self._pairs = self._pairs is None, pairs
         if first:
             self._mass = pairs.mass
@@ -88,9 +88,9 @@ class _Growth:
         """Send the pairs that the window does not have yet."""
         pairs = self._pairs
         if pairs is None or len(pairs) <= self._n_sent or not pairs.eigenvalues.any():
-            return  # nothing to display in a null space alone
+            return  # the null space alone shows nothing
         if self._n_sent > 0:
-            pairs = replace(pairs, mass=np.zeros(0))  # which is sent once
+            pairs = replace(pairs, mass=np.zeros(0))  # the window has it from the first message
         self._n_sent, self._time = len(pairs), time.monotonic()
         self._channel.send(self.aligned(pairs))
 
@@ -103,16 +103,16 @@ class _Growth:
         return replace(pairs, alignment=self._alignment)
 
 
-#: Smallest mesh that gets a preview: smaller ones are solved quickly.
+#: Number of vertices from which a mesh has a preview; smaller ones are solved quickly.
 FROM_VERTICES = 60_000
-#: Pairs above the null space; fewer for a huge mesh, whose rows take long to write.
+#: Number of pairs above the null space: of other meshes, and of huge ones, which are slow to write.
 _PAIRS, _PAIRS_OF_HUGE, _HUGE = 50, 30, 500_000
-#: With more components, most of the first eigenfunctions are constants on one of them.
+#: Largest number of components; with more, the first eigenfunctions are constants on components.
 _MOST_COMPONENTS = 150
 
 
 def is_worthwhile(ready: MeshReady) -> bool:
-    """Whether a preview of a mesh would have more pairs than the store."""
+    """Whether a preview of a mesh would have more pairs than the store has."""
     mesh = ready.mesh
     if mesh.n_vertices < FROM_VERTICES:
         return False
@@ -125,9 +125,9 @@ def _pairs(mesh: Mesh) -> int:
 
 
 def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Eigenpairs | None:
-    """Compute the preview of a mesh, or find it in the temporary folder.
+    """Compute the preview of a mesh, or read it from the temporary folder.
 
-    None for a small mesh, or one with more than `_MOST_COMPONENTS` components.
+    Return None for a small mesh, or one with more than `_MOST_COMPONENTS` components.
     """
     if mesh.n_vertices < FROM_VERTICES:
         return None
@@ -143,24 +143,24 @@ def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Eig
 
 
 def _write_preview(mesh: Mesh, path: Path, notes: Path, channel: Channel) -> bool:
-    """Write the rows of a preview, and its eigenvalues; return whether there is one."""
+    """Compute a preview, and write its rows and eigenvalues; return whether there is one."""
     if mesh.n_components > _MOST_COMPONENTS:
         return False
-    from meshmash_viewer.spectral.preview import preview_eigenpairs  # which loads the compiler
+    from meshmash_viewer.spectral.preview import preview_eigenpairs  # imports numba
 
     # the window no longer uses previews of other meshes
     discard(*channel.folder.glob("preview-*"))
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
 
     def allocate(k: int, n: int) -> npt.NDArray[np.float32]:
-        # straight into the file that the window maps
+        # directly in the file that the window maps
         make_room(path, 4 * k * n)
         return np.memmap(path, np.float32, "r+", shape=(k, n))
 
     n_pairs = mesh.n_components + _pairs(mesh)
     found = preview_eigenpairs(mesh, n_pairs, allocate=allocate, cancel=channel.cancelled)
     if len(found) <= mesh.n_components:
-        del found  # some systems delete no file that is mapped
+        del found  # Windows cannot delete a mapped file
         discard(path)
         return False
     np.savez(notes, eigenvalues=found.eigenvalues, error=found.error)

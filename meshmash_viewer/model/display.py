@@ -1,4 +1,4 @@
-"""Display state: the parameters of every family, which family is displayed, and how; as JSON."""
+"""Display state: displayed family, parameters of all families, colours; its JSON format."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from meshmash_viewer.surface.rays import Plane
 Chosen = TypeVar("Chosen", bound=Family)
 _T = TypeVar("_T")
 
-#: Fewest pairs of a rebuilt shape: the constant and three more, below which it has no volume.
+#: Fewest pairs of a rebuilt shape; with fewer than three besides the constant it has no volume.
 FEWEST_PAIRS = 4
 #: Largest amplitude, as a share of the diagonal of the mesh's bounding box.
 MOST_AMPLITUDE = 0.2
@@ -66,7 +66,7 @@ class Shape(Parameters):
     shown: bool = parameter(False, Flag())
     #: Number of lowest pairs; at least `FEWEST_PAIRS`.
     pairs: int = parameter(50, Whole(FEWEST_PAIRS))
-    #: Position between the mesh itself (0) and the rebuilt one (1).
+    #: Interpolation between the mesh (0) and the rebuilt shape (1).
     morph: float = parameter(1.0, Number(0.0, 1.0))
     #: Amplitude of the vibration as a share of the diagonal of the mesh's bounding box, from 0 to
     #: `MOST_AMPLITUDE`.
@@ -79,16 +79,16 @@ class Shape(Parameters):
 
 @dataclass(frozen=True)
 class Cut(Parameters):
-    """Clipping plane, in proportion to the mesh, whose unit may change."""
+    """Clipping plane relative to the bounding box, so that it is independent of the unit."""
 
     #: Whether the mesh is cut at it.
     shown: bool = parameter(False, Flag())
-    #: Unit vector to the side that is kept; zero before there is a plane.
+    #: Unit vector towards the visible side; zero if there is no plane.
     normal: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0), Listing(Number(-1.0, 1.0), 3, 3, tuple)
     )
-    #: Distance of the plane from the middle of the mesh's bounding box along the normal, in units
-    #: of half of the diagonal.
+    #: Distance of the plane from the centre of the bounding box along the normal, in units of half
+    #: its diagonal.
     offset: float = parameter(0.0, Number(-1.0, 1.0))
 
     @property
@@ -106,7 +106,7 @@ class Cut(Parameters):
 
     @classmethod
     def at(cls, plane: Plane, bounds: FloatArray) -> Cut:
-        """Cut a mesh with these bounds at a plane; `plane` returns that again."""
+        """Return the cut of a mesh with these bounds at a plane, the inverse of `plane`."""
         half = 0.5 * float(np.linalg.norm(np.ptp(bounds, axis=0))) or 1.0
         offset = (plane.level - float(plane.normal @ bounds.mean(axis=0))) / half
         x, y, z = np.clip(plane.normal, -1.0, 1.0).tolist()
@@ -115,7 +115,7 @@ class Cut(Parameters):
 
 @dataclass
 class Display:
-    """Choices of what is drawn; every change of an attribute emits ``events.<name>``."""
+    """Options of the render; every change of an attribute emits ``events.<name>``."""
 
     events: ClassVar[SignalGroupDescriptor] = SignalGroupDescriptor()
 
@@ -135,10 +135,10 @@ class Display:
     #: Colour map names (matplotlib's) for signed and for non-negative fields.
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
-    #: How colour limits are chosen, by `Family.limits_key`; `automatic_limits` for others.
+    #: Policies of the colour limits by `Family.limits_key`; other keys have `automatic_limits`.
     policies: Mapping[str, LimitPolicy] = field(default_factory=dict)
-    #: Whether colours follow the logarithm of the values, by `Family.limits_key`; for others where
-    #: that serves (`limits.spans_decades`).
+    #: Whether colours follow the logarithm of the values, by `Family.limits_key`; for other keys
+    #: `limits.spans_decades` decides.
     log_scales: Mapping[str, bool] = field(default_factory=dict)
     #: Whether `Mesh.small_components` are hidden.
     hide_small: bool = False
@@ -162,9 +162,7 @@ class Display:
 
     @property
     def profile_family(self) -> Family:
-        """The family whose profiles are shown: the displayed one, the one it is measured in, or the
-        first one.
-        """
+        """The family whose profiles are shown: the displayed one, its `basis`, or the first one."""
         family = self.family
         if family.export and type(family).profile is not Family.profile:
             return family
@@ -172,7 +170,7 @@ class Display:
 
     @property
     def response_family(self) -> Family | None:
-        """The family whose response is plotted, the displayed one or that of the profiles."""
+        """The family whose response is plotted: the displayed one, or that of the profiles."""
         both = (self.family, self.profile_family)
         return next((each for each in both if type(each).response is not Family.response), None)
 
@@ -191,7 +189,7 @@ class Display:
 
     @property
     def limits(self) -> LimitPolicy | None:
-        """How the limits of the displayed family are chosen; None for `automatic_limits`."""
+        """Policy of the limits of the displayed family; None for `automatic_limits`."""
         return self.policies.get(self.family.limits_key)
 
     @limits.setter
@@ -200,7 +198,7 @@ class Display:
 
     @property
     def log_scale(self) -> bool | None:
-        """Whether the displayed family has a log scale; None for where that serves."""
+        """Whether the displayed family has a log scale; None if `spans_decades` decides."""
         return self.log_scales.get(self.family.limits_key)
 
     @log_scale.setter
@@ -208,19 +206,16 @@ class Display:
         self.set_log_scale(logarithmic)
 
     def set_limits(self, policy: LimitPolicy | None, key: str = "") -> None:
-        """Choose the limits of a key, by default that of the displayed family.
-
-        None for `automatic_limits`.
-        """
+        """Set the policy of a key, by default that of the displayed family; None to remove it."""
         self.policies = _with(self.policies, key or self.family.limits_key, policy)
 
     def set_log_scale(self, logarithmic: bool | None, key: str = "") -> None:
-        """Choose whether a key has a log scale, see `set_limits`; None for where that serves."""
+        """Set whether a key has a log scale, see `set_limits`; None if `spans_decades` decides."""
         self.log_scales = _with(self.log_scales, key or self.family.limits_key, logarithmic)
 
 
 def _with(chosen: Mapping[str, _T], key: str, value: _T | None) -> Mapping[str, _T]:
-    """Return a copy with the value of a key, or without it for None."""
+    """Return a copy with another value of a key, or without the key for None."""
     others = {each: known for each, known in chosen.items() if each != key}
     return others if value is None else {**others, key: value}
 
@@ -229,7 +224,7 @@ def _with(chosen: Mapping[str, _T], key: str, value: _T | None) -> Mapping[str, 
 
 
 def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict[str, Any]:
-    """Return the display as plain JSON; `index` maps a vertex to the index that is written."""
+    """Convert the display to JSON; `index` maps a vertex to the written index."""
     return {
         **{name: getattr(display, name) for name in _PLAIN},
         "fields": {
@@ -247,8 +242,7 @@ def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict
 def read_display(content: object, path: Path) -> dict[str, Any]:
     """Check the display in a session file, and return its attributes.
 
-    `InputError` is raised if one has another type, is out of bounds, or does not go together with
-    another.
+    `InputError` is raised if a value has a wrong type, is out of bounds, or contradicts another.
     """
     taken: dict[str, Any] = checked_entry(_DISPLAY, content, path, "display")
     return taken
@@ -259,8 +253,8 @@ def display_from_json(
 ) -> list[tuple[str, int]]:
     """Set the attributes that `read_display` returned.
 
-    Vertices are replaced by what `vertex` returns for them. Those for which it is None are left
-    out, and their paths in the display and indices returned.
+    `vertex` maps a written index to a vertex, or to None if it was removed. Return the paths and
+    indices of removed vertices, which are left out.
     """
     lost = []
     for name, chosen in content.get("fields", {}).items():
@@ -273,7 +267,7 @@ def display_from_json(
     for name in ("shape", "cut"):
         if name in content:
             setattr(display, name, replace(getattr(display, name), **content[name]))
-    for name in ("policies", *reversed(_PLAIN)):  # the kind last, as it depends on the rest
+    for name in ("policies", *reversed(_PLAIN)):  # "kind" is last, as it depends on the others
         if name in content:
             setattr(display, name, content[name])
     return lost
@@ -303,7 +297,7 @@ def _family(family: type[Family]) -> Callable[[object], dict[str, Any]]:
 
 
 def _by_key(kind: Callable[[object], Any]) -> Callable[[object], dict[str, Any]]:
-    """Return the check of what is chosen by `Family.limits_key`."""
+    """Return a check of a mapping from `Family.limits_key` to values."""
 
     def check(value: object) -> dict[str, Any]:
         keys = value if isinstance(value, dict) else {}

@@ -1,4 +1,4 @@
-"""The document: the open mesh with all that a user makes of it."""
+"""The document: the open mesh with pins, selection, labels, maps and display."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class _Repaired:
 
 @dataclass(eq=False)
 class _Undoing:
-    """The undo of a step that waits for a mesh, and how often it was requested."""
+    """An undo that waits for a mesh to be computed, and how often the user requested it."""
 
     step: Step
     job: ScaleJob
@@ -72,8 +72,8 @@ class _Undoing:
 class Document(OpenMesh):
     """State of a window: the only copy of what its views display.
 
-    Views read attributes, connect to the signals and call the methods of the part they are about.
-    This class replaces the mesh: by opening, repairs and units.
+    Views read attributes, connect to signals, and call methods of `pins`, `maps` and the other
+    parts. This class itself replaces the mesh: by opening, repairs and units.
     """
 
     def __init__(self) -> None:
@@ -104,9 +104,9 @@ class Document(OpenMesh):
             self.selection.changed, self.solve.changed, self.work.changed, self.display.events,
         ):  # fmt: skip
             signal.connect(self.notices.review)
-        #: A mesh is computed again that the last step needs to be undone.
+        #: The undo that waits for a former mesh to be computed again.
         self._undoing: _Undoing | None = None
-        #: Whether a part is decomposed once it is there.
+        #: Whether the requested part is decomposed, and recorded in the history.
         self._computes_part = self._records_part = False
         #: The mesh before a repair after which the repaired one is decomposed.
         self._computes_after: MeshReady | None = None
@@ -137,7 +137,7 @@ class Document(OpenMesh):
             self.hiding.isolate(self.selection.mask)
 
     def show_all(self) -> None:
-        """Hide nothing, neither what was chosen nor small components."""
+        """Show all vertices, those of small components included."""
         self.hiding.show_all()
         self.display.hide_small = False
 
@@ -158,7 +158,7 @@ class Document(OpenMesh):
         one; `maps` are files of maps to add (`Maps.open`). `repairs` are applied in this order, and
         `source` is the hash of the content that they were made for, see `ReadJob`.
         """
-        path = Path(path).absolute()  # in notices and scripts, too
+        path = Path(path).absolute()  # as notices and scripts show it
         self._maps_of = (path, tuple(maps)) if maps else None
         operator = operator or self.solve.operator
         self.work.request(ReadJob(path, unit, operator, tuple(repairs), source))
@@ -190,29 +190,29 @@ class Document(OpenMesh):
             self.work.request(self._scaling(self._settled().mesh, self.repairs, voxel, unit))
 
     def repair(self, name: str, *, then_compute: bool = False) -> None:
-        """Request a repair of `meshmash_viewer.health.REPAIRS`, and perhaps compute then."""
+        """Request a repair of `meshmash_viewer.health.REPAIRS`; `then_compute` solves after it."""
         if self.ready is not None:
             ready, operator = self._settled(), self.solve.operator
             self._computes_after = self.ready if then_compute else None
             self.work.request(RepairJob(ready.mesh, name, ready.path, operator, ready.repairs))
 
     def take_part(self, mask: npt.NDArray[np.bool_] | None, *, then_compute: bool = False) -> None:
-        """Request the eigenpairs of the vertices of a mask, shape (n,); of all again with None.
+        """Request the eigenpairs on a mask of vertices, shape (n,), or on the whole mesh (None).
 
-        Faces with a corner outside are left out, see `Mesh.masked`. Without `then_compute` those in
-        the store are used.
+        Faces with a corner outside are left out, see `Mesh.masked`. Without `then_compute` only
+        stored eigenpairs are used.
         """
         if self.ready is not None:
             self._computes_part, self._records_part = then_compute, not self.history.is_paused
             self.work.request(PartJob(self._settled().mesh, mask, self.solve.operator))
 
     def accept_part(self, result: PartReady) -> None:
-        """Show the eigenpairs of a part, or of the whole again; later computed ones are added."""
+        """Show the stored eigenpairs of a part or of the whole mesh."""
         if self._records_part:
             self.history.record("part that is computed", "mesh", "signs", "rotation", "selection")
         with self.history.paused():
             if self._computes_part:
-                self.selection.put(None)  # which would cover the field
+                self.selection.put(None)  # its colour would cover the field
             self._take_part(replace(self._settled(), part=result.part), result.known)
 
     def _take_part(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
@@ -242,7 +242,7 @@ class Document(OpenMesh):
 
     @property
     def undo_repair_steps(self) -> int:
-        """Number of steps that `undo_repair` undoes: the last repair and those after it; or 0."""
+        """Number of steps up to the last repair, which `undo_repair` undoes; 0 without one."""
         labels = [step.label for step in reversed(self.history.past)]
         return labels.index("repair") + 1 if "repair" in labels else 0
 
@@ -252,16 +252,16 @@ class Document(OpenMesh):
         return self._file_mesh if self.repairs else self.mesh
 
     def _offer_undo(self, text: str) -> None:
-        """Announce the last change, and offer to undo it until another one comes after it."""
+        """Announce the last change, and offer to undo it until another change is recorded."""
         history, last = self.history, self.history.past[-1:]
         action = history.undo if last else None
         self.notices.show(Notice(text, action=action, holds=lambda: history.past[-1:] == last))
 
     def _is_ready(self, shown: Shown | _Repaired | None) -> bool:
-        """Whether a former mesh was kept; if not, request it, and undo when it comes."""
+        """Whether a former mesh is in memory; if not, request it, and undo when it is computed."""
         if isinstance(shown, _Repaired) and self.mesh is not None:
             if self._undoing is not None and self.work.job is not None:
-                self._undoing.times += 1  # instead of beginning again
+                self._undoing.times += 1  # the mesh is being computed already
             else:
                 job = self._scaling(shown.mesh, shown.repairs, self.mesh.voxel, self.mesh.unit)
                 self._undoing = _Undoing(self.history.past[-1], job)
@@ -302,7 +302,7 @@ class Document(OpenMesh):
         )
         for part, label in _RECORDED.items():
             keep(part, partial(getattr, display, part), partial(setattr, display, part))
-            # held weakly, so that a closed document is freed
+            # psygnal holds the method in a partial weakly, so that a closed document is freed
             getattr(display.events, part).connect(partial(self._record_part, part, label))
 
     def _record_part(self, part: str, label: str, _new: object, old: object) -> None:
@@ -313,7 +313,7 @@ class Document(OpenMesh):
     def accept_mesh(self, ready: MeshReady) -> None:
         """Show a mesh that was read or repaired, with its stored spectrum."""
         if self.solve.target.kind != "count" and not self._measures_as(ready):
-            # a length or an eigenvalue says nothing about a mesh of another size
+            # a length or an eigenvalue does not suit a mesh of another size
             self.solve.target = DEFAULT_TARGET
         if ready.derived and self.ready is not None:
             self._accept_derived(replace(ready, source=self.ready.source), self.ready.mesh)
@@ -334,7 +334,7 @@ class Document(OpenMesh):
             self.maps.open(files)
 
     def _accept_derived(self, ready: MeshReady, before: Mesh) -> None:
-        """Show the open mesh with one repair more or less, or with another voxel size."""
+        """Show the open mesh after a repair, its undo, or a change of the voxel size."""
         n_pins, unit = len(self.pins.placed), self.unit_text
         undoing, self._undoing = self._undoing, None
         if undoing is not None and undoing.job.repairs == ready.repairs:
@@ -357,7 +357,7 @@ class Document(OpenMesh):
         if self.part_mesh is not None:
             text = f"The {label} needs eigenpairs of the whole mesh; Undo brings the part back."
             self.notices.say(text)
-        self.history.record(label, *self.history.read())  # signs, too: of other eigenfunctions
+        self.history.record(label, *self.history.read())  # all parts depend on the mesh
         with self.history.paused():
             self._show(ready, ready.known, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")
@@ -377,7 +377,7 @@ class Document(OpenMesh):
             self._offer_undo(text)
 
     def _measures_as(self, ready: MeshReady) -> bool:
-        """Whether lengths mean the same on a mesh as on this: repaired, or read again."""
+        """Whether lengths are comparable: it is the open mesh after a repair or another reading."""
         if self.mesh is None:
             return True
         again = ready.derived or (ready.path is not None and ready.path == self.path)
@@ -386,7 +386,7 @@ class Document(OpenMesh):
     def _show(
         self, ready: MeshReady, spectrum: Eigenpairs | None, before: Mesh | None = None
     ) -> None:
-        """Show a mesh; `before` is the previous mesh of the same file, whose vertices are kept."""
+        """Show a mesh; `before` is the previous mesh of the same file, whose pins are mapped."""
         self.notices.begin_turn()
         same_unit = self.mesh is None or self.mesh.unit == ready.mesh.unit
         self.take(ready, spectrum)
@@ -432,7 +432,7 @@ class Document(OpenMesh):
         """Show a longer spectrum or a preview; a preview is not replaced by fewer pairs."""
         known = self.spectrum
         if known is not None and not len(spectrum.mass) and known.operator == spectrum.operator:
-            spectrum = replace(spectrum, mass=known.mass)  # which is sent once
+            spectrum = replace(spectrum, mass=known.mass)  # sent with the first pairs only
         if spectrum.preview and not spectrum.n_exact:
             self._preview = spectrum
             if known is not None and not known.preview and len(known):

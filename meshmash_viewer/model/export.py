@@ -1,4 +1,4 @@
-"""Export of features or eigenpairs, computed by the direct sum over the stored pairs."""
+"""Export of eigenpairs, and of features computed by the direct sum over the stored pairs."""
 
 from __future__ import annotations
 
@@ -36,8 +36,7 @@ def write_results(
 ) -> None:
     """Write features with the eigenvalues of their `pairs`, or the pairs themselves.
 
-    With a `file_mesh`, the mesh before its repairs, they are written at all its vertices, NaN at
-    removed ones.
+    With a `file_mesh`, the mesh before its repairs, rows are its vertices; removed ones are NaN.
     """
     from meshmash_viewer.io.write import write_eigenpairs, write_features
 
@@ -57,21 +56,21 @@ class ExportJob:
     mesh: Mesh
     #: Operator of the eigenpairs in the store.
     operator: OperatorOptions
-    #: Its ending determines the format.
+    #: Path of the file, whose ending determines the format.
     path: Path
-    #: What is written, with its (resolved) parameters.
+    #: Family to write, with resolved parameters; None for maps alone.
     family: Family | None
     #: Number of leading eigenpairs to use.
     n_pairs: int
-    #: The target that these were computed for.
+    #: The target that the pairs were computed for.
     target: Target | None = None
     #: Names of the repairs made on the mesh.
     repairs: tuple[str, ...] = ()
     #: Whether the maps of the mesh are added as columns.
     maps: bool = False
-    #: The mesh before its repairs, to write the results at all its vertices, NaN at removed ones.
+    #: The mesh before its repairs, if rows are all its vertices; removed ones are NaN.
     file_mesh: Mesh | None = None
-    #: The part of the mesh that eigenpairs are of, if that is not all: NaN at other vertices.
+    #: The part of the mesh that eigenpairs are of, if not all; other vertices are NaN.
     part: Mesh | None = None
 
     @property
@@ -106,7 +105,7 @@ class ExportJob:
 
     @property
     def _mask(self) -> str:
-        """What eigenpairs are of, if that is not the whole mesh."""
+        """Description of the part that eigenpairs are of; "" for the whole mesh."""
         return "" if self.part is None else mask_text(self.part)
 
     def _write(
@@ -150,7 +149,7 @@ def maps_alone(mesh: Mesh) -> Features:
 def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Channel) -> Eigenpairs:
     """Return the leading eigenpairs of a mesh from the store.
 
-    `InputError` is raised if they are no longer there, or damaged.
+    `InputError` is raised if they were removed or damaged.
     """
     from meshmash_viewer.io.spectrum import find_eigenpairs
     from meshmash_viewer.model.decomposition import SPARE
@@ -171,14 +170,14 @@ def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Cha
 
 @dataclass(frozen=True, eq=False)
 class PinExportJob:
-    """Compute features by the direct sum, and write those of the pins as a table."""
+    """Compute features by the direct sum, and write the rows of pinned vertices as a table."""
 
     mesh: Mesh
     #: Operator of the eigenpairs in the store.
     operator: OperatorOptions
     path: Path
     pins: tuple[Pin, ...]
-    #: Their columns are written, with their (resolved) parameters.
+    #: Families whose columns are written, with resolved parameters.
     families: tuple[Family, ...]
     #: Number of leading eigenpairs to use.
     n_pairs: int

@@ -33,8 +33,8 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 if TYPE_CHECKING:
     from meshmash_viewer.model.display import Display
 
-#: Columns of a usual heat table, and fields in memory at one time: the one drawn, the one before
-#: it, the one being computed and the next request.
+#: Columns of a typical heat table; number of fields in memory: drawn, previous, being computed and
+#: requested.
 _HEAT_COLUMNS, _FIELDS = 40, 4
 #: Approximate number of contour lines, before their spacing is rounded.
 _LINES = 8
@@ -48,21 +48,22 @@ class FieldRequest:
     spectrum: Eigenpairs
     #: Length unit of the mesh.
     unit: str
-    #: Resolved (`Family.resolved`), so that parameters without effect are not compared.
+    #: A resolved family (`Family.resolved`), so that parameters without effect are equal.
     family: Family
     #: Vertices that limits are computed from; not compared.
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
     #: Shape (n, 3): Coordinates of the mesh, which identify it in `same_mesh`; not compared.
     places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
-    #: Which vertices are hidden, and do not count for limits; `hides` compares them.
+    #: Shape (n,): Whether a vertex is hidden, and so has no influence on limits; not compared.
     hidden: npt.NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)
+    #: Identity of `hidden`, which is compared in its place; 0 for None.
     hides: int = 0
     #: Name of the pin of the vertex that the field starts from; "" for none.
     pin: str = ""
 
     @property
     def description(self) -> Description:
-        """Texts of the field, which may be more precise once it is computed."""
+        """Texts of the field; some have more details after the field was computed."""
         texts = self.family.describe(self.spectrum, self.unit)
         vertex = _vertex(self.family)
         if not self.pin or vertex is None:
@@ -72,7 +73,7 @@ class FieldRequest:
 
     @property
     def caption(self) -> str:
-        """Caption that distinguishes it from others of the family in a gallery."""
+        """Caption that distinguishes the field from others of its family in a gallery."""
         return self.description.caption or self.description.quantity
 
     def same_mesh(self, other: FieldRequest) -> bool:
@@ -96,7 +97,7 @@ class Field:
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
         """Return the colour limits under a policy, by default `automatic_limits`; cached."""
-        if self.labels:  # each has a colour, with its value in the middle
+        if self.labels:  # the values 0, 1, 2 … are the centres of the colours
             return -0.5, len(self.labels) - 0.5
         known = self._limits.get(policy)
         if known is None:
@@ -137,7 +138,7 @@ class Field:
         return not (self.signed or self.labels)
 
     def scaled(self, ends: tuple[float, float], logarithmic: bool | None) -> Limits:
-        """Return limits on a linear or logarithmic scale; None for the one that serves."""
+        """Return limits on a linear or logarithmic scale; None chooses by `spans_decades`."""
         wanted = self.spans_decades if logarithmic is None else logarithmic
         if not (wanted and self.has_log_scale):
             return Limits(*ends)
@@ -157,12 +158,12 @@ class Field:
         return beyond_limits(limits, self._extremes)
 
     def prepare_colors(self, policy: LimitPolicy | None) -> None:
-        """Compute what is cached for the colours under a policy, in any thread."""
+        """Fill the caches that the colours under a policy need; may be called in any thread."""
         self.limits(policy)
         _ = self.spans_decades, self._extremes
 
     def colors(self, display: Display) -> tuple[Limits, str | tuple[str, ...]]:
-        """Limits of its colours, and their map: a name, or the colours of its labels."""
+        """Return the colour limits, and the name of the colour map or the colours of labels."""
         key = self.family.limits_key
         limits = self.scaled(self.limits(display.policies.get(key)), display.log_scales.get(key))
         if self.labels:
@@ -173,7 +174,7 @@ class Field:
         return limits, reversed_map(named) if self.family.bright_low else named
 
     def as_map(self) -> VertexMap:
-        """Return the values as a map of the mesh, named as they are on the render."""
+        """Return the values as a map of the mesh, with the name that the render shows."""
         is_map = self.family.own and not self.family.of_pairs
         quantity = self.quantity.partition(": ")[0]  # without a share of the whole
         name = self.title if is_map else plain_text(f"{self.title} {quantity}")
@@ -184,7 +185,7 @@ class Field:
         return VertexMap(name, keys, labels)
 
     def kept_colors(self, display: Display) -> tuple[float, ...]:
-        """Return the entry of `OwnMaps.colors` for a map of these values, coloured alike."""
+        """Return the entry of `OwnMaps.colors` that gives a map of these values these colours."""
         return tuple(map(float, (*self.colors(display)[0], self.signed)))
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
@@ -195,9 +196,8 @@ class Field:
     def at_size(self, length: float, unit: str) -> Field:
         """Return the field as on this mesh shrunk by `length`, in the unit of the first mesh.
 
-        Eigenfunctions have unit norm, so their values, and all sums of them, are larger on a
-        smaller shape; at the same size they can be compared. Fields without eigenpairs, such as a
-        curvature, a map or a geodesic distance, are not scaled.
+        Eigenfunctions have unit norm, so their values, and sums of these, are larger on a smaller
+        shape. Fields without eigenpairs (curvatures, maps, geodesic distances) are not scaled.
         """
         if not self.family.needs_pairs or (unit == self.request.unit and np.isclose(length, 1.0)):
             return self
@@ -235,7 +235,7 @@ class Field:
 
     @property
     def formula(self) -> str:
-        """What the values are, as a short formula; "" for none."""
+        """Definition of the values as a short formula; "" for none."""
         return self.family.definition
 
     @property
@@ -250,14 +250,14 @@ class Field:
 
     @cached_property
     def spacing(self) -> float:
-        """Rounded spacing of contour lines in `unit`; 0 where the field is not contoured."""
+        """Rounded spacing of contour lines in `unit`; 0 if the field has none."""
         largest = float(np.max(self.values, initial=0.0, where=np.isfinite(self.values)))
         contoured = self.family.contoured and largest > 0.0
         return round_length(largest / _LINES) if contoured else 0.0
 
     @property
     def line_spacing(self) -> float | None:
-        """Spacing of the lines that can be drawn; 0 for a line at zero alone, None for none."""
+        """Spacing of the lines that can be drawn; 0 for one line at zero, None for no lines."""
         return self.spacing or (0.0 if self.signed else None)
 
     def value_text(self, vertex: int, digits: int = 5) -> str:
@@ -271,7 +271,7 @@ class Field:
 
     @cached_property
     def size(self) -> float:
-        """Largest magnitude of the values, which chooses the unit they are written in."""
+        """Largest magnitude of the values; it determines the prefix of the unit in texts."""
         return max(map(abs, self._extremes))
 
     @property
@@ -298,20 +298,19 @@ class Field:
 
 
 def reversed_map(name: str) -> str:
-    """Return the name of the colour map of matplotlib that runs the other way."""
+    """Return the name of the reversed colour map of matplotlib."""
     return name.removesuffix("_r") if name.endswith("_r") else f"{name}_r"
 
 
 class LiveFeatures:
     """Computes fields, with one precomputed table per family that has been shown.
 
-    `compute` uses the table of the family if there is one, else the direct sum; `prepare` builds
-    the table that makes the next requests of its family fast. Both may be called from different
-    threads.
+    `compute` uses the table of the family if it exists, else the direct sum; `prepare` builds the
+    table, which makes the next requests of its family fast. They may run in different threads.
     """
 
     def __init__(self) -> None:
-        # Each is replaced as a whole, so that no lock is needed to read it.
+        # tables are replaced as a whole, so that reading one needs no lock
         self._tables: dict[str, Table] = {}
 
     @property
@@ -346,7 +345,7 @@ class LiveFeatures:
         never incomplete.
         """
         family, spectrum = asked.family, asked.spectrum
-        tables = self._tables  # of this mesh; `forget` replaces the dictionary
+        tables = self._tables  # `forget` replaces the dictionary for another mesh
         table = tables.get(family.name)
         if family.prepared(spectrum, table):
             return
@@ -360,15 +359,15 @@ def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
     """Estimate the bytes that a window holds for fields and live features of a mesh.
 
     ``4 n (40 + columns + 32 / 2 + 4)``: heat table, a table of all columns of one feature,
-    similarity table (a direction for every other column), fields. Eigenpairs are mapped from the
-    store and are not counted.
+    similarity table (one direction for two columns), fields. Eigenpairs are memory-mapped from the
+    store and not counted.
     """
     columns = _HEAT_COLUMNS + n_columns + (max(n_columns, 32) + 1) // 2 + _FIELDS
     return 4 * n_vertices * columns
 
 
 def shown_family(display: Display) -> Family:
-    """Return the chosen family, or the first one where the chosen one is not usable yet."""
+    """Return the chosen family, or the first family if the chosen one is not usable yet."""
     return display.family if display.family.usable else display.fields[next(iter(FAMILIES))]
 
 
@@ -410,9 +409,9 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
 
 
 def step(document: Document, steps: int) -> bool:
-    """Move by a number of steps, negative for back, at most to the ends (`FAR` for an end).
+    """Move the position by a number of steps, up to the ends of its range (`FAR` for an end).
 
-    Returns False if the position has not changed.
+    Return whether the position has changed.
     """
     spectrum, display = document.known, document.display
     if spectrum is None or (display.family.needs_pairs and not len(spectrum)):
@@ -425,6 +424,6 @@ def step(document: Document, steps: int) -> bool:
 
 
 def advance(document: Document) -> None:
-    """Move one step on, and from the end to the start."""
+    """Move one step forward, or from the end to the start."""
     if not step(document, 1):
         step(document, -FAR)

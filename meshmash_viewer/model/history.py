@@ -1,4 +1,4 @@
-"""Undo and redo of what a user changes."""
+"""Undo and redo of changes by the user."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from psygnal import Signal
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: Number of steps that are kept.
+#: Largest number of steps.
 _MAX_STEPS = 500
-#: Seconds within which changes of the same kind are one step, such as those of a dragged slider.
+#: Seconds within which changes of the same label are one step, such as those of a dragged slider.
 _ONE_GESTURE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One change: its label, and the values that undoing it (or redoing it) restores."""
+    """One change: its label, and the values that undo or redo restores."""
 
     #: Completes "Undo …".
     label: str
-    #: Values of the parts that it changed: those before it, or once it is undone those after.
+    #: By name of a part: its value before the change, or after it once the change is undone.
     state: Mapping[str, Any]
     #: Time of the change, from `time.monotonic`.
     when: float = 0.0
@@ -34,7 +34,7 @@ class Step:
 
 @dataclass(frozen=True)
 class _Part:
-    """How a part of the state is read, set, and whether a value of it can be set at once."""
+    """Functions that read and restore a part of the state, see `History.keep`."""
 
     read: Callable[[], Any]
     restore: Callable[[Any], None]
@@ -43,20 +43,20 @@ class _Part:
 
 
 class History:
-    """The changes that can be undone and redone, in one order.
+    """The changes that can be undone and redone.
 
-    The state consists of parts, which `keep` declares by their names.
+    The state consists of named parts, which `keep` declares.
     """
 
     changed = Signal()
-    #: All changes were forgotten, as another mesh was opened.
+    #: All changes were forgotten because another mesh was opened.
     started = Signal()
 
     def __init__(self) -> None:
         self._parts: dict[str, _Part] = {}
         self.past: tuple[Step, ...] = ()
         self.future: tuple[Step, ...] = ()
-        #: What could be redone before the last change.
+        #: The steps that could be redone before the last change, for `revoke`.
         self._future_before: tuple[Step, ...] = ()
         self._paused = False
 
@@ -72,13 +72,13 @@ class History:
         """Declare a part of the state, whose values are immutable.
 
         `read` returns its value and `restore` sets it. `is_ready` returns False for a value that
-        must be computed first; what computes it calls `undo` again. A part `alongside` another one
-        is recorded, and restored, after that.
+        must be computed first, starts the computation, and arranges another call of `undo`. A part
+        is recorded and restored together with the part `alongside`, after it.
         """
         self._parts[part] = _Part(read, restore, is_ready, alongside)
 
     def forget(self, *parts: str) -> None:
-        """Remove parts of the state, and the changes of nothing else."""
+        """Remove parts of the state, and steps that changed no other parts."""
         for part in parts:
             self._parts.pop(part, None)
         for steps in ("past", "future", "_future_before"):
@@ -86,7 +86,7 @@ class History:
         self.changed.emit()
 
     def read(self, parts: Iterable[str] | None = None) -> dict[str, Any]:
-        """Return the values of some parts of the state, by default of all."""
+        """Return the values of some parts of the state, by default of all parts."""
         names = self._parts if parts is None else parts
         return {part: self._parts[part].read() for part in names}
 
@@ -101,7 +101,7 @@ class History:
         return self.future[-1].label if self.future else ""
 
     def record(self, label: str, *parts: str, before: Mapping[str, Any] | None = None) -> None:
-        """Record a change. Call it before the parts change, or give their former values."""
+        """Record a change of some parts; call it before the change, or pass values `before` it."""
         if self._paused:
             return
         alongside = (name for name, each in self._parts.items() if each.alongside in parts)
@@ -121,7 +121,7 @@ class History:
         self.changed.emit()
 
     def end_gesture(self) -> None:
-        """Let the next change be a step of its own, however soon it comes."""
+        """Make the next change a separate step, however soon it follows."""
         if self.past:
             self.past = (*self.past[:-1], replace(self.past[-1], when=-math.inf))
 
@@ -132,14 +132,14 @@ class History:
         self.changed.emit()
 
     def complete(self, step: Step, state: Mapping[str, Any]) -> bool:
-        """Set the state that undoing a step restores, and return whether it is the last one."""
+        """Set the state that undoing a step restores; return whether it is the last step."""
         last = self.past[-1:] == (step,)
         done = replace(step, state=state)
         self.past = tuple(done if each is step else each for each in self.past)
         return last
 
     def amend(self, part: str, changed: Callable[[Any], Any]) -> None:
-        """Replace the values that all steps have of a part."""
+        """Replace the value of a part in all steps by a function of it."""
         for steps in ("past", "future", "_future_before"):
             amended = (
                 replace(step, state={**step.state, part: changed(step.state[part])})
@@ -164,7 +164,7 @@ class History:
             self._paused = before
 
     def undo(self) -> None:
-        """Revert the last change, at once or when what it needs has been computed."""
+        """Revert the last change, or request what is missing for it (`is_ready` of `keep`)."""
         if self.past:
             step = self.past[-1]
             if not all(self._parts[part].is_ready(value) for part, value in step.state.items()):
@@ -173,20 +173,20 @@ class History:
             self.changed.emit()
 
     def redo(self) -> None:
-        """Make the change again that was undone last."""
+        """Repeat the change that was undone last."""
         if self.future:
             step = self.future[-1]
             self.past, self.future = (*self.past, self._cross(step)), self.future[:-1]
             self.changed.emit()
 
     def revoke(self) -> None:
-        """Revert a change that was just recorded as if it had not been made."""
+        """Revert the last change and remove it, so that it cannot be redone."""
         self.undo()
         self.future = self._future_before
         self.changed.emit()
 
     def _cross(self, step: Step) -> Step:
-        """Restore the values of a step, and return the step that reverts this."""
+        """Restore the values of a step, and return the opposite step."""
         here = self.read(step.state)
         with self.paused():
             for part, value in step.state.items():
@@ -195,7 +195,7 @@ class History:
 
 
 def _without(steps: tuple[Step, ...], parts: Iterable[str]) -> tuple[Step, ...]:
-    """Return steps without what they changed of some parts."""
+    """Remove some parts from steps, and the steps that changed no other parts."""
     gone = frozenset(parts)
     kept = (
         step

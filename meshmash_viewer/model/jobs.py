@@ -1,7 +1,7 @@
-"""Descriptions of long work: its inputs, and the results that it returns.
+"""Jobs: inputs and results of long computations.
 
-A job is frozen and picklable. `Job.run` is executed in a separate process and communicates through
-a `Channel` only, so that it can be cancelled, or run out of memory, without harm to the window.
+A job is frozen and picklable. `Job.run` is executed in a separate process and communicates only
+through a `Channel`, so that it can be cancelled, or run out of memory, without harm to the window.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class ReadJob:
     """Read a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
 
     `unit` is as `quantities.parse_unit` takes it; empty for the unit that the format states.
-    `repairs` are made in this order, unless `source`, the hash of the numbers that they were made
-    for, differs from that of the file; a remark then says so.
+    `repairs` are made in this order, unless `source`, the hash of the numbers they were made for,
+    differs from the hash of the file; then a remark reports it.
     """
 
     path: Path
@@ -174,9 +174,9 @@ class RepairJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class PartJob(_OnMesh):
-    """Take the part of a mesh with some vertices, or the whole; returns `PartReady`."""
+    """Look up eigenpairs on a mask of a mesh, or on the whole mesh; returns `PartReady`."""
 
-    #: Shape (n,); None for the whole.
+    #: Shape (n,); None for the whole mesh.
     mask: npt.NDArray[np.bool_] | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
@@ -231,7 +231,7 @@ class JobState:
     expected: float | None = None
 
     def progressed(self, progress: Progress) -> JobState:
-        """Return the state at a progress, whose time left is filled in from the expectation."""
+        """Return the state with a progress, whose missing remaining time is estimated."""
         if progress.remaining is None and self.expected is not None:
             left = self.began + self.expected - time.monotonic()
             progress = replace(progress, remaining=left if left > 0.0 else None)
@@ -253,7 +253,7 @@ def heard_warnings() -> Iterator[list[str]]:
 
 
 def _read(path: Path, unit: str, channel: Channel) -> tuple[Mesh, str]:
-    """Read a mesh; return it with the hash of the numbers in its file, before they are scaled."""
+    """Read a mesh; return it with the hash of the unscaled numbers in its file."""
     from meshmash_viewer.io.read import read_mesh
 
     voxel, name = parse_unit(unit)
@@ -267,7 +267,7 @@ def _read(path: Path, unit: str, channel: Channel) -> tuple[Mesh, str]:
 
 
 def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
-    """Return a mesh before the first repair and after each, and why the next one failed."""
+    """Return a mesh before and after each repair, and a sentence on the one that failed."""
     series = [mesh]
     for name in names:
         try:
@@ -280,10 +280,10 @@ def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
 def _inspect(
     mesh: Mesh, operator: OperatorOptions, channel: Channel, *, path: Path | None = None
 ) -> MeshReady:
-    """Measure a mesh, and look up its eigenpairs in the store, meanwhile.
+    """Measure the health of a mesh, and look up its stored eigenpairs in a second thread.
 
-    Reading 300 eigenvectors at a million vertices to compare them with their checksums takes a
-    second, and the measures several: together they take no longer.
+    Checking 300 eigenvectors of a million vertices against their checksums takes a second, and the
+    health several.
     """
     with ThreadPoolExecutor(1) as thread:
         stored = thread.submit(_stored, mesh, operator, channel)
@@ -318,8 +318,8 @@ def _stored(
 class Work:
     """The running job of a document.
 
-    Long work is only described here: ``requested`` carries a `Job`, and its runner calls `started`,
-    `progressed` and `ended`. ``finished`` carries the last `JobState` of a job that has ended.
+    ``requested`` carries a `Job`, whose runner calls `started`, `progressed` and `ended`.
+    ``finished`` carries the last `JobState` of a job that has ended.
     """
 
     changed = Signal()

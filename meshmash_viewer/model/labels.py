@@ -1,4 +1,4 @@
-"""Label sets of a document: parts of the surface with names and colours, made of the selection."""
+"""Label sets of a document: named and coloured parts of the surface, made from the selection."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 _Act = TypeVar("_Act", bound=Callable[..., None])
-#: Names of a prediction.
+#: Names of predicted label sets.
 _PREDICTED = re.compile(r"class( \d+)*")
 
 
 def _said(act: _Act) -> _Act:
-    """Make a notice of what a method refuses, which has changed nothing then."""
+    """Show the `InputError` of a method as a notice; such a method has changed nothing."""
 
     @wraps(act)
     def acting(self: Labels, *given: Any) -> None:
@@ -47,12 +47,12 @@ def _said(act: _Act) -> _Act:
 
 
 class Labels:
-    """The label sets of the open mesh, of which one is current.
+    """The label sets of the open mesh, one of which is current.
 
     A set is a map with labels, see `VertexMap`. Every change is a step of the history.
     """
 
-    #: Another set is current. What the sets hold changes with `OpenMesh.spectrum_changed`.
+    #: The current set or its regions are others; contents of sets: `OpenMesh.spectrum_changed`.
     changed = Signal()
 
     def __init__(
@@ -69,7 +69,7 @@ class Labels:
         self._selection, self._hiding = selection, hiding
         self._notices, self._work = notices, work
         self._chosen = ""
-        #: The regions that were measured last, these with points, and the set that they are of.
+        #: The last measured regions, the same with numbers of points, and their label set.
         self.measured: Regions | None = None
         self.regions: Regions | None = None
         self.regions_of: VertexMap | None = None
@@ -86,7 +86,7 @@ class Labels:
 
     @property
     def current(self) -> VertexMap | None:
-        """The set that was chosen or displayed last, else the first; None without any."""
+        """The set that was chosen or displayed last, else the first; None without a set."""
         sets = {each.name: each for each in self.sets}
         return sets.get(self._chosen, next(iter(sets.values()), None))
 
@@ -98,7 +98,7 @@ class Labels:
 
     @property
     def predicted(self) -> VertexMap | None:
-        """The set that was predicted from another one, see `Classes`; None without one."""
+        """The last predicted set, see `Classes`; None without one."""
         return next(filter(self._is_predicted, reversed(self.sets)), None)
 
     def _is_predicted(self, known: VertexMap) -> bool:
@@ -111,7 +111,7 @@ class Labels:
         self.changed.emit()
 
     def _follow(self) -> None:
-        """Make a set that is displayed from elsewhere the current one, but no prediction."""
+        """Make a set current once it is displayed, unless it is a prediction."""
         name = self._maps.displayed
         made = (each.name for each in self.sets if not self._is_predicted(each))
         if name != self._chosen and name in made:
@@ -120,7 +120,7 @@ class Labels:
 
     @_said
     def new_set(self) -> None:
-        """Add a set with one label, which no vertex has yet, and display it."""
+        """Add a set with one label without vertices, and display it."""
         mesh = self._opened.mesh
         if mesh is None:
             raise InputError("There is no mesh to label: open one first.")
@@ -166,7 +166,7 @@ class Labels:
 
     @_said
     def lock(self, key: int, locked: bool) -> None:
-        """Keep the vertices of a label from other labels, or no longer."""
+        """Lock a label, so that its vertices cannot get another label, or unlock it."""
         self._change_one("lock of a label" if locked else "unlocking", key, locked=locked)
 
     @_said
@@ -179,7 +179,7 @@ class Labels:
 
     @_said
     def delete(self, keys: Collection[int]) -> None:
-        """Remove labels; their vertices have none then. With its last label a set is removed."""
+        """Remove labels from their vertices and the set; without labels the set is removed."""
         known = self._set
         if not keys:
             raise InputError("No label is chosen: choose those to delete in the list.")
@@ -193,9 +193,10 @@ class Labels:
 
     @_said
     def assign(self, key: int | None) -> None:
-        """Give the selected vertices to a label, or with None take theirs away.
+        """Give the selected vertices to a label, or remove their labels (None).
 
-        Those of locked labels keep them. A notice has their number if another field is displayed.
+        Vertices of locked labels do not change. A notice states the number of vertices that are
+        locked, or were changed while another field is displayed.
         """
         known, mask = self._set, self._selection.mask
         if mask is None:
@@ -220,7 +221,7 @@ class Labels:
         if changing.any():
             values = np.where(changing, to, known.values)
             self._change("labels" if key is not None else "removal from labels", None, values)
-            if not self.current_is_displayed:  # the render shows nothing of it
+            if not self.current_is_displayed:  # the change is not visible
                 done = (
                     "taken out of the labels"
                     if key is None
@@ -267,13 +268,13 @@ class Labels:
     def measure_regions(
         self, maps: tuple[VertexMap, ...] = (), *, lambda2: bool = False, whole: bool = False
     ) -> None:
-        """Request the regions of the current set, with the means of maps; see `regions`."""
+        """Request a measurement of the regions of the current set; see `features.regions`."""
         mesh, known = self._opened.mesh, self.current
         if mesh is not None and known is not None:
             self._work.request(RegionsJob(mesh, known, maps, lambda2, whole))
 
     def accept_regions(self, job: RegionsJob, found: RegionsReady) -> None:
-        """Take the regions of a set, if its mesh is still open."""
+        """Store the measured regions of a set, if its mesh is still open."""
         mesh = self._opened.mesh
         if mesh is not None and mesh.vertices is job.mesh.vertices:
             measured = job.mesh.with_only_maps(*job.maps)
@@ -282,13 +283,13 @@ class Labels:
             self.accept_counts(self.measured, self.measured)
 
     def accept_counts(self, measured: Regions, counted: Regions) -> None:
-        """Take measured regions with the number of points in them, if they are the last ones."""
+        """Store measured regions with numbers of points, if they are the last measurement."""
         if measured is self.measured and counted is not self.regions:
             self.regions = counted
             self.changed.emit()
 
     def _drop_regions(self) -> None:
-        """Forget the regions of a mesh that is not open any more."""
+        """Forget the regions if their mesh is closed."""
         mesh = self._opened.mesh
         if self.regions is not None and (
             mesh is None or self.regions.mesh.vertices is not mesh.vertices
@@ -313,7 +314,7 @@ class Labels:
         raise InputError(f"{known.name} has no label of number {key}: choose another.")
 
     def _mask(self, keys: Collection[int]) -> npt.NDArray[np.bool_]:
-        """Return which vertices have one of some labels."""
+        """Return whether each vertex has one of some labels, shape (n,)."""
         mask = np.isin(self._set.values, list(keys))
         if not mask.any():
             raise InputError("No vertex has that label yet: give it some first.")
@@ -325,7 +326,7 @@ class Labels:
                 raise InputError(f"Label {label.name} is locked: unlock it first.")
 
     def _merge(self, what: str, keys: Collection[int], to: int) -> None:
-        """Give the vertices of some labels a number, and remove these labels."""
+        """Give the vertices of some labels the number `to`, and remove these labels."""
         known = self._set
         labels = tuple(label for label in known.labels if label.key not in keys)
         given = np.isin(known.values, list(keys))
@@ -346,13 +347,13 @@ class Labels:
     ) -> None:
         changes: dict[str, Any] = {} if labels is None else {"labels": labels}
         if values is not None:
-            values.flags.writeable = False  # the map shares it
+            values.flags.writeable = False  # the map does not copy it
             changes["values"] = values
         self._maps.change(what, replace(self._set, **changes))
 
 
 class LabelSizes(NamedTuple):
-    """Of each label, in the order of the set: vertices, area, and whether it is hidden."""
+    """Number of vertices, area and hiding of each label, in the order of the set."""
 
     counts: IntArray
     areas: FloatArray
@@ -360,7 +361,7 @@ class LabelSizes(NamedTuple):
 
 
 def label_sizes(mesh: Mesh, known: VertexMap, hidden: Mask | None = None) -> LabelSizes:
-    """Measure the labels of a set; one is hidden if all its vertices are."""
+    """Measure the labels of a set; a label is hidden if all its vertices are hidden."""
     places = known.shown
     has = np.isfinite(places)
     at, n_labels = places[has].astype(np.int64), len(known.labels)
@@ -372,7 +373,7 @@ def label_sizes(mesh: Mesh, known: VertexMap, hidden: Mask | None = None) -> Lab
 
 
 def _free_color(labels: Sequence[Label]) -> str:
-    """Return the first colour of the pins that no label has; then they repeat."""
+    """Return the first unused colour of `PIN_COLORS`, or repeat these if all are used."""
     taken = {label.color.upper() for label in labels}
     free = [color for color in PIN_COLORS if color not in taken]
     return free[0] if free else PIN_COLORS[len(labels) % len(PIN_COLORS)]

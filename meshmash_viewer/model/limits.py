@@ -1,4 +1,4 @@
-"""Colour limits: the two ends of a colour bar, and its scale, from the values of a field."""
+"""Colour limits of a field: the ends of its colour bar, and a linear or logarithmic scale."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Limits(NamedTuple):
     logarithmic: bool = False
 
     def at(self, share: float) -> float:
-        """Return the value at a share of the colour bar; infinite at its ends, for all beyond."""
+        """Return the value at a share of the colour bar; infinite at its open ends."""
         if share <= 0.0 or share >= 1.0:
             return -math.inf if share <= 0.0 else math.inf
         if self.logarithmic:
@@ -37,7 +37,7 @@ class Limits(NamedTuple):
         return float(self.low + (self.high - self.low) * share)
 
     def share_of(self, value: float) -> float:
-        """Return where a value is on the colour bar, from 0 to 1."""
+        """Return the position of a value on the colour bar, from 0 to 1."""
         if value <= self.low or value >= self.high:
             return float(value > self.low)
         if self.logarithmic:
@@ -46,18 +46,18 @@ class Limits(NamedTuple):
 
 
 class LimitPolicy(Protocol):
-    """Interface of the policies, which are frozen and compare by value."""
+    """Interface of the rules that choose limits; they are frozen and compared by value."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        """Return limits ``low < high`` for values of shape (n,), even constant ones; skips NaN.
+        """Return limits ``low < high`` for values of shape (n,), ignoring NaN.
 
-        Percentiles are taken over `sample` (`Mesh.area_sample`), without it over all vertices.
+        Percentiles are computed over `sample` (`Mesh.area_sample`) or all vertices (None).
         """
         ...
 
 
 def _opened(low: float, high: float) -> Ends:
-    """Widen an empty interval, that of a constant field, relative to its size."""
+    """Widen the empty interval of a constant field, relative to its value."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return -1.0, 1.0
     if high - low > 1e-12 * max(abs(low), abs(high)):
@@ -73,7 +73,7 @@ def _finite(values: Values) -> Values:
 
 def extremes_of(values: Values) -> Ends:
     """Return the smallest and largest finite value; (0, 0) if there is none."""
-    # which skip NaN, faster than a mask of all values
+    # fmin and fmax ignore NaN, and need no mask of all values
     low = float(np.fmin.reduce(values, initial=np.inf))
     high = float(np.fmax.reduce(values, initial=-np.inf))
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -84,9 +84,9 @@ def extremes_of(values: Values) -> Ends:
 
 @dataclass(frozen=True)
 class SymmetricLimits(Parameters):
-    """Symmetric about zero: for signed fields, so that the middle colour is the nodal line.
+    """Limits symmetric about zero, for signed fields: the middle colour is at the nodal line.
 
-    A `percent` below 100 leaves out extreme values.
+    A `percent` below 100 excludes extreme values.
     """
 
     percent: float = 100.0
@@ -101,7 +101,7 @@ class SymmetricLimits(Parameters):
 
 @dataclass(frozen=True)
 class MinMaxLimits(Parameters):
-    """From the smallest value to the largest."""
+    """The smallest and the largest value."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         return _opened(*extremes_of(values))
@@ -109,7 +109,7 @@ class MinMaxLimits(Parameters):
 
 @dataclass(frozen=True)
 class PercentileLimits(Parameters):
-    """Between two percentiles of the surface: for fields with few extreme values."""
+    """Two percentiles over the area of the surface, for fields with few extreme values."""
 
     low: float = parameter(1.0, Number(0.0, 100.0))
     high: float = parameter(99.0, Number(0.0, 100.0))
@@ -122,7 +122,7 @@ class PercentileLimits(Parameters):
 
 @dataclass(frozen=True)
 class LockedLimits(Parameters):
-    """Two numbers that stay when the field changes."""
+    """Two fixed numbers, whatever the field."""
 
     low: float = parameter(MISSING, Number())
     high: float = parameter(MISSING, Number())
@@ -132,25 +132,25 @@ class LockedLimits(Parameters):
 
 
 def spans_decades(ends: Ends, values: Values) -> bool:
-    """Whether a log scale serves a field: it is not below 0, and spans more than two decades.
+    """Whether a field has a log scale by default: no negative values, and over two decades.
 
-    `ends` are the 1st and the 99th percentile of the surface, between which these are counted.
+    `ends` are the 1st and the 99th percentile over the surface; decades are counted between them.
     """
     low, high = ends
     return 0.0 < low * MANY_DECADES < high and extremes_of(values)[0] >= 0.0
 
 
 def logarithmic_limits(ends: Ends, values: Values, sample: Sample = None) -> Limits:
-    """Return limits of a log scale, from the 1st percentile of what is positive if `low` is not.
+    """Return limits of a log scale, or linear limits if no value is positive.
 
-    Linear ones if nothing is positive.
+    A lower end that is not positive is replaced by the 1st percentile of the positive values.
     """
     low, high = ends
     if low <= 0.0 < high:
         looked_at = _finite(values if sample is None else values[sample])
         positive = looked_at[looked_at > 0.0]
         low = float(np.percentile(positive, PercentileLimits().low)) if positive.size else 0.0
-    # single precision, in which colours are computed, has nothing below
+    # colours are computed in single precision, which has no smaller normal numbers
     return Limits(low, high, True) if _TINY < low < high else Limits(*ends)
 
 

@@ -1,4 +1,4 @@
-"""The maps of a document: added from files or results, growing, removed."""
+"""Maps of a document: adding from files and results, renaming, restoring, removing."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from meshmash_viewer.model.pins import distinct_name
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import VertexMap
 
-#: Maps of which a message has the names.
+#: Largest number of map names in a message.
 _NAMED = 4
 
 
 class Maps:
-    """Adds maps to the open mesh and removes them; ``requested`` asks that files are read."""
+    """Adds maps to the open mesh, and renames and removes them."""
 
+    #: Files to read, and the arguments `shown` and `labels` of `open`.
     requested = Signal(object, bool, bool)
     #: The former and the new name of a map, before views are refreshed.
     renamed = Signal(str, str)
@@ -41,33 +42,32 @@ class Maps:
         self._history, self._notices = history, notices
         #: Names of the maps in the mesh file itself.
         self.in_file: frozenset[str] = frozenset()
-        #: Names of the maps of files that were changed here, or that have another name here than in
-        #: their file, which are kept as they are now.
+        #: Names of maps of files that were changed or renamed after reading; a session stores them.
         self.edited: frozenset[str] = frozenset()
-        #: Files whose maps were there the last time, and are still being read.
+        #: Files of the last session that are still being read.
         self.pending: tuple[Path, ...] = ()
-        #: Names of the maps that were kept, and of all that were there, the last time.
+        #: Names of the maps that the last session stored, and of all its maps in their order.
         self._kept: frozenset[str] = frozenset()
         self._names: tuple[str, ...] = ()
-        #: The map that is being computed, for which mesh, and the family that was displayed before.
+        #: The map that is being computed, its mesh, and the family that was displayed before.
         self._growing: VertexMap | None = None
         self._mesh: Mesh | None = None
         self._kind = display.kind
 
     def begin(self, mesh: Mesh) -> None:
-        """Forget what is known of the maps of another mesh; those of this one are in its file."""
+        """Begin with another mesh, whose maps are all in its file."""
         self.in_file = frozenset(each.name for each in mesh.maps)
         self.edited, self.pending, self._kept, self._names = frozenset(), (), frozenset(), ()
 
     @property
     def names(self) -> list[str]:
-        """Names of the maps in their order, with those that are still being read."""
+        """Names of the maps in their order, those of `pending` files included."""
         mesh = self._opened.mesh
         names = [] if mesh is None else [each.name for each in mesh.maps]
         return list(dict.fromkeys([*self._names, *names])) if self.pending else names
 
     def sort(self, names: Sequence[str]) -> None:
-        """Put the maps in the order of the last time, and those that are still read, too."""
+        """Sort the maps, also those added later from `pending` files, in the order of names."""
         self._names, mesh = tuple(names), self._opened.mesh
         if mesh is not None and self._sorted(mesh) is not mesh:
             with self._history.paused():
@@ -80,24 +80,24 @@ class Maps:
         return mesh if maps == list(mesh.maps) else mesh.with_only_maps(*maps)
 
     def _is_there(self, now: Mesh, read: VertexMap) -> bool:
-        """Whether a map that was there the last time, and is read again, is in the mesh already."""
+        """Whether a map that is read again for the last session is in the mesh already."""
         if read.name in self.edited:
             return True
         if self._names and read.name in self._kept:
-            return True  # its name was taken: it was kept under another one, or removed
+            return True  # the session has another map of this name
         if read.name in self.in_file and any(_is_numbered(at, read.name) for at in self._kept):
             return True
         return any((each.name, each.path) == (read.name, read.path) for each in now.maps)
 
     def _same(self, now: Mesh, read: VertexMap) -> str:
-        """Name of a kept map that equals one that is read, so that each start adds no copy."""
+        """Return the name of the map of the last session that equals a map of a file, or ""."""
         of = (each for each in now.maps if each.name in self._kept)
         return next((each.name for each in of if read.path and _are_equal(each, read)), "")
 
     def open(self, paths: Sequence[Path], *, shown: bool = True, labels: bool = False) -> None:
-        """Request that files with values per vertex are read, and the last map shown if `shown`.
+        """Request that files with values per vertex are read.
 
-        With `labels` they are label sets, see `add`.
+        For `shown` and `labels` see `add`.
         """
         if self._opened.ready is None:
             names = " and ".join(path.name for path in paths[:2]) or "a map"
@@ -118,14 +118,13 @@ class Maps:
         labels: bool = False,
         colors: tuple[float, ...] = (),
     ) -> None:
-        """Add maps that were made for a mesh, if that is still open, and show the last.
+        """Add maps of a mesh, if it is still open, and show the last one.
 
-        `colors` are its entry of `OwnMaps.colors`, of what it was kept from. With `labels` those of
-        whole numbers become label sets named after these, and the last set is shown; if there is
-        none, a notice says why.
+        `colors` is the entry of `OwnMaps.colors` of the last map. With `labels`, maps of whole
+        numbers become label sets, and the last set is shown; if there is none, a notice says why.
 
-        Without `shown` they were there the last time: adding them is no step to undo, and they stay
-        when a step before is undone. Those that have been changed since are left out.
+        Without `shown`, the maps belong to the last session: adding them is not recorded, undoing
+        earlier steps does not remove them, and maps that were changed since are left out.
         """
         now = self._still(mesh)
         if now is None:
@@ -145,7 +144,7 @@ class Maps:
             maps, faults = _as_labels(given)
         more = now.with_maps(*maps)
         added = more.maps[len(now.maps) :]
-        # sets of files without any, and maps whose name was taken, are kept
+        # a session stores maps that became label sets or got another name
         self.edited |= {
             each.name
             for each, was in zip(added, given, strict=True)
@@ -172,7 +171,7 @@ class Maps:
         self._notices.say(text, Severity.WARNING if faults else Severity.INFORMATION)
 
     def change(self, label: str, changed: VertexMap) -> None:
-        """Replace the map of the same name as one change, whose label completes "Undo …"."""
+        """Replace the map of the same name as one change; `label` completes "Undo …"."""
         mesh = self._opened.mesh
         if mesh is not None:
             if mesh.map_named(changed.name).path or changed.name in self.in_file:
@@ -182,15 +181,16 @@ class Maps:
             self._opened.spectrum_changed.emit()
 
     def can_rename(self, name: str) -> bool:
-        """Whether a map has values, not labels, and is not of the mesh file, which names it."""
+        """Whether a map can be renamed: it has no labels, and is not in the mesh file."""
         mesh = self._opened.mesh
         named = [] if mesh is None else [each for each in mesh.maps if each.name == name]
         return any(name not in self.in_file and not each.labels for each in named)
 
     def rename(self, name: str, wanted: str) -> None:
-        """Name a map; a name that is taken gets a number. One of a file is kept as one made here.
+        """Rename a map, and move its limits to the new name; a name that is taken gets a number.
 
-        Nothing changes if `can_rename` says so, or no name is left without blanks.
+        Nothing changes if `can_rename` is False, or the name is blank. A session stores a renamed
+        map of a file.
         """
         mesh, wanted = self._opened.mesh, distinct_name(wanted, ())
         if mesh is None or not self.can_rename(name) or wanted in ("", name):
@@ -231,7 +231,7 @@ class Maps:
                     self._rename_choices(known.name, same.name)
 
     def exchange(self, label: str, names: Collection[str], maps: Sequence[VertexMap]) -> None:
-        """Put maps in the place of others as one change, or without a label as part of the last."""
+        """Replace maps by others as one change, or without a label as part of the last change."""
         mesh = self._opened.mesh
         if mesh is not None:
             for name in names:
@@ -242,12 +242,12 @@ class Maps:
             self._opened.spectrum_changed.emit()
 
     def is_made_here(self, known: VertexMap) -> bool:
-        """Whether a map is from no file, changed or not."""
+        """Whether a map was made in this program, not read from a file."""
         return not known.path and known.name not in self.in_file | self.edited
 
     @property
     def unsaved(self) -> KeptMaps:
-        """The maps of the mesh that are in no file as they are now."""
+        """The maps of the mesh whose present state is in no file."""
         mesh = self._opened.mesh
         assert mesh is not None
         maps = (
@@ -258,7 +258,7 @@ class Maps:
         return KeptMaps(tuple(maps), mesh.content_hash, sorted(self.edited))
 
     def restore(self, mesh: Mesh, maps: Sequence[VertexMap], edited: Collection[str]) -> None:
-        """Add the maps that were kept the last time; those `edited` replace the ones of files."""
+        """Add the maps that a session stored; those in `edited` replace maps of the mesh file."""
         now = self._still(mesh)
         if now is not None:
             for each in maps:
@@ -283,7 +283,7 @@ class Maps:
             self._opened.spectrum_changed.emit()
 
     def grow(self, mesh: Mesh, grew: MapGrew) -> None:
-        """Add values to a map that is being computed, and show it; NaN where values are missing."""
+        """Add values to a map that is being computed, and show it; missing values are NaN."""
         shown = self.settled()
         if shown is None or self._still(mesh) is None:
             return
@@ -295,13 +295,13 @@ class Maps:
         values[grew.vertices] = grew.values
         grown = VertexMap(name, values, unit=power_unit(mesh.unit, -2))
         more = shown.ready.mesh.with_maps(grown)
-        self._growing = more.maps[-1]  # its name may be another one
+        self._growing = more.maps[-1]  # it may have a number after its name
         self._take(more)
         self.show(self._growing.name)
         self._opened.spectrum_changed.emit()
 
     def end_growing(self, whole: bool) -> None:
-        """Keep the computed map if it is whole; else remove it and show the previous family."""
+        """Keep the computed map if it is complete, else remove it and show the former family."""
         shown, grown = self.settled(), self._growing
         if shown is None or grown is None or self._mesh is None:
             return
@@ -325,7 +325,7 @@ class Maps:
         return self.chosen if self._display.kind == OwnMaps.name else ""
 
     def show(self, name: str, colors: tuple[float, ...] = ()) -> None:
-        """Display a map, with its entry of `OwnMaps.colors` if that is given."""
+        """Display a map; `colors` replaces its entry of `OwnMaps.colors`."""
         maps = self._display[OwnMaps]
         if colors:
             maps = replace(maps, colors=tuple({**dict(maps.colors), name: colors}.items()))
@@ -340,7 +340,7 @@ class Maps:
         return replace(shown, ready=replace(shown.ready, mesh=mesh))
 
     def _still(self, mesh: Mesh) -> Mesh | None:
-        """Return the open mesh if it has the vertices of another one, else None."""
+        """Return the open mesh if it has the vertices of this mesh, else None."""
         now = self._opened.mesh
         return now if now is not None and now.vertices is mesh.vertices else None
 
@@ -350,10 +350,7 @@ class Maps:
 
 
 def _as_labels(maps: Sequence[VertexMap]) -> tuple[list[VertexMap], list[str]]:
-    """Make sets of maps of whole numbers, which are from no file then; return why others are none.
-
-    These stay as they are.
-    """
+    """Convert maps of whole numbers to label sets; return all maps, and why some have no labels."""
     result, faults = list[VertexMap](), list[str]()
     for each in maps:
         try:
@@ -366,12 +363,12 @@ def _as_labels(maps: Sequence[VertexMap]) -> tuple[list[VertexMap], list[str]]:
 
 
 def _is_numbered(name: str, taken: str) -> bool:
-    """Whether a name is one that was taken, with a number after it."""
+    """Whether a name is `taken` with a number after it."""
     return name.startswith(f"{taken} ") and name.removeprefix(taken).strip().isdigit()
 
 
 def _are_equal(one: VertexMap, read: VertexMap, *, numbered: bool = True) -> bool:
-    """Whether two maps are equal, but, if `numbered`, for a number after the name."""
+    """Whether two maps are equal; with `numbered`, the name of `one` may have a number."""
     named = one.name == read.name or (numbered and _is_numbered(one.name, read.name))
     about = (one.unit, one.labels) == (read.unit, read.labels)
     same = one.values.shape == read.values.shape
@@ -379,7 +376,7 @@ def _are_equal(one: VertexMap, read: VertexMap, *, numbered: bool = True) -> boo
 
 
 def _with_more(mesh: Mesh, maps: Sequence[VertexMap], former: object) -> object:
-    """Return a former state of a mesh in the history with more maps."""
+    """Add maps to a former state of a mesh in the history."""
     if not isinstance(former, Shown) or former.ready.mesh.vertices is not mesh.vertices:
         return former
     ready = replace(former.ready, mesh=former.ready.mesh.with_maps(*maps))

@@ -1,4 +1,4 @@
-"""Sentences for the message bar, exceptions as sentences, and reports of the system."""
+"""Notices for the message bar, descriptions of exceptions, and reports of the system."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class Notice:
     #: The sentence, and its severity.
     text: str
     severity: Severity = Severity.INFORMATION
-    #: For the button that copies them.
+    #: Text that the button "Copy details" copies.
     details: str = ""
-    #: What a button of this text does.
+    #: Function of the button, which has the text `button`.
     action: Callable[[], None] | None = None
     button: str = "Undo"
-    #: Whether it goes after some seconds in spite of its button.
+    #: Whether it disappears after some seconds although it has a button.
     brief: bool = False
-    #: Returns whether its cause still exists; the notice is withdrawn once it does not. See
-    #: `Notices.show` for the default.
+    #: Returns whether the cause still exists; otherwise the notice is withdrawn. For the default
+    #: see `Notices.show`.
     holds: Callable[[], bool] | None = None
 
 
@@ -58,11 +58,11 @@ class Notices:
         self._turn = 0
 
     def show(self, notice: Notice) -> None:
-        """Show a notice in the message bar, until its cause has gone.
+        """Show a notice in the message bar while `Notice.holds` returns True.
 
-        Without `Notice.holds`, a warning, an error and what has a button and is not `Notice.brief`
-        stay until another mesh is shown or another job is requested; other notices go after some
-        seconds.
+        Without `Notice.holds`, warnings, errors and notices with a button that are not
+        `Notice.brief` stay until another mesh is shown or another job is requested. Other notices
+        disappear after some seconds.
         """
         offers = notice.action is not None and not notice.brief
         lasting = notice.severity is not Severity.INFORMATION or offers
@@ -77,11 +77,11 @@ class Notices:
         self.show(Notice(text, severity))
 
     def begin_turn(self) -> None:
-        """Record that another mesh is shown, or another job requested."""
+        """Count that another mesh is shown or another job is requested."""
         self._turn += 1
 
     def review(self) -> None:
-        """Withdraw the last notice if its cause has gone: `shown` is emitted with None."""
+        """Withdraw the last notice, by emitting `shown` with None, if its cause has gone."""
         notice = self.last
         if notice is not None and notice.holds is not None and not notice.holds():
             self.last = None
@@ -90,7 +90,7 @@ class Notices:
 
 # -- exceptions -----------------------------------------------------------------------------------
 
-#: Most characters of an exception's message that a sentence repeats.
+#: Largest number of characters of an exception's message in a sentence.
 _WORDS = 160
 
 
@@ -138,10 +138,7 @@ PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PyS
 
 
 def report_defect(fault: BaseException) -> str:
-    """Write the details of a defect to a file in the user's log folder, and say where they are.
-
-    The result ends a sentence: "a defect of the program (KeyError: 3); details are in …".
-    """
+    """Write the details of a defect to the user's log folder; return a clause with their path."""
     what = " ".join(f"{type(fault).__name__}: {fault}".split())[:200].rstrip(": ")
     moment = datetime.datetime.now().strftime("%Y%m%d-%H%M%S-%f")
     with contextlib.suppress(OSError):  # a full disk must not hide the defect
@@ -173,7 +170,7 @@ def versions() -> str:
     return " · ".join([*parts, f"Python {platform.python_version()}", platform.platform()])
 
 
-#: Packages that a report of the whole system lists besides.
+#: More packages that the report of the system lists.
 _MORE = ("robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow", "pyvistaqt", "pyqtgraph")
 
 

@@ -1,4 +1,4 @@
-"""The mesh that is open with its eigenpairs, and the results of jobs on it."""
+"""The open mesh with its eigenpairs, and the results of jobs on it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from meshmash_viewer.units import written_unit
 
 @dataclass(frozen=True, eq=False)
 class MeshReady:
-    """A mesh with everything that the window needs to draw it."""
+    """A mesh with its health, normals, repairs and stored eigenpairs, ready to be drawn."""
 
     mesh: Mesh
     health: Health
@@ -38,11 +38,11 @@ class MeshReady:
     sample: npt.NDArray[np.int64] | None = None
     #: `Mesh.small_components`; None if there are none.
     small: npt.NDArray[np.bool_] | None = None
-    #: The mesh before each repair that was made while the file was read.
+    #: The mesh before each repair that was applied after reading.
     before: tuple[Mesh, ...] = ()
-    #: Hash of the numbers in its file; repairs are repeated at opening only for the same hash.
+    #: Hash of the numbers in its file; repairs are repeated only for the same hash.
     source: str = ""
-    #: Whether its repairs were repeated because they had been made last time.
+    #: Whether its repairs were repeated from the last session without a question.
     unasked: bool = False
     #: The mesh of a part of its vertices (`Mesh.masked`), if eigenpairs are computed on that part.
     part: MeshReady | None = None
@@ -72,7 +72,7 @@ class MapGrew:
 
 @dataclass(frozen=True, eq=False)
 class RegionsReady:
-    """What `features.regions.Regions` holds besides its mesh."""
+    """The attributes of `features.regions.Regions` without its mesh."""
 
     columns: dict[str, npt.NDArray[Any]]
     #: Shape (n,).
@@ -98,21 +98,21 @@ class Written:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """An open mesh with its spectrum, as the history keeps it."""
+    """An open mesh with its spectrum, as the history stores it."""
 
     ready: MeshReady
     spectrum: Eigenpairs | None
 
 
 class OpenMesh:
-    """The open mesh and its eigenpairs; there may be neither."""
+    """The open mesh and its eigenpairs, if any."""
 
     mesh_changed = Signal()
     spectrum_changed = Signal()
 
     def __init__(self) -> None:
         self.ready: MeshReady | None = None
-        #: The open mesh without pairs, for fields that need none.
+        #: A spectrum of the open mesh without pairs, for fields that need none.
         self._bare: Eigenpairs | None = None
         self._spectrum: Eigenpairs | None = None
 
@@ -147,12 +147,12 @@ class OpenMesh:
 
     @property
     def solved(self) -> MeshReady | None:
-        """What eigenpairs are computed on: the open mesh, or a part of it."""
+        """The mesh that eigenpairs are computed on: the open mesh, or a part of it."""
         return self.ready if self.ready is None or self.ready.part is None else self.ready.part
 
     @property
     def part_mesh(self) -> Mesh | None:
-        """The part of the mesh that eigenpairs are computed on; None if that is the whole."""
+        """The part of the mesh that eigenpairs are computed on; None for the whole mesh."""
         return None if self.ready is None or self.ready.part is None else self.ready.part.mesh
 
     def is_shown(self, mesh: Mesh | None) -> bool:
@@ -160,12 +160,12 @@ class OpenMesh:
         return self.ready is not None and _same(self.ready.mesh, mesh)
 
     def is_solved(self, mesh: Mesh | None) -> bool:
-        """Whether eigenpairs of a mesh are those that are shown, as `is_shown` compares."""
+        """Whether a mesh is the one that eigenpairs are computed on, compared as in `is_shown`."""
         return self.solved is not None and _same(self.solved.mesh, mesh)
 
     @property
     def spectrum(self) -> Eigenpairs | None:
-        """The eigenpairs of the open mesh, or of a part of it; None while there are none."""
+        """The eigenpairs of the open mesh or its part; None before any is computed."""
         return self._spectrum
 
     @spectrum.setter
@@ -179,12 +179,12 @@ class OpenMesh:
 
     @property
     def known(self) -> Eigenpairs | None:
-        """The spectrum, or one without pairs while there are none; None without a mesh."""
+        """The spectrum, which has no pairs before any is computed; None without a mesh."""
         return self._bare if self._spectrum is None else self._spectrum
 
     @property
     def scaled_spectrum(self) -> Eigenpairs | None:
-        """The spectrum if it has an eigenvalue above 0, as times and bands need; else None."""
+        """The spectrum if it has a positive eigenvalue, which times and bands need; else None."""
         spectrum = self.spectrum
         return (
             spectrum if spectrum is not None and first_nonzero(spectrum) < len(spectrum) else None
@@ -192,7 +192,7 @@ class OpenMesh:
 
     @property
     def shown(self) -> Shown | None:
-        """The open mesh with its spectrum, as the history keeps it."""
+        """The open mesh with its spectrum, as the history stores it."""
         return None if self.ready is None else Shown(self.ready, self.spectrum)
 
     def take(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:

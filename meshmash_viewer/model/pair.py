@@ -1,9 +1,8 @@
 """Two linked meshes: the second displays the field that is displayed on the first.
 
-Comparison is independent of size: times and eigenvalues are those of the same shape scaled to the
-area of the other mesh, and so are values while limits are linked (`Pair.with_shared_limits`).
-Where both meshes have the vertices of one template (`corresponding_vertices`), vertices and
-eigenfunctions are matched by these, otherwise by their features.
+The comparison is independent of size: times and eigenvalues are scaled by the ratio of the areas,
+and so are values while limits are linked (`Pair.with_shared_limits`). Meshes on one template
+(`corresponding_vertices`) are matched by vertex index, others by features of their vertices.
 """
 
 from __future__ import annotations
@@ -49,11 +48,11 @@ from meshmash_viewer.surface.rays import Plane
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 
-#: How the cameras are linked, with its label; "free" is the absence of the other two.
+#: Links of the cameras with their labels; "free" means that neither of the others is active.
 CAMERAS = {"camera": "Linked", "mirror": "Mirrored", "free": "Free"}
-#: What else can be linked, with its label.
+#: The other links with their labels.
 LINKS = {"kind": "Family", "position": "Index, time, band", "colors": "Colours and limits"}
-#: Features by which vertices are matched: those with many columns and no required parameter.
+#: Features that can match vertices: they have several columns and no required parameter.
 MATCHED_IN: dict[str, type[BankFamily]] = {
     name: family
     for name, family in FEATURES.items()
@@ -62,14 +61,14 @@ MATCHED_IN: dict[str, type[BankFamily]] = {
 
 
 def _as_shown(pairs: Eigenpairs) -> Eigenpairs:
-    """Return pairs with the displayed signs."""
+    """Return the eigenpairs with the signs that are displayed."""
     rows = pairs.rows if pairs.alignment is None else pairs.shown_rows[: len(pairs)]
     return replace(pairs, rows=rows, alignment=None, mass=pairs.vertex_areas)
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonRequest:
-    """Eigenpairs of two meshes up to the same eigenvalue times area, and how they are matched.
+    """Eigenpairs of two meshes up to the same eigenvalue times area, and the way to match them.
 
     `matched_in` is a key of `MATCHED_IN`; for `refined` and `landmarks` see `compare_shapes`.
     """
@@ -81,17 +80,18 @@ class ComparisonRequest:
     landmarks: tuple[tuple[int, int], ...] = ()
 
     def equals(self, other: ComparisonRequest) -> bool:
-        """Whether another request has the same answer."""
-        how = self.matched_in, self.refined, self.landmarks
-        same = how == (other.matched_in, other.refined, other.landmarks)
-        return same and self.same_pairs(other)
+        """Whether two requests have the same result."""
+        options, others = (
+            (each.matched_in, each.refined, each.landmarks) for each in (self, other)
+        )
+        return options == others and self.same_pairs(other)
 
     def same_pairs(self, other: ComparisonRequest) -> bool:
-        """Whether another request compares the same eigenpairs."""
+        """Whether two requests compare the same eigenpairs."""
         return self.first.rows is other.first.rows and self.second.rows is other.second.rows
 
     def answered(self, cancel: CancelCallback | None = None) -> Comparison:
-        """Compute the comparison; raise `InputError` where there are too few pairs."""
+        """Compute the comparison; raise `InputError` if a mesh has too few eigenpairs."""
         first, second = self.first.mesh, self.second.mesh
         assert first is not None
         assert second is not None
@@ -100,7 +100,7 @@ class ComparisonRequest:
         mine, other = _as_shown(self.first), _as_shown(self.second)
         vertices = corresponding_vertices(first, second)
         if vertices is not None:
-            other = replace(other, rows=self.second.rows)  # they are aligned again
+            other = replace(other, rows=self.second.rows)  # `compare_shapes` aligns them
         bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
         return compare_shapes(
             mine, other, bank, cancel, vertices,
@@ -120,29 +120,31 @@ class Pair:
 
     def __init__(self, first: Document, second: Document) -> None:
         self.first, self.second = first, second
-        #: The active ones of `LINKS`, and "camera" or "mirror" of `CAMERAS`; changed by `link`,
-        #: `link_cameras` and `set_links`.
+        #: Active links: keys of `LINKS`, and "camera" or "mirror" of `CAMERAS`. They are changed
+        #: by `link`, `link_cameras` and `set_links`.
         self.links: frozenset[str] = frozenset()
-        #: None until both are decomposed and compared.
+        #: None until both meshes are decomposed and compared.
         self.comparison: Comparison | None = None
-        #: Whether the second shows the field of the first, transferred by the match of vertices.
+        #: Whether the second mesh shows the field of the first, transferred by the match.
         self.carries = False
-        #: Maps of either mesh that were carried to it from the other.
+        #: Maps that were carried from one mesh to the other, in either direction.
         self.carried: tuple[VertexMap, ...] = ()
         self._matched_in = next(iter(MATCHED_IN))
         self._refined = False
         self._request: ComparisonRequest | None = None
         #: The request that `comparison` answers.
         self._answered: ComparisonRequest | None = None
+        #: Eigenvectors of the first and vertices of the second at the last solve of the second.
         self._asked: tuple[Any, Any] = None, None
-        #: Families of the first that were last applied to the second, and as they were shown then.
+        #: By name: the family of the first that was last applied to the second, as chosen and with
+        #: its parameters filled in.
         self._applied: dict[str, tuple[Family, Family]] = {}
-        #: By pin number: vertices that were pinned on the second, as their index in its file.
+        #: By pin number: the vertex that the user pinned on the second, as an index in its file.
         self._pinned: dict[int, int] = {}
         #: The history of the first before the last vertex was pinned on the second.
         self._before: tuple[Step, ...] = ()
         self._dragging = False
-        #: The history of the second, whose changes are changes in the history of the first.
+        #: The steps of the second that the history of the first has recorded.
         self._second_past = second.history.past
         second.pins.matched = True
         self._keep_second()
@@ -175,7 +177,7 @@ class Pair:
     # -- history ------------------------------------------------------------------------------
 
     def _keep_second(self) -> None:
-        """Declare what of the second is part of the history, from its present state on."""
+        """Make pins and changes of the second mesh parts of the history of the first."""
         history, self._second_past = self.first.history, self.second.history.past
         history.forget("second mesh")
         history.keep("second mesh", lambda: len(self._second_past), self._restore_second)
@@ -186,7 +188,7 @@ class Pair:
         self._follow_first_pins()
 
     def _record_second(self) -> None:
-        """Record a change of the second mesh, or what was undone of it alone."""
+        """Record in the history of the first that the second mesh was changed or undone."""
         past, known = self.second.history.past, self._second_past
         self._second_past = past
         changes = past[len(known) :] or known[len(past) :]
@@ -195,16 +197,16 @@ class Pair:
             self.first.history.record(label, before={"second mesh": len(known)})
 
     def _restore_second(self, steps: int) -> None:
-        """Undo or redo changes of the second mesh until as many are left."""
+        """Undo or redo changes of the second mesh until `steps` of them are in force."""
         history, before = self.second.history, -1
-        while len(history.past) not in (steps, before):  # a mesh may have to be computed first
+        while len(history.past) not in (steps, before):  # it stops to wait for a repaired mesh
             before = len(history.past)
             (history.undo if before > steps else history.redo)()
 
     # -- choices ------------------------------------------------------------------------------
 
     def link(self, name: str, on: bool) -> None:
-        """Activate one of `LINKS`, or deactivate it: the second keeps its present state."""
+        """Activate or deactivate one of `LINKS`; the state of the second does not change."""
         self.links = self.links | {name} if on else self.links - {name}
         self._apply_display(everything=True)
         self.changed.emit()
@@ -222,14 +224,14 @@ class Pair:
         self.changed.emit()
 
     def set_links(self, links: Collection[str] | None) -> None:
-        """Activate only these links; None for all, with mirrored cameras for two hemispheres."""
+        """Activate exactly these links; None for all, with mirrored cameras for hemispheres."""
         self.links = frozenset({"camera", *LINKS} if links is None else links)
         self._by_side = links is None
         self._apply_display(everything=True)
         self._follow_mesh()
 
     def _follow_mesh(self) -> None:
-        """Mirror the cameras of a left and a right hemisphere, unless something else was chosen."""
+        """Mirror the cameras of a left and a right hemisphere, unless the user chose a link."""
         meshes = self.first.mesh, self.second.mesh
         sides = {brain_side(mesh.structure, mesh.name) for mesh in meshes if mesh is not None}
         if self._by_side:
@@ -265,7 +267,7 @@ class Pair:
 
     @property
     def match(self) -> dict[str, Any]:
-        """How vertices are matched, and pinned on the second, for a session."""
+        """Options of the match and pins of the second mesh, as a session stores them."""
         return {
             "feature": self._matched_in,
             "refined": self._refined,
@@ -284,7 +286,7 @@ class Pair:
 
     @property
     def landmarks(self) -> tuple[tuple[int, int], ...]:
-        """Vertices of the first and the second that were pinned on both, by the user."""
+        """Pairs of vertices, of the first and the second mesh, that the user pinned on both."""
         mine = {pin.number: pin.vertex for pin in self.first.pins.placed}
         return tuple(
             (mine[pin.number], pin.vertex)
@@ -293,7 +295,7 @@ class Pair:
         )
 
     def pin_second(self, vertex: int) -> None:
-        """Pin a vertex of the second and its best match on the first, or remove both pins."""
+        """Pin a vertex of the second mesh and its best match, or remove both pins."""
         history, pins = self.first.history, self.first.pins
         self._before = history.past
         there = {pin.vertex: pin.number for pin in self.second.pins.placed}
@@ -313,13 +315,13 @@ class Pair:
                     pins.toggle(match, number)
 
     def revoke_pin_second(self) -> None:
-        """Take back the last `pin_second`, unless something else was changed after it."""
+        """Revert the last `pin_second`, unless another change was recorded after it."""
         past = self.first.history.past
         if past and past[:-1] == self._before:
             self.first.history.revoke()
 
     def drag_second(self, vertex: int, to: int) -> None:
-        """Move the pin of a vertex of the second; all moves until `drop_second` are one change."""
+        """Move a pin of the second mesh; all moves until `drop_second` are one change."""
         pin, mesh = pin_at(self.second.pins.placed, vertex), self.second.mesh
         if pin is not None and mesh is not None:
             if not self._dragging:
@@ -329,15 +331,15 @@ class Pair:
             self._follow_pins()
 
     def drop_second(self) -> None:
-        """End the change that `drag_second` began; the pin is a landmark where it is now."""
+        """End the change that `drag_second` began, and match with the new landmark."""
         self._dragging = False
         self._follow_first_pins()
 
     def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
-        """Return the field that the second shows, and colour limits for both fields.
+        """Return the field that the second mesh shows, and colour limits for both fields.
 
-        That is the field of the first, transferred by the match, if the second carries it; else see
-        `with_shared_limits`.
+        With `carries`, this is the field of the first mesh, transferred by the match; otherwise
+        the result of `with_shared_limits`.
         """
         if self.carries and self.comparison is not None:
             limits, _ = first.colors(self.first.display)
@@ -345,7 +347,7 @@ class Pair:
         return self.with_shared_limits(first, second)
 
     def keep(self, field: Field) -> None:
-        """Add a field of the first, transferred by the match, to the maps of the second."""
+        """Add a field of the first mesh, transferred by the match, to the maps of the second."""
         other, found = self.second.mesh, self.comparison
         if other is not None and found is not None:
             self.second.maps.add(other, [field.carried(found.back.indices).as_map()])
@@ -406,7 +408,7 @@ class Pair:
         Returns
         -------
         tuple of Field and Limits, or None
-            None where each mesh keeps its own limits: the link is off, families, signs or units
+            None if each mesh has its own limits, because the link is off, families, signs or units
             differ, or a field consists of labels.
         """
         key, display = first.family.limits_key, self.first.display
@@ -424,11 +426,11 @@ class Pair:
             logarithmic = first.spans_decades or second.spans_decades
         return second, first.scaled((min(lows), max(highs)), logarithmic)
 
-    # -- what is compared ---------------------------------------------------------------------
+    # -- the comparison -----------------------------------------------------------------------
 
     @property
     def correspondence(self) -> Correspondence:
-        """Correspondence of lengths, vertices and eigenfunctions, as far as it is known."""
+        """Correspondence of lengths, and after the comparison of vertices and eigenfunctions."""
         mesh, other, known = self.first.mesh, self.second.mesh, self.comparison
         if mesh is None or other is None or not mesh.area > 0.0:
             return Correspondence()
@@ -464,8 +466,8 @@ class Pair:
     def write_match(self, path: Path) -> None:
         """Write the match of each vertex of the first on the second (`Comparison.match_table`).
 
-        May be called from any thread. `InputError` is raised if there is nothing to write, or the
-        file cannot be written.
+        May be called from any thread. `InputError` is raised if the meshes are not compared yet,
+        or the file cannot be written.
         """
         found, request = self.comparison, self._answered
         if found is None or request is None:
@@ -494,7 +496,7 @@ class Pair:
     def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
         """Return the best matches on the second of a vertex of the first, with their scores.
 
-        Best first; matches are at least 2 % of the diagonal of the mesh apart.
+        The best match is first. Matches are at least 2 % of the mesh's diagonal apart.
         """
         mesh = self.second.mesh
         if self.comparison is None or mesh is None:
@@ -509,7 +511,7 @@ class Pair:
             self._follow_spectra()
 
     def _follow_spectra(self) -> None:
-        """Solve the second as far as the first, and compare them once both are solved."""
+        """Solve the second mesh as far as the first, and compare them once both are solved."""
         self._decompose_second()
         first, second = self.first.spectrum, self.second.spectrum
         before, request = self._request, None
@@ -526,7 +528,7 @@ class Pair:
             self._request = request
             known = self._answered
             if request is None or known is None or not known.same_pairs(request):
-                self.comparison = None  # else it stays until the next one replaces it
+                self.comparison = None  # with the same pairs it is shown until the next result
             if request is not None:
                 self.comparison_requested.emit(request)
         self._apply_display(everything=True)
@@ -540,7 +542,7 @@ class Pair:
             return
         asked = first.rows, mesh.vertices
         if all(one is other for one, other in zip(asked, self._asked, strict=True)):
-            return  # only once: a cancelled job is not requested again
+            return  # the user may have cancelled the job
         self._asked = asked
         top = matched_top(_as_shown(first), mesh.area)
         self.second.solve.operator = self.first.solve.operator
@@ -552,8 +554,8 @@ class Pair:
             self.second.solve.compute()
 
     def _apply_display(self, *, everything: bool = False) -> None:
-        """Apply what has changed of the display of the first to the second, as far as linked."""
-        with self.second.history.paused():  # these are changes of the first
+        """Copy linked attributes of the display that have changed from the first to the second."""
+        with self.second.history.paused():  # the history of the first records them
             self._copy_display(everything=everything)
 
     def _copy_display(self, *, everything: bool) -> None:
@@ -595,22 +597,22 @@ class Pair:
             self.first.display.cut = self._other_side(cut)
 
     def _other_side(self, cut: Cut) -> Cut:
-        """Return the cut of the other mesh, which is looked at from the mirrored side if linked."""
+        """Return the cut for the other mesh, reflected if the cameras are mirrored."""
         x, y, z = cut.normal
         return replace(cut, normal=(-x, y, z)) if self.cameras == "mirror" else cut
 
     def _follow_second(self) -> None:
-        """Display maps on the first too, after one has been added to the second."""
+        """Display own maps on the first mesh after a map was added to the second."""
         if "kind" in self.links and self.second.display.family.own:
             self.first.display.kind = self.second.display.kind
 
     def _follow_first_pins(self) -> None:
         self._follow_pins()
         if self._refined:
-            self._follow_spectra()  # with other landmarks
+            self._follow_spectra()  # the landmarks have changed
 
     def _follow_pins(self) -> None:
-        """Pin the best match of each pin, under its number."""
+        """Pin the best match of each pin of the first on the second, under the same number."""
         numbers = {pin.number for pin in self.first.pins.placed}
         self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
         found = ((pin, self._place_of(pin)) for pin in self.first.pins.placed)
@@ -620,9 +622,9 @@ class Pair:
             self.changed.emit()
 
     def _place_of(self, pin: Pin) -> int | None:
-        """Return the vertex of the second for a pin: the one pinned there, or the best match."""
+        """Return the vertex of the second for a pin: the pinned one, or the best match."""
         index, mesh = self._pinned.get(pin.number), self.second.mesh
         if index is not None and mesh is not None:
-            with contextlib.suppress(InputError):  # removed by a repair
+            with contextlib.suppress(InputError):  # a repair removed the vertex
                 return mesh.vertex_of(index)
         return self.correspondence.vertex(pin.vertex)

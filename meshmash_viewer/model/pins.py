@@ -16,8 +16,8 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.history import History
 from meshmash_viewer.model.open_mesh import OpenMesh
 
-#: Colours of the pins in the order of their numbers: Okabe & Ito 2008, distinct for every kind of
-#: colour vision, then those farthest from them in CIELAB, with and without colour blindness.
+#: Colours of the pins in the order of their numbers: those of Okabe & Ito 2008, distinct for every
+#: kind of colour vision, then the farthest ones in CIELAB, with and without colour blindness.
 PIN_COLORS = (
     "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442",
     "#6611FF", "#BB0033", "#CCCC88", "#6677FF", "#006666",
@@ -31,7 +31,7 @@ _COLOR = re.compile("#[0-9A-Fa-f]{6}")
 
 @dataclass(frozen=True)
 class Pin:
-    """A vertex whose profile is compared."""
+    """A vertex that the user marked, with its name and colour."""
 
     vertex: int
     #: From 1.
@@ -48,17 +48,17 @@ class Pin:
 
     @property
     def label(self) -> str:
-        """Its name, or its number without one."""
+        """The name, or the number of a pin without a name."""
         return self.name or str(self.number)
 
     @property
     def title(self) -> str:
-        """How sentences call it: its name, or "pin 3" without one."""
+        """The name for sentences: "soma", or "pin 3" without a name."""
         return self.name or f"pin {self.number}"
 
 
 class Pins:
-    """The pins of the open mesh; what a user changes of them is recorded."""
+    """The pins of the open mesh; the history records changes by the user."""
 
     changed = Signal()
 
@@ -66,7 +66,8 @@ class Pins:
         self._opened, self._history = opened, history
         #: The pins in the order in which they were placed.
         self.placed: tuple[Pin, ...] = ()
-        #: Whether they are the matches of another mesh's, which are found again after a repair.
+        #: Whether the pins are matches of those on another mesh, which are found again after a
+        #: repair.
         self.matched = False
         history.keep("pins", lambda: self.placed, self.put)
 
@@ -76,12 +77,12 @@ class Pins:
         self.changed.emit()
 
     def set(self, label: str, pins: Iterable[Pin]) -> None:
-        """Replace the pins as one change, whose label completes "Undo …"."""
+        """Replace the pins as one change; `label` completes "Undo …"."""
         self._history.record(label, "pins")
         self.put(tuple(pins))
 
     def change(self, label: str, vertex: int, /, **attributes: Any) -> None:
-        """Change attributes of the pin of a vertex as one change, if there is one."""
+        """Change attributes of the pin of a vertex, if it has one, as one change."""
         if pin_at(self.placed, vertex) is not None:
             of = (replace(p, **attributes) if p.vertex == vertex else p for p in self.placed)
             self.set(label, of)
@@ -114,7 +115,7 @@ def pin_at(pins: Iterable[Pin], vertex: int | None) -> Pin | None:
 def checked_color(text: str) -> str:
     """Return a colour "#rrggbb" in capitals, or "" for none.
 
-    `InputError` is raised if it is something else.
+    `InputError` is raised for another text.
     """
     if text and not _COLOR.fullmatch(text):
         raise InputError(f"{printable(text, 30)!r} is not a colour: write it as #E69F00.")
@@ -145,7 +146,7 @@ def same_vertex(before: Mesh, now: Mesh, vertex: int) -> int | None:
 
 
 def followed_pins(pins: Sequence[Pin], before: Mesh, now: Mesh) -> tuple[Pin, ...]:
-    """Map the pins of one mesh to another repair of the same file, each vertex once."""
+    """Map pins to the mesh after other repairs of the same file, one pin a vertex."""
     moved: dict[int, Pin] = {}
     for pin in pins:
         vertex = same_vertex(before, now, pin.vertex)

@@ -1,4 +1,4 @@
-"""Placing of pins from a table on a mesh: by index in the file, or by position."""
+"""Placing of the pins of a table on a mesh, by index in the file or by position."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import Pin, checked_color, distinct_name
 from meshmash_viewer.units import METRES, NO_VOXEL, counted, format_quantity
 
-#: Distance of the vertex of an index from its position, as a share of the size of the mesh, up to
-#: which they agree.
+#: Largest distance at which a vertex index and a position agree, relative to the mesh's diagonal.
 _AGREES = 1e-3
 
 
 @dataclass(frozen=True)
 class PlacedPins:
-    """Vertex, name and colour of each pin; reasons why rows are left out; other remarks."""
+    """Vertex, name and colour of each pin; reasons for rows left out; other remarks."""
 
     pins: tuple[tuple[int, str, str], ...]
     faults: tuple[str, ...]
@@ -33,8 +32,8 @@ class PlacedPins:
 def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
     """Find the vertices of the rows of a table.
 
-    The index in the file counts unless its vertex is not at the position of the row; then that is
-    the one nearest to the position.
+    It is the vertex of the index in the file, or, if that is not at the position of the row, the
+    vertex nearest to the position.
     """
     size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
     positions, reading = _positions(mesh, table)
@@ -70,7 +69,7 @@ def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
 
 
 def _vertex_of(mesh: Mesh, index: int, position: FloatArray, agrees: float) -> int:
-    """Return the vertex of an index; -1 where the position counts.
+    """Return the vertex of an index; -1 if the position determines the vertex.
 
     `InputError` is raised if there is neither a vertex of that index nor a position.
     """
@@ -89,9 +88,9 @@ def _vertex_of(mesh: Mesh, index: int, position: FloatArray, agrees: float) -> i
 
 
 def _positions(mesh: Mesh, table: PinTable) -> tuple[FloatArray, str]:
-    """Return positions in the unit of the mesh, shape (n, 3), and a remark if they had none.
+    """Return positions in the unit of the mesh, shape (n, 3), and a remark if it was assumed.
 
-    Without a unit they may be in voxels: what is nearer to the mesh counts.
+    Without a unit they may be in voxels: the unit that brings them nearer to the mesh is assumed.
     """
     positions = table.positions
     if table.unit and mesh.unit:
@@ -104,7 +103,7 @@ def _positions(mesh: Mesh, table: PinTable) -> tuple[FloatArray, str]:
 
 
 def _nearest(mesh: Mesh, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the nearest vertex on a face to each position, -1 for NaN, and its distance."""
+    """Return the vertex (on a face) nearest to each position, -1 for NaN, and its distance."""
     from scipy.spatial import cKDTree
 
     vertices, distances = np.full(len(positions), -1), np.full(len(positions), np.nan)
@@ -119,9 +118,9 @@ def _nearest(mesh: Mesh, positions: FloatArray) -> tuple[IntArray, FloatArray]:
 def merged_pins(
     pins: Sequence[Pin], placed: Sequence[tuple[int, str, str]]
 ) -> tuple[tuple[Pin, ...], str]:
-    """Return pins with more of them, and a remark on names that are doubled or replaced.
+    """Add placed pins to pins; return all, and a remark on numbered and replaced names.
 
-    One at a pinned vertex changes the name and the colour of that pin, if it has any.
+    A placed pin at a pinned vertex replaces name and colour of that pin, if it has them.
     """
     merged = {pin.vertex: pin for pin in pins}
     taken, names = {pin.number for pin in pins}, {pin.name for pin in pins}

@@ -1,4 +1,4 @@
-"""What is on screen, as a Python script that makes it again."""
+"""Python script that reproduces the displayed field."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from meshmash_viewer.model.selection import mask_in_file
 
 
 class Exported(NamedTuple):
-    """What was exported last: of which mesh, from how many pairs, and whether with its maps."""
+    """The last export: hash of the mesh, family, number of pairs, and whether maps were added."""
 
     mesh_hash: str
     family: Family
@@ -28,12 +28,12 @@ class Exported(NamedTuple):
 def reproduction_script(
     document: Document, pair: Pair | None = None, exported: Exported | None = None
 ) -> str:
-    """Write the script: read, repair, decompose, compute the field, write it; compare a pair.
+    """Return a script that reads, repairs and decomposes the mesh, and computes the field.
 
-    A whole Python program that uses nothing but this package and NumPy. A mesh without a file gets
-    a line for its owner to fill in. It writes the columns that were exported, or that the export
-    dialog would suggest, to a file of the dialog's name in its ``folder``, or to one with a number
-    where there is such a file: it overwrites none. All other paths are absolute.
+    It is a whole program that needs only this package and NumPy. For a mesh in memory it has a line
+    to complete. It writes the columns of the last export, or those that the export dialog suggests,
+    to a new file in its ``folder``. All other paths are absolute. With a `pair` it also compares
+    the two meshes.
     """
     request = request_of(document)
     lines, rest = _reading(document), list[str]()
@@ -59,7 +59,7 @@ def reproduction_script(
 
 
 def script_output(document: Document) -> str:
-    """Name of the file that the script writes; empty if it writes none."""
+    """Return the name of the file that the script writes; "" without a mesh or a field."""
     request = request_of(document)
     if document.mesh is None or request is None:
         return ""
@@ -68,20 +68,20 @@ def script_output(document: Document) -> str:
 
 
 def _computing(document: Document, request: FieldRequest, exported: Exported | None) -> list[str]:
-    """Make ``values``, and ``features`` if the family is exported as features."""
+    """Return lines that compute ``values``, and ``features`` of a family that has them."""
     family = request.family.measured_from([pin.vertex for pin in document.pins.placed])
     lines = family.script(request.spectrum)
     known = _known(document, request, exported)
     if isinstance(family, BankFamily) and known is not None:
         assert isinstance(known.family, BankFamily)
         bank = known.family.bank_script()
-        if bank != family.bank_script():  # the dialog was asked for others than the window shows
+        if bank != family.bank_script():  # the export had other parameters than the display
             lines += [f"features = mv.compute_features(decomposition, {bank}, unit=mesh.unit)"]
     return lines
 
 
 def _known(document: Document, request: FieldRequest, exported: Exported | None) -> Exported | None:
-    """What was exported, if it is of this family, mesh and pairs."""
+    """Return the last export if it is of this family, mesh and number of pairs."""
     mesh, family = document.mesh, request.family
     if exported is None or mesh is None or exported.family.name != family.name:
         return None
@@ -97,7 +97,7 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
     if path is None:
         lines = ["", f"{name} = mv.Mesh(vertices, faces, unit=...)  # the mesh in memory"]
     else:
-        where = shown_path(path.absolute())  # a link names the segment
+        where = shown_path(path.absolute())  # of a linked segment, its link
         read = f"mv.read_mesh({where!r}, unit={document.unit_text!r})"
         lines = ["", f"{name} = {read}"]
     if document.repairs:
@@ -109,7 +109,7 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
 
 
 def _in_no_file(document: Document, rest: list[str]) -> list[str]:
-    """Comments on the maps that the rest of a script needs and no file has as they are."""
+    """Return comments on maps that the rest of a script needs and that are in no file."""
     every = any(".with_maps(mesh)" in line for line in rest)
     needed = [
         repr(each.name)
@@ -137,9 +137,10 @@ def _operator(document: Document) -> str:
 
 
 def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
-    """Solve as many pairs of the second mesh as are compared, and match the vertices of both.
+    """Return lines that solve the second mesh and compare it with the first.
 
-    These may be more than reach the last eigenvalue of the first: all that were there already.
+    All its pairs are solved, as the comparison used them, even beyond the last eigenvalue of the
+    first mesh.
     """
     first, second = request.spectrum, pair.second.spectrum
     assert second is not None
@@ -210,6 +211,6 @@ def _writing(document: Document, request: FieldRequest, exported: Exported | Non
             f"mv.write_features(path, features, mesh{pairs})",
             "print(path)",
         ]
-    # a row is a vertex of the file
+    # rows are the vertices of the file
     values = "values" if mesh.numbering is None else "mesh.on_file(values)"
     return [path, f"np.save(path, {values})", "print(path)"]

@@ -12,12 +12,12 @@ from meshmash_viewer.model.history import History
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.surface.masks import Mask, grown, shrunk
 
-#: How vertices change the selection: they are selected alone, in addition, or no longer.
+#: How vertices change the selection: they replace it, are added to it, or removed from it.
 How: TypeAlias = Literal["replace", "add", "remove"]
 
 
 class MaskOfMesh:
-    """A mask of the open mesh, which is a part of the history and follows repairs."""
+    """A mask of the open mesh, which the history records and repairs map."""
 
     changed = Signal()
     #: Name of the part of the history.
@@ -25,7 +25,7 @@ class MaskOfMesh:
 
     def __init__(self, opened: OpenMesh, history: History) -> None:
         self._opened, self._history = opened, history
-        #: Which vertices, shape (n,), read-only; None where it is none.
+        #: Shape (n,), read-only; None for no vertex.
         self.mask: Mask | None = None
         history.keep(self.part, lambda: self.mask, self._restore)
 
@@ -37,13 +37,13 @@ class MaskOfMesh:
         self.changed.emit()
 
     def set(self, mask: Mask | None, label: str = "") -> None:
-        """Replace the mask as one change, whose label completes "Undo …"."""
+        """Replace the mask as one change; `label` completes "Undo …"."""
         if not same_mask(mask, self.mask):
             self._history.record(label or self.part, self.part)
             self.put(mask)
 
     def follow(self, before: Mesh | None, now: Mesh) -> None:
-        """Map the mask of another repair, or drop that of another file (None).
+        """Map the mask from the mesh before a repair, or drop it for another file (None).
 
         The caller emits `changed`.
         """
@@ -60,7 +60,7 @@ class Hiding(MaskOfMesh):
     part = "hidden vertices"
 
     def hide(self, mask: Mask) -> None:
-        """Hide vertices, in addition to those hidden before."""
+        """Hide more vertices."""
         self.set(mask if self.mask is None else self.mask | mask, "hiding of vertices")
 
     def isolate(self, mask: Mask) -> None:
@@ -73,7 +73,7 @@ class Hiding(MaskOfMesh):
 
 
 class Selection(MaskOfMesh):
-    """The selection; every change is recorded, those between `draw` and `finish` as one."""
+    """The selected vertices; calls of `draw` until `finish` are recorded as one change."""
 
     part = "selection"
 
@@ -102,7 +102,7 @@ class Selection(MaskOfMesh):
             self._history.changed.emit()
 
     def take(self, mask: Mask, how: How = "replace", label: str = "selection") -> None:
-        """Select vertices alone or in addition, or select them no longer, as one change."""
+        """Replace the selection by vertices, add them or remove them, as one change."""
         self.set(combined(self.mask, mask, how), label)
 
     def grow(self) -> None:
@@ -111,7 +111,7 @@ class Selection(MaskOfMesh):
             self.set(grown(self._opened.mesh, self.mask), "growing of the selection")
 
     def shrink(self) -> None:
-        """Leave out the vertices at the border of the selection."""
+        """Deselect the vertices at the border of the selection."""
         if self._opened.mesh is not None and self.mask is not None:
             self.set(shrunk(self._opened.mesh, self.mask), "shrinking of the selection")
 
@@ -131,7 +131,7 @@ class Selection(MaskOfMesh):
 
 
 def combined(before: Mask | None, mask: Mask, how: How) -> Mask:
-    """Return a selection after vertices are selected alone, in addition, or no longer."""
+    """Return a selection that a mask replaces, is added to, or is removed from."""
     if how == "replace":
         return mask
     if how == "add":
@@ -140,14 +140,14 @@ def combined(before: Mask | None, mask: Mask, how: How) -> Mask:
 
 
 def same_mask(one: Mask | None, other: Mask | None) -> bool:
-    """Whether two selections have the same vertices; None is the one of none."""
+    """Whether two selections have the same vertices; None has no vertex."""
     if one is None or other is None:
         return not any(mask is not None and mask.any() for mask in (one, other))
     return np.array_equal(one, other)
 
 
 def checked_mask(mask: Mask, mesh: Mesh | None) -> Mask | None:
-    """Return a mask read-only, copied where needed; None where it is False everywhere.
+    """Return a read-only mask, copied if it was writable; None if no vertex is in it.
 
     `ValueError` is raised if it is not one bool for each vertex.
     """
@@ -166,7 +166,7 @@ def checked_mask(mask: Mask, mesh: Mesh | None) -> Mask | None:
 
 
 def mask_in_file(mesh: Mesh, mask: Mask) -> Mask:
-    """Return which vertices of the file a mask has, shape (n_file,); merged ones follow theirs."""
+    """Convert a mask to the vertices of the file, shape (n_file,), merged vertices included."""
     if mesh.numbering is None:
         return mask
     here = mesh.numbering.here
@@ -174,7 +174,7 @@ def mask_in_file(mesh: Mesh, mask: Mask) -> Mask:
 
 
 def mask_of_file(mesh: Mesh, in_file: Mask) -> Mask:
-    """Return which vertices of the mesh a mask of the vertices of its file has, shape (n,)."""
+    """Convert a mask of the vertices of the file to the vertices of the mesh, shape (n,)."""
     if mesh.numbering is None:
         return in_file
     here = mesh.numbering.here
@@ -184,5 +184,5 @@ def mask_of_file(mesh: Mesh, in_file: Mask) -> Mask:
 
 
 def followed_mask(mask: Mask | None, before: Mesh, now: Mesh) -> Mask | None:
-    """Map a mask of one mesh to another repair of the same file."""
+    """Map a mask to the vertices of the mesh after other repairs of the same file."""
     return None if mask is None else mask_of_file(now, mask_in_file(before, mask))

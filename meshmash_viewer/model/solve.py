@@ -1,4 +1,4 @@
-"""The next solve of a document: of which Laplacian, and how many eigenpairs."""
+"""The next decomposition of a document: options of its Laplacian, and number of eigenpairs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DEFAULT_TARGET = Target("count", 100)
 
 
 class Solve:
-    """What the next solve computes of the open mesh, and what of that is known."""
+    """Options of the next decomposition of the open mesh, with estimates of its size and time."""
 
     changed = Signal()
 
@@ -45,7 +45,7 @@ class Solve:
 
     @property
     def target(self) -> Target:
-        """How much of the spectrum is computed."""
+        """The part of the spectrum to compute."""
         return self._target
 
     @target.setter
@@ -79,8 +79,8 @@ class Solve:
 
     @property
     def can_compute(self) -> bool:
-        """Whether there is a mesh with pairs left to compute, and no other job runs."""
-        # these end within seconds
+        """Whether the mesh has pairs left to compute, and no other job runs."""
+        # a decomposition waits for a preview or a classification, which end within seconds
         waits = self._work.job is None or isinstance(self._work.job.job, PreviewJob | ClassesJob)
         return self._opened.ready is not None and waits and not self.is_computed
 
@@ -97,7 +97,7 @@ class Solve:
         if solved is not None:
             target = self.target
             if target.kind == "time":
-                # at most the whole spectrum
+                # the target may need more pairs than there are
                 n_vertices = int(self.translation().n_vertices)
                 target = sufficient_target(target.value, solved.health.area, n_vertices)
             self._work.request(DecomposeJob(solved.mesh, self.operator, target))

@@ -1,8 +1,8 @@
 """Worker process: runs the jobs of a window, so that the window stays responsive.
 
-`Worker` is the window's end, `serve` the end of the process. That leads a process group of its own,
-so that it ends together with all processes of the solver: on request, and when the window's end of
-the pipe closes for any reason, including a crash of the window.
+`Worker` is the part in the window, `serve` the part in the process. The process leads a process
+group, so that all processes of the solver end with it: on request, and when the pipe is closed,
+for example by a crash of the window.
 """
 
 from __future__ import annotations
@@ -35,16 +35,15 @@ from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
 from meshmash_viewer.spectral.cost import decomposition_bytes
 from meshmash_viewer.work import Job, Wire, end_group, start_child
 
-#: Receives the kind of a message and its content: "progressed" with a `Progress`, "sent" with a
-#: part of the result, and at the end "finished" with the result, "failed" with a `Failure`, or
+#: Function of the kind of a message and its content: "progressed" with a `Progress`, "sent" with a
+#: partial result, and at the end "finished" with the result, "failed" with a `Failure`, or
 #: "cancelled" with None.
 Receiver: TypeAlias = Callable[[str, Any], None]
 
 _ENDS = ("finished", "failed", "cancelled")
 #: Seconds after which the process of a cancelled job is killed.
 _CANCEL_PATIENCE = 1.0
-#: Seconds that the processes of a job have to delete their temporary files at closing, and after a
-#: crash.
+#: Seconds to wait until processes have deleted their temporary files, at closing and after a crash.
 _CLOSE_PATIENCE, _CRASH_PATIENCE = 3.0, 0.5
 #: Seconds between two progress reports of a stage.
 _REPORT_SECONDS = 0.05
@@ -64,8 +63,7 @@ class _Order:
 class Worker:
     """Runs one job at a time in a child process that is kept running.
 
-    `receive` is called in the worker's thread, which reads and writes arrays, so that no method
-    blocks.
+    No method but `close` blocks: a thread exchanges the messages, and calls `receive`.
     """
 
     #: Whether jobs run in the worker's thread instead of a process, as tests of windows need.
@@ -157,10 +155,10 @@ class Worker:
             self._drop_process(_CLOSE_PATIENCE)
 
     def _run(self, order: _Order, *, again: bool = True) -> None:
-        """Run a job, and report how it ended.
+        """Run a job, and report its end.
 
-        A process that gives no answer may have ended while it was idle, which `poll` reports only
-        when all its threads have ended; another one tries the job once more.
+        If the process ends without any message, it may have ended while it was idle, which `poll`
+        reports with a delay; the job is then tried once more in another process.
         """
         receive = partial(self._deliver, order)
         if self._is_stopped(order):
@@ -208,10 +206,10 @@ class Worker:
             self._deliver(order, *self._wire.receive())
 
     def _replace_process(self, job: Job) -> Failure:
-        """Start another process after one has ended, and return why it has."""
+        """Start another process after one has ended, and return the reason of its end."""
         code = 0
         if self._process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):  # it lives, and is ended below
+            with contextlib.suppress(subprocess.TimeoutExpired):  # `_drop_process` ends it
                 code = self._process.wait(_CLOSE_PATIENCE)
         errors = self.folder / "stderr.txt"
         details = errors.read_bytes()[-4000:].decode(errors="replace") if errors.exists() else ""
@@ -235,7 +233,7 @@ class Worker:
         with self._lock:
             if self._closing:
                 return
-            # messages of libraries must not be printed in the terminal of the window
+            # libraries print messages, which do not belong in the terminal
             with open(self.folder / "stderr.txt", "wb") as errors:
                 child = start_child(serve, str(self.folder), stderr=errors, start_new_session=True)
             self._process = child
@@ -261,7 +259,7 @@ def _import_libraries() -> None:
 
 
 def serve(source: BinaryIO, sink: BinaryIO, folder: str) -> None:
-    """Run jobs until the pipe closes; then end, with all descendants."""
+    """Run jobs until the pipe is closed; then end this process and its descendants."""
     faulthandler.enable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is handled by the window
     _lower_priority()
@@ -270,7 +268,7 @@ def serve(source: BinaryIO, sink: BinaryIO, folder: str) -> None:
     stopped: set[int] = set()
     threading.Thread(target=_listen, args=(wire, jobs, stopped, folder), daemon=True).start()
     _warm_up()
-    # while a first mesh is read, or before the first job; a job that needs the solver waits for it
+    # in parallel to the first job; a job that needs the solver waits for it
     threading.Thread(target=_warm_up_solver, daemon=True).start()
 
     def receive(kind: str, content: Any) -> None:
@@ -301,7 +299,7 @@ def _listen(
 
 
 def run_job(job: Job, receive: Receiver, cancelled: CancelCallback, folder: Path) -> None:
-    """Do a job, and pass what it reports and how it ended to a receiver."""
+    """Run a job, and pass its messages and its end to a receiver."""
     try:
         receive("finished", job.run(_JobChannel(receive, cancelled, folder)))
     except Cancelled:
@@ -330,7 +328,7 @@ class _JobChannel:
 
 
 def _lower_priority() -> None:
-    """Lower the priority, and mark the process as the first to be killed without memory."""
+    """Lower the priority, and let the system kill this process first if memory runs out."""
     if sys.platform == "win32":
         import psutil
 
@@ -343,10 +341,9 @@ def _lower_priority() -> None:
 
 
 def _warm_up() -> None:
-    """Import the modules that every job needs.
+    """Import the modules that every job needs, in one thread.
 
-    In one thread: packages with circular imports (joblib, numba) can fail when two threads import
-    them at once.
+    Packages with circular imports (joblib, numba) can fail if two threads import them at once.
     """
     import joblib  # noqa: F401
     import scipy.sparse.linalg  # noqa: F401

@@ -1,4 +1,4 @@
-"""Section of the Labels panel: classes learned from its labels, and the importance of columns."""
+"""Section of the Labels panel: classification from labels, and the importance of columns."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ _SCORES = (
 _EMPTY = "Press Classify for classes, their scores, and the importance of each column."
 #: Height in pixels.
 _HEIGHT = 150
-#: What the legend calls each kind of columns with what corresponds to a time, a column of it, and
-#: the power of length of that.
+#: By kind of columns: its name in the legend, the name of one column, and the power of length of
+#: the quantity that stands for the time of the column.
 _KINDS = dict(
     zip(
         KINDS,
@@ -43,12 +43,12 @@ _KINDS = dict(
         strict=True,
     )
 )
-#: Columns that are named.
+#: Number of most important columns in the legend.
 _NAMED = 3
 
 
 class ClassSection(QWidget):
-    """What classes are learned from, the buttons to do so, and the scores."""
+    """Options of the classification, its buttons, and the scores."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -124,7 +124,7 @@ class ClassSection(QWidget):
         classes.options = replace(classes.options, **options)
 
     def refresh(self) -> None:
-        """Show what the model holds."""
+        """Show the state of the model."""
         classes, labels = self._document.classes, self._document.labels
         options, job = classes.options, self._document.work.job
         for kind, check in self.kinds.items():
@@ -143,7 +143,7 @@ class ClassSection(QWidget):
         self._show_importance()
 
     def _show_importance(self) -> None:
-        """Draw the importance of the columns, where there is a prediction."""
+        """Draw the importance of the columns, if there is a prediction."""
         learned = self._document.classes.learned
         self.importance.setVisible(learned is not None)
         if learned is not None:
@@ -152,7 +152,7 @@ class ClassSection(QWidget):
 
 
 class ImportancePlot(Plot):
-    """The sum of the importance of the columns at each time, a curve for each kind."""
+    """Importance of the columns, summed at each time, with a curve for each kind of columns."""
 
     def __init__(self, document: Document) -> None:
         self._learned = Learned()
@@ -163,7 +163,7 @@ class ImportancePlot(Plot):
         self.saver = PlotSaver(self, document, self.numbers, self.dress)
 
     def show_learned(self, learned: Learned) -> None:
-        """Draw what is known of a prediction."""
+        """Draw the importance of the columns of a prediction."""
         if learned is self._learned:
             return
         self._learned = learned
@@ -178,7 +178,7 @@ class ImportancePlot(Plot):
         self.show_all()
 
     def _sums(self) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Times of each kind of columns, and the sums of the importance of those at each."""
+        """Return the times of each kind of columns, and the sums of importance at each time."""
         learned, found = self._learned, dict[str, tuple[FloatArray, FloatArray]]()
         for kind in dict.fromkeys(learned.kinds):
             own = np.array(learned.kinds) == kind

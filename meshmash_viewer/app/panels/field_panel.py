@@ -38,7 +38,7 @@ from meshmash_viewer.model.limits import (
 )
 from meshmash_viewer.units import distinct_digits
 
-#: Policies of the limits with their labels; None for `automatic_limits`.
+#: Types of the limit policies with their labels; `NoneType` is `automatic_limits`.
 _POLICIES: dict[str, tuple[type[Any], str]] = {
     "automatic": (NoneType, "Automatic"),
     "symmetric": (SymmetricLimits, "Symmetric about 0"),
@@ -46,17 +46,15 @@ _POLICIES: dict[str, tuple[type[Any], str]] = {
     "percentile": (PercentileLimits, "Percentiles"),
     "locked": (LockedLimits, "Locked"),
 }
-#: Scales of the colours: linear, logarithmic, or None for the one that serves.
+#: Whether colours are logarithmic, with labels; None if `spans_decades` decides.
 _SCALES: dict[str, tuple[bool | None, str]] = {
     "automatic": (None, "Automatic"),
     "linear": (False, "Linear"),
     "log": (True, "Logarithmic"),
 }
 _KINDS = [kind for kind, _ in _POLICIES.values()]
-
-
-#: matplotlib's name to the name on the list. All keep their order in grey or in the three common
-#: kinds of colour blindness (Brewer 2003, Moreland 2009; viridis and its family).
+#: Names in the list by matplotlib's names. The order of the colours is visible in grey and with the
+#: three common kinds of colour blindness (Brewer 2003, Moreland 2009; viridis and its family).
 DIVERGING = {
     "RdBu_r": "Blue – red",
     "PuOr_r": "Purple – orange",
@@ -76,7 +74,7 @@ SEQUENTIAL = {
 
 @lru_cache(maxsize=64)
 def swatch_icon(name: str) -> QIcon:
-    """A strip of one of matplotlib's colour maps, of 56 × 12 pixels at twice the resolution."""
+    """Return a strip of a colour map, 56 × 12 logical pixels at twice the resolution."""
     colors = color_table(name, 112).tobytes() * 24
     image = QImage(colors, 112, 24, 448, QImage.Format.Format_RGBA8888)
     picture = QPixmap.fromImage(image)
@@ -87,7 +85,7 @@ def swatch_icon(name: str) -> QIcon:
 class ColorSection(QWidget):
     """Colour map, policy of its limits, and the current limits.
 
-    Typing one end locks both, which then stay when the field changes.
+    Typing one end locks both limits: they stay when the field changes.
     """
 
     def __init__(self, document: Document) -> None:
@@ -137,7 +135,7 @@ class ColorSection(QWidget):
             field.edited.connect(self._lock)
             field.refused.connect(self.fault.setText)
         self.unit_label = make.muted()
-        # for any unit of its kind, so that nothing moves
+        # a width for all units, so that the fields do not move
         self.unit_label.setMinimumWidth(self.unit_label.fontMetrics().horizontalAdvance("mm⁻²"))
         self.percentiles = QWidget()
         default = PercentileLimits()
@@ -154,7 +152,7 @@ class ColorSection(QWidget):
         self.setLayout(column(*parts, margins=(theme.MARGIN, 0, theme.MARGIN, theme.MARGIN)))
 
     def keep_room(self, keep: bool) -> None:
-        """Whether there is always room for all controls, so that nothing moves."""
+        """Set whether hidden controls keep their room, so that the others do not move."""
         make.keep_room(self.percentiles, keep)
 
     def _percent_spin(self, text: str, value: float) -> DecimalField:
@@ -164,7 +162,7 @@ class ColorSection(QWidget):
         end, what = text.lower().split()
         return theme.named(spin, f"{what}_{end}_spin", text)
 
-    # -- from the person --------------------------------------------------------------------
+    # -- from the user ----------------------------------------------------------------------
 
     def _choose_map(self, row: int) -> None:
         name = self.map_combo.itemData(row)
@@ -214,7 +212,7 @@ class ColorSection(QWidget):
 
     @property
     def _key(self) -> str:
-        """What limits are chosen for: the field, if it is of the displayed family."""
+        """Key of the limits: that of the field, or of the displayed family until it is drawn."""
         family = self._document.display.family
         is_shown = self._field_key.partition(":")[0] == family.name
         return self._field_key if is_shown else family.limits_key
@@ -248,14 +246,14 @@ class ColorSection(QWidget):
             make.show_quietly(self.percent_high, policy.high)
         elif isinstance(policy, LockedLimits) and not (limits and limits.logarithmic):
             limits = Limits(policy.low, policy.high)
-        if self._labelled:  # labels have their own colours, and no limits
+        if self._labelled:  # labels have colours, but no limits
             limits = None
         for control in (self.map_combo, self.policy_combo, self.percentiles):
             control.setEnabled(not self._labelled)
         self.scale_combo.setEnabled(not (self._labelled or signed))
         scales = [scale for scale, _ in _SCALES.values()]
         self.scale_combo.setCurrentIndex(scales.index(display.log_scales.get(self._key)))
-        # says what was chosen for this field
+        # the entry names the automatic scale of this field
         logarithmic = limits is not None and limits.logarithmic
         serves = "logarithmic" if logarithmic else "linear"
         self.scale_combo.setItemText(0, f"Automatic: {serves}")
@@ -272,14 +270,14 @@ class ColorSection(QWidget):
         self.unit_label.setVisible(bool(self._unit))
 
 
-#: Families side by side, and the height of their lines in pixels.
+#: Columns of the list of families, and the height of its rows in pixels.
 _COLUMNS, _LINE = 2, 28
-#: Height of the panel from which nothing moves when controls come and go.
+#: Height of the panel in pixels from which hidden controls keep their room.
 _ROOMY = 700
 
 
 class FamilyList(QListWidget):
-    """The families of fields, two side by side, of which one is chosen."""
+    """List of the families of fields in two columns."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -301,7 +299,7 @@ class FamilyList(QListWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # a pixel less: Qt wraps a line that fills the width to the last
+        # Qt wraps a row that fills the whole width, so it is a pixel narrower
         cell = QSize((self.viewport().width() - 1) // _COLUMNS, _LINE)
         for at in range(self.count()):
             self.item(at).setSizeHint(cell)
@@ -313,7 +311,7 @@ class FamilyList(QListWidget):
 
 
 class FieldPanel(QWidget):
-    """The families of fields; choosing one shows its controls and displays it."""
+    """The list of families, the controls of the chosen family, and the colours."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -339,15 +337,15 @@ class FieldPanel(QWidget):
         self._refresh_tab()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave no empty room under the colours where the controls above have to scroll."""
+        """Let hidden colour controls keep their room only in a tall panel."""
         super().resizeEvent(event)
         self.colors.keep_room(self.height() >= _ROOMY)
 
     def set_field(self, field: Field | None, limits: Limits | None) -> None:
         self._shown = field, limits
-        later(self._tell)
+        later(self._show_field)
 
-    def _tell(self) -> None:
+    def _show_field(self) -> None:
         field, limits = self._shown
         self.colors.set_field(field, limits)
         for page in self._pages.values():
@@ -370,7 +368,7 @@ class FieldPanel(QWidget):
             page.setEnabled(usable or (known is not None and not display.fields[name].needs_pairs))
         shown = display.fields[display.kind]
         text = "Press Compute: the first eigenfunctions come within seconds."
-        if usable or (known is not None and not shown.needs_pairs):  # it has its own hint
+        if usable or (known is not None and not shown.needs_pairs):  # the page has its own hint
             text = ""
         elif self._document.mesh is None:
             text = "Open a mesh, and compute its eigenpairs to see fields on it."

@@ -1,4 +1,4 @@
-"""Table of the faults of a mesh, each with a button that repairs it."""
+"""Table of the faults of a mesh, with buttons that repair them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.app.view.surface import Marks
 
-#: Places, what marks them, and what their repair would change.
+#: Places of faults, their marks, and a description of the repair.
 _Found: TypeAlias = "tuple[FaultPlaces, Marks | None, str]"
 
 
@@ -94,7 +94,7 @@ _ROWS = (
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """A row of the table of a mesh, of which places and repair are asked for."""
+    """Request for the places of the faults in a row, and a description of their repair."""
 
     row: _Row
     mesh: Mesh
@@ -102,11 +102,11 @@ class _Question:
 
 
 class HealthTable(QWidget):
-    """One row per count: a mark, its name, the number, and its repair.
+    """A row for each kind of fault: state, name, number, and a button that repairs it.
 
-    A click on a name marks what it counts on the render, and says what the repair would change;
-    another click or Escape ends that. `second` says that it is that of the second mesh, and is
-    named so.
+    A click on a name marks the faults on the render, and describes their repair; another click or
+    Escape removes the marks. `second` is whether the table is that of the second mesh, whose
+    controls have other names.
     """
 
     def __init__(self, document: Document, *, second: bool = False) -> None:
@@ -114,9 +114,9 @@ class HealthTable(QWidget):
         self._prefix, self._whose = ("second_", " of the second mesh") if second else ("", "")
         self.setObjectName(f"{self._prefix}health_table")
         self._document = document
-        #: Where faults are marked, once it is loaded.
+        #: The render that marks faults, once it is loaded.
         self.scene: MeshView | None = None
-        #: The row whose faults are marked, their places once they are found, and the one in view.
+        #: The row whose faults are marked, their places once found, and index of the place in view.
         self._chosen: _Row | None = None
         self._places: FaultPlaces | None = None
         self._at = -1
@@ -128,7 +128,7 @@ class HealthTable(QWidget):
             mark.setFixedSize(14, 18)
             for label in (mark, name, count):
                 label.setToolTip(each.tooltip)
-            # text and button share a cell, so that the longest of each need not stand side by side
+            # text and button share a cell, so that a column is not as wide as the longest of both
             rows.append((mark, row(name, None, *([] if button is None else [button])), count))
         self.setLayout(grid(*rows, (self._build_steps(),), spacing=(theme.GAP, 1)))
         self._escape = QShortcut(QKeySequence("Esc"), self, self.end, enabled=False)
@@ -164,7 +164,7 @@ class HealthTable(QWidget):
             tip=f"{label} (can be undone)",
         )
         button.hide()
-        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # it hides, and would pass the focus on
+        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # hiding would move the focus of a click
         button.installEventFilter(self)
         return count, button
 
@@ -207,7 +207,7 @@ class HealthTable(QWidget):
         self._thread.ask(_Question(each, ready.mesh, ready.health))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Say in the tip of a repair what it would change, from when one points at it."""
+        """Request the tooltip of a repair once the pointer enters its button."""
         ready, waits = self._document.ready, self._chosen is not None and self._places is None
         if event.type() == QEvent.Type.Enter and ready is not None and not waits:
             for each, *_, button in self._rows:
@@ -216,7 +216,7 @@ class HealthTable(QWidget):
         return super().eventFilter(watched, event)
 
     def end(self) -> None:
-        """Mark nothing any more."""
+        """Remove the marks."""
         if self._chosen is None:
             return
         self._chosen, self._places, self._at = None, None, -1
@@ -255,7 +255,7 @@ class HealthTable(QWidget):
         bring_into_view(self._steps)
 
     def _step(self, steps: int) -> None:
-        """Look at the next place or the previous one, round and round."""
+        """Move the camera to a following or preceding place, cyclically."""
         places = self._places
         if places is None or self.scene is None or not places.n_groups:
             return
@@ -317,7 +317,7 @@ class HealthTable(QWidget):
 
 
 def _found(question: _Question, cancel: CancelCallback) -> _Found:
-    """Find the faults of a row, and what their repair would change."""
+    """Find the places of the faults in a row, and describe their repair."""
     from meshmash_viewer.app.view.surface import Marks
 
     row, mesh = question.row, question.mesh

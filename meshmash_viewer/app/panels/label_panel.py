@@ -1,4 +1,4 @@
-"""The Labels panel: the label sets, the labels of one, and what is done with the selection."""
+"""The Labels panel: label sets, labels of the current set, classes, regions and points."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ _Measured: TypeAlias = tuple[Mesh, VertexMap, Mask | None]
 
 
 class LabelPanel(QWidget):
-    """The current set with its labels; keys 1 to 9 give them the selection."""
+    """Controls of the label sets; keys 1 to 9 give the selected vertices to a label."""
 
-    #: A file, what writes it, and what is in it.
+    #: Path, a function that writes the file, and a noun for its content.
     write_requested = Signal(object, object, str)
 
     def __init__(self, document: Document) -> None:
         super().__init__()
         theme.named(self, "label_panel", "Labels")
-        #: The render, and its field, once they are loaded.
+        #: The render, once it is loaded.
         self.scene: MeshView | None = None
         self._field: Field | None = None
         self._document = document
@@ -186,7 +186,7 @@ class LabelPanel(QWidget):
             path = ask_to_save(self, self._document, "labels", name, "Labels", LABEL_WRITERS)
             if path is not None:
                 chosen = [each for each in known.labels if each.key in self.table.chosen]
-                if path.name.endswith(".label") and len(chosen) == 1:  # which holds one label
+                if path.name.endswith(".label") and len(chosen) == 1:  # the format holds one label
                     known = replace(known, labels=tuple(chosen))
                 work = partial(write_labels, path, known, mesh)
                 self.write_requested.emit(path, work, "Labels")
@@ -208,13 +208,13 @@ class LabelPanel(QWidget):
                 self.write_requested.emit(path, partial(write_regions, path, table), "Regions")
 
     def _fly_to(self, row: int) -> None:
-        """Look at a region."""
+        """Move the camera to a region."""
         table, scene = self._document.labels.regions, self.scene
         if table is not None and scene is not None:
             scene.look_at(np.flatnonzero(table.mask(row)))
 
     def _isolate(self, row: int) -> None:
-        """Hide all but a region."""
+        """Hide all vertices outside a region."""
         table = self._document.labels.regions
         if table is not None:
             self._document.hiding.isolate(table.mask(row))
@@ -229,7 +229,7 @@ class LabelPanel(QWidget):
         ask(dialog, lambda: recolor(key, dialog.selectedColor().name()))
 
     def _show_menu(self, place: QPoint) -> None:
-        """Show what can be done with the chosen labels."""
+        """Show the menu of the chosen labels."""
         labels, chosen = self._document.labels, self.table.chosen
         shown = [each for each in self.table.labels if each.key in chosen]
         if not shown:
@@ -261,13 +261,13 @@ class LabelPanel(QWidget):
         menu.popup(place)
 
     def event(self, event: QEvent) -> bool:
-        """Take the digits while something in the panel has the focus."""
+        """Handle digits while a control of the panel has the focus."""
         return given_to_label(event, self._document.labels) or super().event(event)
 
     # -- from the model -----------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Show what the model holds."""
+        """Show the state of the model."""
         labels, mesh = self._document.labels, self._document.mesh
         known, names = labels.current, [each.name for each in labels.sets]
         with QSignalBlocker(self.combo):
@@ -303,7 +303,7 @@ class LabelPanel(QWidget):
         self._refresh_buttons()
 
     def set_field(self, field: Field | None) -> None:
-        """Take the displayed field, of which regions have means."""
+        """Set the displayed field, whose means are measured in regions."""
         self._field = field
 
     def _refresh_regions(self, known: VertexMap | None) -> None:
@@ -331,7 +331,7 @@ class LabelPanel(QWidget):
                 " key; or open a file with labels."
             )
         mask = self._document.selection.mask
-        # both as long as each other, so that nothing below moves
+        # both texts have as many lines, so that nothing below moves
         text = "Select vertices, then press the key of a label."
         if mask is not None:
             text = (
@@ -356,11 +356,11 @@ class LabelPanel(QWidget):
 
     @property
     def idle(self) -> bool:
-        """Whether sizes are those of the shown labels."""
+        """Whether the sizes of the labels are computed."""
         return not self._thread.working
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Wait for the thread."""
+        """Wait until the thread has ended."""
         super().closeEvent(event)
         self._thread.close()
 

@@ -1,4 +1,4 @@
-"""Table of the labels of a set: colour, name, size, and whether locked."""
+"""Table of the labels of a set: colour, name, size, visibility and lock."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from meshmash_viewer.units import counted, engineering, grouped, power_unit
 from meshmash_viewer.vertex_map import Label
 
 COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
-#: Widths of the columns; the names take the rest.
+#: Widths of the columns in pixels; the column of names has the rest.
 _WIDTHS = {COLOR: 34, VERTICES: 64, AREA: 74, SHOWN: 23, LOCK: 23}
-#: Width of the names below which the number of vertices is left to the tip.
+#: Width of the names in pixels below which the column of vertices is hidden.
 _NAME_WIDTH = 110
-#: Fewest and most rows in view.
+#: Least and largest number of visible rows.
 _LEAST, _MOST = 3, 9
-#: Labels that have a key.
+#: Number of labels that have a key.
 KEYS = 9
 
 
 class _Rows(Rows):
-    """One row a label, in the order of the set."""
+    """Model of the table with one row for each label, in the order of the set."""
 
     names = NAME
 
@@ -37,7 +37,7 @@ class _Rows(Rows):
         self._sizes: LabelSizes | None = None
 
     def show_labels(self, labels: tuple[Label, ...]) -> None:
-        """Show other labels, whose sizes are not known yet."""
+        """Show other labels, whose sizes are not computed yet."""
         self.beginResetModel()
         self.labels, self._sizes = labels, None
         self.endResetModel()
@@ -64,7 +64,7 @@ class _Rows(Rows):
 
     @property
     def _area_unit(self) -> tuple[int, str]:
-        """Power of ten that areas are multiplied by, and their unit, which suits the largest."""
+        """Exponent of ten by which areas are scaled, and their unit, for the largest area."""
         largest = 0.0 if self._sizes is None else float(self._sizes.areas.max())
         return engineering(largest, power_unit(self._document.unit, 2))
 
@@ -117,7 +117,7 @@ class _Rows(Rows):
 
 
 def given_to_label(event: QEvent, labels: Labels) -> bool:
-    """Give the selection to the label of a digit; return whether the event was that of one."""
+    """Give the selection to the label of a digit key; return whether it was such a key."""
     kinds = QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress
     if not isinstance(event, QKeyEvent) or event.type() not in kinds:
         return False
@@ -135,14 +135,14 @@ class LabelTable(Table):
 
     #: Number of the label whose colour was clicked.
     color_requested = Signal(int)
-    #: Right click, or the key of the menu: the position on the screen.
+    #: Position on the screen of a right click or the menu key.
     menu_requested = Signal(object)
 
     def __init__(self, document: Document) -> None:
         super().__init__("label_table", "Labels of the set", role="dense")
         self._document = document
         self._rows = _Rows(document)
-        #: Takes the number of vertices and the area of each label.
+        #: Method that shows the number of vertices and the area of each label.
         self.show_sizes = self._rows.show_sizes
         self._set_name = ""
         self.setModel(self._rows)
@@ -160,7 +160,7 @@ class LabelTable(Table):
         theme.notifier().changed.connect(self.viewport().update)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave out the number of vertices where it takes the width of the names."""
+        """Hide the number of vertices in a narrow table."""
         room = self.viewport().width() - sum(_WIDTHS.values())
         self.setColumnHidden(VERTICES, room < _NAME_WIDTH)
         super().resizeEvent(event)
@@ -172,7 +172,7 @@ class LabelTable(Table):
         return [self._rows.labels[row].key for row in rows]
 
     def show_labels(self, labels: tuple[Label, ...], name: str) -> None:
-        """Show the labels of a set; in the set of before, chosen ones and a new one are chosen."""
+        """Show the labels of a set; keep chosen rows of the same set, or choose a new label."""
         before, chosen = {each.key for each in self._rows.labels}, set(self.chosen)
         if name != self._set_name:
             before, chosen, self._set_name = set(), set(), name
@@ -210,7 +210,7 @@ class LabelTable(Table):
             self._document.labels.lock(label.key, not label.locked)
 
     def event(self, event: QEvent) -> bool:
-        """Keep Delete from being a command of the window."""
+        """Handle Delete here, not as a shortcut of the window."""
         deletes = isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Delete
         if deletes and event.type() == QEvent.Type.ShortcutOverride:
             event.accept()
@@ -218,7 +218,7 @@ class LabelTable(Table):
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Delete the chosen labels, and leave digits to the panel."""
+        """Delete the chosen labels, and pass digits to the panel."""
         if event.key() == Qt.Key.Key_Delete:
             self._document.labels.delete(self.chosen)
         elif event.text().isdigit():

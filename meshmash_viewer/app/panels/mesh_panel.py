@@ -1,4 +1,4 @@
-"""The Mesh panel: what was read, its health, the Laplacian, how much to compute, and the proof."""
+"""The Mesh panel: facts and health of the mesh, the Laplacian, the decomposition and its proof."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ from meshmash_viewer.units import (
     superscript,
 )
 
-#: Least width, in pixels: that of the panel before a mesh is open.
+#: Least width in pixels.
 _WIDTH = 280
 
 
 class MeshPanel(QWidget):
-    """Left panel; its foot with Compute and the proof stays in view while the rest scrolls."""
+    """Left panel, whose foot with Compute and the proof does not scroll."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -101,7 +101,7 @@ class MeshPanel(QWidget):
         self._fit()
 
     def _fit(self) -> None:
-        """Be wide enough that no row is cut off: the scroll area only scrolls up and down."""
+        """Set a width that cuts off no row, as the contents scroll only vertically."""
         self.setMinimumWidth(max(_WIDTH, self._content.minimumSizeHint().width() + 16))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -110,7 +110,7 @@ class MeshPanel(QWidget):
             self._fit()
         return super().eventFilter(watched, event)
 
-    # -- what was read ------------------------------------------------------------------------
+    # -- facts --------------------------------------------------------------------------------
 
     def _heading(self, text: str, *widgets: QWidget) -> QHBoxLayout:
         return row((make.heading(text),), *widgets, margins=(0, theme.GAP, 0, 0))
@@ -127,7 +127,7 @@ class MeshPanel(QWidget):
                 selectable=True,
                 alignment=Qt.AlignmentFlag.AlignRight,
             )
-            # a long value is cut off rather than widening the panel; the tooltip has all of it
+            # a long value is cut off and does not widen the panel; the tooltip shows all of it
             label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             self._facts[name] = label
         self.unit_combo = UnitCombo(self._document)
@@ -187,7 +187,7 @@ class MeshPanel(QWidget):
             lambda: document.take_part(None, then_compute=True),
             role="link",
         )
-        # under each other, so that they do not widen the panel
+        # one below the other, so that they do not widen the panel
         buttons = row(self.selection_button, None), row(self.whole_button, None)
         return column(self.part_label, *buttons, spacing=0)
 
@@ -205,7 +205,7 @@ class MeshPanel(QWidget):
         offered = ((self.whole_button, part is not None), (self.selection_button, bool(other)))
         for button, shown in offered:
             if button.hasFocus() and not (shown and idle):
-                self.window().setFocus()  # Qt would go to the next control, and scroll to it
+                self.window().setFocus()  # Qt would focus the next control, and scroll to it
             button.setVisible(shown)
             button.setEnabled(idle)
 
@@ -236,7 +236,7 @@ class MeshPanel(QWidget):
 
     def _choose_operator(self) -> None:
         robust, factor = self.robust_check.isChecked(), self.mollify_spin.value
-        assert factor is not None  # it shows one from the beginning
+        assert factor is not None  # the field is never empty
         self._document.solve.operator = OperatorOptions(robust, factor)
 
     def _refresh_operator(self) -> None:
@@ -294,7 +294,7 @@ class MeshPanel(QWidget):
         self.progress_bar = QProgressBar(textVisible=False)
         theme.named(self.progress_bar, "progress_bar", "Progress")
         make.keep_room(self.progress_bar)
-        # one or the other, in room that is kept: the buttons above stay where they are
+        # the labels share one place of fixed size, so that the buttons above do not move
         self.progress_label = make.reserved_note("progress_label", 4, "muted", "What is being done")
         self.proof_label = make.reserved_note("proof_label", 4, "proof", "Proof of the eigenpairs")
         self.proof_label.setToolTip(
@@ -312,11 +312,11 @@ class MeshPanel(QWidget):
         return foot
 
     def _note_refusal(self) -> None:
-        """Note whether the press of the button has ended the typing of what is refused."""
+        """Note whether the press of the button ended the typing of an invalid number."""
         self._refused = any(each.just_refused for each in self.findChildren(NumberField))
 
     def _compute(self) -> None:
-        if not self._refused:  # else that is said, and what is there instead has not been seen yet
+        if not self._refused:  # else the number was replaced, which the user has not seen yet
             self._document.solve.compute()
 
     def _refresh_job(self) -> None:
@@ -326,7 +326,7 @@ class MeshPanel(QWidget):
             (self.cancel_button, state is not None and not state.cancelling),
         ):
             if not usable and button.hasFocus():
-                self.window().setFocus()  # keys are commands then; Qt would go to the next control
+                self.window().setFocus()  # keys are commands then; Qt would focus the next control
             button.setEnabled(usable)
         self.progress_bar.setVisible(state is not None)
         self._status_stack.setCurrentIndex(0 if state is None else 1)
@@ -360,7 +360,7 @@ class MeshPanel(QWidget):
 
 
 def _size(extent: np.ndarray, unit: str) -> str:
-    """Three lengths in one unit: "15.9 × 15.8 × 6.04 µm", "(1.92 × 2.65 × 0.18)×10⁷"."""
+    """Write three lengths in one unit: "15.9 × 15.8 × 6.04 µm", "(1.92 × 2.65 × 0.18)×10⁷"."""
     largest = float(extent.max())
     exponent, written = engineering(largest, unit)
     power = math.floor(math.log10(largest)) + exponent if largest > 0.0 else 0

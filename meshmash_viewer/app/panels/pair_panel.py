@@ -1,4 +1,4 @@
-"""The Compare panel: distance of two meshes, matching vertices, and links."""
+"""The Compare panel: distance of two meshes, match of their vertices, links, second mesh."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _MATCHES = {"pair_best_label": "Best match", "pair_next_label": "Next best"}
 
 
 class PairPanel(QWidget):
-    """What a comparison says; without a second mesh, how to open one."""
+    """Results and options of the comparison; without a second mesh a hint."""
 
     open_requested = Signal()
     close_requested = Signal()
-    #: A file to save the match in.
+    #: Path of a file for the match.
     save_requested = Signal(object)
-    #: The field of the first mesh is to be kept as a map of the second.
+    #: The field of the first mesh is to be stored as a map of the second.
     keep_requested = Signal()
     #: Files with values per vertex of the second mesh are to be chosen.
     maps_requested = Signal()
@@ -84,7 +84,7 @@ class PairPanel(QWidget):
             role="link",
         )  # fmt: skip
         self.unit_label = make.muted("Its unit")
-        #: The unit of the second mesh, where there is one.
+        #: Layout of the unit of the second mesh.
         self._unit = QVBoxLayout()
         self.figures = make.Facts(_FIGURES)
         for label in self.figures.findChildren(QLabel):
@@ -110,7 +110,7 @@ class PairPanel(QWidget):
             self._call(lambda pair, on: setattr(pair, "refined", on)),
             tip="Pins that you set on both meshes are its landmarks",
         )  # fmt: skip
-        #: The functional map, where vertices are matched by one.
+        #: The functional map, if the match is refined.
         self.matrix = MatrixView("pair_matrix_plot")
         self.matches = make.Facts(_MATCHES)
         self.match_note = make.note("pair_match_note")
@@ -159,7 +159,7 @@ class PairPanel(QWidget):
             "Write features, eigenpairs or maps of the second mesh to a file",
             self.export_requested,
         )  # fmt: skip
-        #: Controls of the second mesh, made for each.
+        #: Controls of the second mesh, made anew for each second mesh.
         self.health: HealthTable | None = None
         self._unit_combo: UnitCombo | None = None
         self._second = QVBoxLayout()
@@ -204,10 +204,10 @@ class PairPanel(QWidget):
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setLayout(column(scroll))
 
-    # -- from the person ----------------------------------------------------------------------
+    # -- from the user ------------------------------------------------------------------------
 
     def _call(self, act: Callable[..., object]) -> Callable[..., None]:
-        """A slot that calls a function with the pair, if there is one, and what is emitted."""
+        """Return a slot that calls a function with the pair, if any, and the emitted values."""
 
         def slot(*given: Any) -> None:
             if self._pair is not None:
@@ -216,7 +216,7 @@ class PairPanel(QWidget):
         return slot
 
     def _keep_largest(self) -> None:
-        """Keep the largest component of each mesh, and compute anew."""
+        """Keep the largest component of each mesh, and compute again."""
         if self._pair is not None:
             for document in (self._pair.second, self._pair.first):
                 if document.ready is not None and document.ready.health.n_components > 1:
@@ -231,7 +231,7 @@ class PairPanel(QWidget):
     # -- from the model -----------------------------------------------------------------------
 
     def set_pair(self, pair: Pair | None) -> None:
-        """Show the comparison of two meshes, or how to open a second one."""
+        """Show the comparison of two meshes, or a hint without a second mesh."""
         self._pair = pair
         for each in (self.health, self._unit_combo):
             if each is not None:
@@ -274,7 +274,7 @@ class PairPanel(QWidget):
             self.matrix.show_matrix(found.functional.matrix)
         self.carry_check.setEnabled(found is not None)
         for control in (self.save_button, self.keep_button, *self.carry_buttons):
-            control.setEnabled(found is not None and not pair.comparing)  # not by the match before
+            control.setEnabled(found is not None and not pair.comparing)  # the match is not final
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         for control in (self.map_button, self.export_button):
             control.setEnabled(other is not None)
@@ -346,7 +346,7 @@ class PairPanel(QWidget):
         ] or [""]
 
     def _match_text(self, pair: Pair) -> str:
-        """What the numbers after the matches are."""
+        """Explain the best matches of the last pin, and the numbers after them."""
         if pair.comparison is None or not pair.first.pins.placed:
             return ""
         feature, found = MATCHED_IN[pair.matched_in].short, pair.comparison
@@ -377,7 +377,7 @@ class PairPanel(QWidget):
 
     @property
     def _meshes(self) -> list[Mesh]:
-        """The first mesh and the second, as far as they are open."""
+        """The open meshes, the first one first."""
         both = self._document.mesh, self._pair.second.mesh if self._pair else None
         return [each for each in both if each is not None]
 
@@ -392,14 +392,14 @@ class PairPanel(QWidget):
 
 
 def _written_distance(found: Comparison) -> str:
-    """The spectral distance, with what it is."""
+    """Write the spectral distance with its definition."""
     text = f"{format_number(found.distance)}: norm of the difference of λ × area"
     share = found.relative_distance
     return f"{text}, {format_share(share)} of that of the first" if math.isfinite(share) else text
 
 
 def _written_match(found: Comparison) -> str:
-    """How vertices are matched, and how many of them mutually."""
+    """Write how vertices are matched, and the share that is matched mutually."""
     if found.given:
         return "by index: same faces"
     how = "by features" if found.functional is None else "by ZoomOut"
@@ -408,7 +408,7 @@ def _written_match(found: Comparison) -> str:
 
 
 def _written_functions(found: FunctionMatches) -> str:
-    """How many eigenfunctions of the first correspond to one of the second."""
+    """Write how many eigenfunctions of the first mesh have a match on the second."""
     missing, total = int((~found.determined).sum()), len(found.indices)
     if not missing:
         return f"all {total:,} are matched"

@@ -1,4 +1,4 @@
-"""The pins: as the legend of the profiles, and as a table with values and positions."""
+"""Lists of the pins: the legend of the profiles, and a table with values and positions."""
 
 from __future__ import annotations
 
@@ -19,17 +19,14 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.units import NO_BREAK, format_position
 
-#: Number of pins, the oldest, that have a line and a profile.
+#: Largest number of pins with a line in the legend and a profile; these are the oldest.
 MOST_SHOWN = 40
-#: Width of a given name in pixels; the name of a vertex ends in its index and is not shortened.
+#: Largest width of a pin's name in pixels; "Vertex 1,234" is not shortened.
 _WIDEST = 72
 
 
 class PinLegend(QScrollArea):
-    """One line per pin: its colour, number, name or vertex, and a button that removes it.
-
-    Only the first pins have one; the table has all.
-    """
+    """A line for each of the first `MOST_SHOWN` pins: colour, number, name, and a remove button."""
 
     #: Vertex of the pin under the pointer, -1 for none.
     pointed = Signal(int)
@@ -43,21 +40,21 @@ class PinLegend(QScrollArea):
         theme.named(self, "pin_legend", "Pinned vertices")
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setWidgetResizable(True)
-        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its buttons
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # its buttons take the focus
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._document = document
         content = theme.named(QWidget(self), "panel_content")
         self._column = column(None, spacing=0, margins=(theme.GAP, 0, 0, 0))
         content.setLayout(self._column)
         self.setWidget(content)
-        #: By pin, and what its vertex is called: after a repair another may have its index.
+        #: Lines by pin and text, as the name of a vertex may change with a repair.
         self._rows: dict[tuple[Pin, str], QWidget] = {}
         self._short = False
         follow(document.pins.changed, self._refresh)
         self._refresh()
 
     def set_short(self, short: bool) -> None:
-        """Show numbers alone, with names as tooltips, or names, too."""
+        """Set whether lines show the numbers alone, with names in tooltips."""
         if short != self._short:
             self._short = short
             self._refresh()
@@ -85,7 +82,7 @@ class PinLegend(QScrollArea):
         self.setFixedWidth(widest + theme.GAP + bar)
 
     def point_at(self, vertex: int) -> None:
-        """Mark the line of a pin, or none."""
+        """Mark the line of the pin of a vertex, or no line for -1."""
         for (pin, _), row in self._rows.items():
             theme.change_role(row, "pointed" if pin.vertex == vertex else "")
 
@@ -137,7 +134,7 @@ _NUMBER, NAME, _VERTEX, _VALUE, _PLACE = range(5)
 
 
 class _Rows(Rows):
-    """One row a pin, in the order of their numbers."""
+    """Model of the table with one row for each pin, in the order of their numbers."""
 
     names = NAME
     #: Vertex of a pin, and the name that was typed.
@@ -202,7 +199,7 @@ class _Rows(Rows):
 
 
 class PinTable(Table):
-    """The pins of a document; F2 edits the name of the chosen one."""
+    """Table of all pins of a document; F2 edits a name."""
 
     #: Vertex of the pin under the pointer, -1 for none.
     pointed = Signal(int)

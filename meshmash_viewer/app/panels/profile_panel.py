@@ -1,4 +1,4 @@
-"""The Profiles panel: values of features at the pinned vertices, in the colours of their pins."""
+"""The Profiles panel: plots of a feature at the pinned vertices, in the colours of the pins."""
 
 from __future__ import annotations
 
@@ -25,28 +25,27 @@ from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
-#: Families that have profiles, those of features first.
+#: Labels of the families that have profiles, features first.
 _VIEWS = {
     name: family.short
     for name, family in sorted(FAMILIES.items(), key=lambda item: not item[1].counted)
     if family.export and family.profile is not Family.profile
 }
 
-#: Eigenfunctions that are in view at once: the values of hundreds would be a solid block.
+#: Number of eigenfunctions in view; the curves of hundreds would fill the plot.
 _AT_ONCE = 60
-#: Largest distance in pixels at which the pointer selects a curve.
+#: Largest distance in pixels between the pointer and the curve that it highlights.
 _NEAR = 8.0
-#: Width below which the legend has numbers alone, in logical pixels.
+#: Width of the panel in logical pixels below which the legend shows numbers alone.
 _NARROW = 340
-#: Eigenpairs, and vertices.
+#: Eigenpairs, and vertices at which they are read.
 _Request: TypeAlias = tuple[Eigenpairs, tuple[int, ...]]
 
 
 def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.float64]:
-    """Eigenfunctions at vertices, shape (k, m).
+    """Read the k eigenfunctions at m vertices, shape (k, m).
 
-    Rows are read one by one: NumPy holds the interpreter lock while it copies, and each may come
-    from a disk.
+    They are read one by one, as NumPy holds the interpreter lock while it copies from the disk.
     """
     (spectrum, vertices), rows = request, []
     for at in range(len(spectrum)):
@@ -57,11 +56,11 @@ def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.floa
 
 
 class ProfilePanel(PlotPanel):
-    """Bottom panel; shows the family of fields on the render until the user chooses another."""
+    """Bottom panel; shows the displayed family unless the user chooses another one."""
 
-    #: Vertex of the pin that is pointed at in the list or on the plot, -1 for none.
+    #: Vertex of the pin under the pointer in a list or on the plot, -1 for none.
     pin_pointed = Signal(int)
-    #: Vertex of a pin that was clicked twice in a list.
+    #: Vertex of a pin that was double-clicked in a list.
     pin_activated = Signal(int)
     #: Vertex of a pin, -1 for none, and the position on the screen.
     menu_requested = Signal(int, QPoint)
@@ -75,8 +74,8 @@ class ProfilePanel(PlotPanel):
         self._drawn: tuple[Eigenpairs, Family] | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
-        #: Eigenfunctions at pinned vertices, and what was requested last; old values stay until
-        #: new ones have been read.
+        #: Eigenfunctions at pinned vertices, and the last request; values stay until new ones have
+        #: been read.
         self._values: dict[int, npt.NDArray[np.float64]] = {}
         self._requested: _Request | None = None
         self._reader = LatestThread(_values_at, self._take, parent=self)
@@ -128,12 +127,12 @@ class ProfilePanel(PlotPanel):
         self.legend.set_short(self.width() < _NARROW)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Read nothing any more, and use the spectrum no more."""
+        """Stop reading, and release the spectrum."""
         self._reader.close()
         self._requested = None
         super().closeEvent(event)
 
-    # -- from the person --------------------------------------------------------------------
+    # -- from the user ----------------------------------------------------------------------
 
     def _show_view(self, key: str) -> None:
         self.view_choice.setCurrentIndex(self.view_choice.findData(key))
@@ -161,7 +160,7 @@ class ProfilePanel(PlotPanel):
             places, heights = curve.getData()
             if places is None or not len(places):
                 continue
-            # of the line, between two places, too
+            # distance from the line between two points, too
             height = np.interp(x, places, heights)
             distance = np.hypot((places - x) / wide, (heights - y) / tall).min()
             distance = min(float(distance), abs(float(height) - y) / tall)
@@ -176,13 +175,13 @@ class ProfilePanel(PlotPanel):
             self.pin_pointed.emit(vertex)
 
     def point_at(self, vertex: int) -> None:
-        """Highlight the pin of a vertex, or none for -1, unless one is pointed at here."""
+        """Highlight the pin of a vertex, or none for -1, unless the pointer is on a pin here."""
         self._pointed_outside = vertex
         self._bring_forward()
 
     @property
     def chosen_pin(self) -> int:
-        """Vertex of the pin that is pointed at, here or outside, or chosen in the table."""
+        """Vertex of the pin under the pointer, here or outside, or chosen in the table; or -1."""
         pointed = self._hovered if self._hovered >= 0 else self._pointed_outside
         return pointed if pointed >= 0 or not self.table.isVisible() else self.table.chosen
 
@@ -215,7 +214,7 @@ class ProfilePanel(PlotPanel):
         return self._document.display.fields[self._shown]
 
     def _refresh(self) -> None:
-        """Draw all profiles whose values are read, and request the others."""
+        """Draw the profiles whose values have been read, and request the others."""
         pins, spectrum = self._document.pins.placed[:MOST_SHOWN], self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
         read = [self._values[pin.vertex] for pin in pins if pin.vertex in self._values]
@@ -237,7 +236,7 @@ class ProfilePanel(PlotPanel):
         if spectrum is None or not there:
             self._reader.drop()
             self._requested, self._values = None, {}
-            self._drawn = self._profile = None  # which hold a mesh that may not be shown any more
+            self._drawn = self._profile = None  # they refer to a mesh that may be closed
             return
         request = spectrum, tuple(pin.vertex for pin in pins)
         if request != self._requested:
@@ -275,7 +274,7 @@ class ProfilePanel(PlotPanel):
             self._mark(spectrum)
 
     def _key(self) -> tuple[Eigenpairs, Family] | None:
-        """What the curves depend on, apart from the pins."""
+        """The spectrum and the family that the curves depend on; None without a spectrum."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None:
             return None
@@ -290,7 +289,7 @@ class ProfilePanel(PlotPanel):
             self.plot.addItem(curve)
             self.plot.addItem(dots)
         curve, dots = self._curves[pin]
-        if profile is None or not np.isfinite(values).all():  # on no face: it has no values
+        if profile is None or not np.isfinite(values).all():  # vertices of no face have no value
             curve.setData([], [])
             dots.setData([], [])
             return
@@ -300,7 +299,7 @@ class ProfilePanel(PlotPanel):
         dots.setData(places, heights, size=5.0 if len(places) <= 200 else 3.5)
 
     def _dress_curve(self, pin: Pin) -> None:
-        """Colour the curve of a pin: pale where another one is pointed at."""
+        """Colour the curve of a pin, pale while another curve is highlighted."""
         curve, dots = self._curves[pin]
         forward = pin.vertex == self._pointed
         width, strength = (1.0, 0.45) if self._family.signed else (2.0, 1.0)
@@ -312,7 +311,7 @@ class ProfilePanel(PlotPanel):
             item.setZValue(1.0 if forward else 0.0)
 
     def _turn_page(self, at: float, last: float) -> None:
-        """Show the eigenfunctions around the displayed one, if there are many."""
+        """Show the page of `_AT_ONCE` eigenfunctions with the displayed one."""
         if not self._family.signed or not self._paged:
             return
         page = int(at) // _AT_ONCE
@@ -328,7 +327,7 @@ class ProfilePanel(PlotPanel):
                 box.enableAutoRange(axis="y")
 
     def _mark(self, spectrum: Eigenpairs) -> None:
-        """Mark the displayed position, and hatch the range that needs more eigenpairs."""
+        """Mark the displayed position and the range that needs more eigenpairs."""
         self._zero.setVisible(self._family.signed)
         self._marker.setVisible(self._profile is not None)
         if self._profile is None:

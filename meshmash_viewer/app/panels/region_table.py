@@ -15,19 +15,20 @@ from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.units import engineering, grouped
 from meshmash_viewer.vertex_map import Label
 
-#: Titles of columns of the library; the others have their own names. The first of the table is the
-#: label with the number of the part.
+#: Titles of columns of `regions`; others have their names. The first column of the table combines
+#: label and part.
 _TITLES = {"neck_width": "Neck", "lambda2": "λ₂", "loops": "Loops"}
 _NOT_SHOWN = ("label", "part")
 _FIRST = ("area", "neck_width", "volume", "extent")
-#: Most rows in view, their height, and the rows that the widths of columns suit.
+#: Largest number of visible rows, their height in pixels, and the number of rows that determine the
+#: widths of the columns.
 _MOST, _ROW, _LOOKED_AT = 7, 24, 100
-#: Largest width of the names; longer ones are in the tip.
+#: Largest width of the names in pixels; the tooltip shows the whole name.
 _NAME_WIDTH = 130
 
 
 class _Rows(Rows):
-    """One row a region."""
+    """Model of the table with one row for each region."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -95,7 +96,7 @@ class _Rows(Rows):
         return float(self.table[self._columns[column - 1]][row]) if column else row
 
     def tip(self, row: int, column: int) -> str:
-        """Name of the label, with the number of the part where there are several."""
+        """Return the name of the label, with the number of the part if it has several."""
         assert self.table is not None
         label, part = str(self.table["label"][row]), int(self.table["part"][row])
         several = part > 1 or label in self.table["label"][row + 1 : row + 2]
@@ -108,9 +109,9 @@ def _largest(values: np.ndarray[Any, Any]) -> float:
 
 
 class RegionTable(Table):
-    """The regions, sorted by a click on the title of a column."""
+    """Table of regions, which a click on a title sorts."""
 
-    #: Row of the region that was clicked, or clicked twice.
+    #: Row in `Regions` that was clicked, or double-clicked.
     region_clicked = Signal(int)
     region_activated = Signal(int)
 

@@ -1,4 +1,4 @@
-"""The bar of the *Select* tool: its mode and what belongs to that, and what is selected."""
+"""Toolbar of the *Select* tool: its mode, the options of the mode, and the selected area."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.units import counted, format_quantity
 
-#: Commands after the controls of the mode.
+#: Commands to the right of the options.
 _COMMANDS = (
     "grow_selection", "shrink_selection", "fill_selection", "invert_selection", "clear_selection",
     "cut",
 )  # fmt: skip
-#: Milliseconds after a change until the selection is counted.
+#: Milliseconds from a change until the selection is counted.
 _REST = 120
 
 
 class SelectBar(QToolBar):
-    """Controls of the tool, below the toolbar while the tool is on."""
+    """Toolbar that is visible while the tool is active."""
 
     def __init__(self, document: Document, tool: SelectTool, actions: Actions) -> None:
         super().__init__("Select")
@@ -86,10 +86,10 @@ class SelectBar(QToolBar):
             self.addAction(actions[name])
         self.addSeparator()
         self.count_label = make.label("select_count", "What is selected", selectable=True)
-        self.addWidget(self.count_label)  # last, so that it moves no command
+        self.addWidget(self.count_label)  # last, so that its width does not move the commands
         tool.changed.connect(self._refresh)
         tool.changed.connect(self._count_soon)
-        #: Counts after some moves of a stroke, not after each.
+        #: Delays counting, so that it is not repeated at each move of a stroke.
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(self._count)
         listen((document.selection.changed, document.mesh_changed), self._count_soon)
@@ -97,7 +97,7 @@ class SelectBar(QToolBar):
         self._count()
 
     def _refresh(self) -> None:
-        """Show the controls of the mode, and what the tool holds."""
+        """Show the options of the mode, and their values."""
         tool = self._tool
         self.setVisible(tool.on)
         self.mode_combo.setCurrentIndex(self.mode_combo.findData(tool.mode))
@@ -124,7 +124,7 @@ class SelectBar(QToolBar):
             self._rest.start()
 
     def _count(self) -> None:
-        """Show number and area of the selected vertices."""
+        """Show the number and the area of the selected vertices."""
         mesh, mask = self._document.mesh, self._document.selection.mask
         if not self._tool.on:
             return

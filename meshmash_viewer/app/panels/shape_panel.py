@@ -1,4 +1,4 @@
-"""The Shape panel: the mesh from its lowest eigenfunctions, on the way there, and swinging."""
+"""The Shape panel: reconstruction from the lowest eigenfunctions, morphing and vibration."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _FACTS = {"shape_distance_label": "Moved by (rms)", "shape_wave_label": "Shortes
 
 
 class ShapePanel(QWidget):
-    """Which shape is drawn; the field stays painted on it."""
+    """Controls of the drawn shape, whose colours still show the field."""
 
-    #: A file to save the shape in.
+    #: Path of a file for the shape.
     save_requested = Signal(object)
 
     def __init__(self, document: Document) -> None:
@@ -106,7 +106,7 @@ class ShapePanel(QWidget):
         made.valueChanged.connect(act)
         return made
 
-    # -- from the person --------------------------------------------------------------------
+    # -- from the user ----------------------------------------------------------------------
 
     def _change(self, **chosen: Any) -> None:
         display = self._document.display

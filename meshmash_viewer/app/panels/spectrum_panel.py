@@ -1,4 +1,4 @@
-"""The Spectrum panel: eigenvalues against index, or filter responses over them."""
+"""The Spectrum panel: a plot of the eigenvalues, or of filter responses over them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from meshmash_viewer.units import subscript
 
 
 class SpectrumPanel(PlotPanel):
-    """Bottom panel; shows the plot of the displayed field unless the user chooses another."""
+    """Bottom panel; shows the plot that suits the displayed field, or the chosen one."""
 
     def __init__(self, document: Document) -> None:
         super().__init__(document, "spectrum", "Spectrum")
@@ -45,12 +45,12 @@ class SpectrumPanel(PlotPanel):
             "responses": ResponseView(document),
         }
         self._shown = self._drawn_scale = ""
-        # by the name of the family behind the responses
+        #: Whether λ is logarithmic, by name of the family whose responses are shown.
         self._log = {name: family.logarithmic[2] for name, family in FAMILIES.items()}
         self.saver = PlotSaver(self.plot, document, lambda: self.view.numbers(), self._dress)
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
-        # in separate turns, as the layout of a hidden plot takes as long as filling it
+        # two calls of the event loop, as the layout of a hidden plot takes as long as filling it
         follow((document.spectrum_changed, document.mesh_changed), self._show_what_is_there)
         follow((document.spectrum_changed, document.mesh_changed), self._refresh_spectrum)
         follow(document.display.events, self._refresh_current)
@@ -62,7 +62,7 @@ class SpectrumPanel(PlotPanel):
     def view(self) -> EigenvalueView | ResponseView:
         return self._views[self._shown]
 
-    # -- from the person --------------------------------------------------------------------
+    # -- from the user ----------------------------------------------------------------------
 
     def _set_log(self, on: bool) -> None:
         self._log[self.view.family.name] = on
@@ -89,7 +89,7 @@ class SpectrumPanel(PlotPanel):
         self._show_view("responses" if responds else "eigenvalues")
 
     def follow_field(self) -> None:
-        """Draw again what may have come with the field on the render."""
+        """Update the responses after the field on the render has changed."""
         if self._shown == "responses":
             later(self._refresh_current)
 
@@ -140,7 +140,7 @@ class SpectrumPanel(PlotPanel):
         self.head.fit()
 
     def _read(self, index: int | None) -> None:
-        """Show the position under the pointer, or else the displayed one."""
+        """Write the eigenvalue of an index, or of the displayed position for None."""
         spectrum, unit = self._document.spectrum, self._document.unit
         if spectrum is None or not len(spectrum) or self._shown != "eigenvalues":
             self.readout.setText("")
@@ -154,7 +154,7 @@ class SpectrumPanel(PlotPanel):
             f"wavelength {format_wavelength(value, unit)}"
         )
         self.readout.setText(text)
-        self.plot.setToolTip(text)  # for a panel too narrow for the readout
+        self.plot.setToolTip(text)  # a narrow panel has no room for the readout
 
     def _dress(self) -> None:
         for view in self._views.values():

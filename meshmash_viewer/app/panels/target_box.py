@@ -1,4 +1,4 @@
-"""How much of the spectrum to compute: by count, eigenvalue, wavelength, or time of the HKS."""
+"""Target of the decomposition: number of pairs, eigenvalue, wavelength, or time of the HKS."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
 from meshmash_viewer.units import counted, format_range, power_unit
 
-#: Share of zero eigenvalues from which it is offered to leave out their components.
+#: Share of zero eigenvalues from which the box offers to remove small components.
 _MANY_ZEROS = 0.1
-#: Most eigenpairs while no mesh says how many it has.
+#: Largest number of eigenpairs while no mesh is open.
 _MOST = 100_000
 
 
 def quarter_steps(value: float, steps: int) -> float:
-    """Some steps on from a number of any size: one is a quarter of a factor of two."""
+    """Multiply a number by 2^(steps / 4), for spin boxes with numbers of any size."""
     return value * float(2.0 ** (steps / 4.0))
 
 
 class _Way(NamedTuple):
-    """One quantity: the text before its field, its name, its unit, and its meaning."""
+    """A quantity: text before its field, object name, accessible name, power of length, tooltip."""
 
     text: str
     name: str
     spoken: str
     power: int
     tip: str
-    #: What this mesh has between two numbers.
+    #: Plural noun for the message on its bounds.
     values: str = ""
 
 
@@ -77,7 +77,7 @@ _WAYS = {
 class TargetBox(QWidget):
     """The target in four quantities; a change of one is converted to the others.
 
-    The way that was edited last is the target, the others are estimates by Weyl's law.
+    The quantity that was edited last is the target; the others are estimates by Weyl's law.
     """
 
     def __init__(self, document: Document) -> None:
@@ -99,7 +99,7 @@ class TargetBox(QWidget):
                 whole=whole,
                 tip=way.tip,
             )
-            # as wide as the panel, not as the longest number there is
+            # as wide as the panel, not as the longest possible number
             field.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             field.setMinimumWidth(132)
             field.bounds = 1.0, _MOST if whole else 1e150
@@ -126,15 +126,15 @@ class TargetBox(QWidget):
             lambda: document.repair("keep_largest_component", then_compute=True),
             role="link",
         )
-        self.keep_button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # as it hides when it is clicked
+        self.keep_button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click hides it
         self.keep_button.hide()
-        self._note_stack = QStackedLayout()  # one or the other: nothing moves
+        self._note_stack = QStackedLayout()  # both have one place, so that nothing moves
         self._note_stack.addWidget(self.note)
         self._note_stack.addWidget(self.fault)
         rows = zip(self._radios.values(), self._fields.values(), strict=True)
         below = (self._note_stack,), (self.keep_button,)
         self.setLayout(grid(*rows, *below, spacing=(theme.GAP, 6)))
-        follow(document.mesh_changed, self._forgive)
+        follow(document.mesh_changed, self._clear_fault)
         signals = document.mesh_changed, document.solve.changed, document.spectrum_changed
         follow((*signals, document.work.changed), self.refresh)
         self.refresh()
@@ -179,7 +179,7 @@ class TargetBox(QWidget):
         self._show_note()
 
     def _offer_largest(self, ready: MeshReady, count: float) -> None:
-        """Offer to leave out the other components where they take a good part of the pairs."""
+        """Offer to keep the largest component if the others have many of the pairs."""
         others, health = ready.health.n_components - 1, ready.health
         left = health.n_vertices - health.unreferenced_vertices - health.largest_component
         what = f"{counted(others, 'component')} with {counted(left, 'vertex')}"
@@ -189,7 +189,7 @@ class TargetBox(QWidget):
         self.keep_button.setEnabled(self._document.work.job is None)
 
     def _show(self, shown: Mapping[str, tuple[float | None, bool]]) -> None:
-        """Show numbers, of which those that are not exact are estimates."""
+        """Show numbers, with "≈" before estimates."""
         for kind, (value, exact) in shown.items():
             power = _WAYS[kind].power
             unit = power_unit(self._document.unit, power) if power else ""
@@ -214,7 +214,7 @@ class TargetBox(QWidget):
         return "" if whole else "The number of eigenpairs is a whole number from 1."
 
     def _say(self, sentence: str) -> None:
-        """Show a fault in place of the note."""
+        """Show a fault in place of the note, or the note for ""."""
         self.fault.setText(sentence)
         self._show_note()
         if sentence:
@@ -229,7 +229,7 @@ class TargetBox(QWidget):
     def _restore(self) -> None:
         self._document.solve.target = self._kept
 
-    def _forgive(self) -> None:
+    def _clear_fault(self) -> None:
         self._say("")
 
     def _show_note(self) -> None:
@@ -243,5 +243,5 @@ class TargetBox(QWidget):
         try:
             self._document.solve.target = Target(kind, value)
         except InputError:
-            # incomplete; the next digit may correct it
+            # the number is incomplete; the next digit may correct it
             return
