@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, holder, reserved_note, row, show_quietly
-from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog, suggested_path
+from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog, configured, suggested_path
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS, FEATURES
@@ -74,12 +74,6 @@ FORMATS = (
 _MAPS = "maps"
 #: Note on the rows of a mesh from which vertices were removed.
 _ROWS = " Rows have the index of their vertex in the file."
-
-
-def configured(document: Document, kind: type[Family]) -> Family:
-    """Return a family with its parameters in the window, measured from the pins."""
-    chosen = document.display.fields.get(kind.name) or kind()
-    return chosen.measured_from([pin.vertex for pin in document.pins.placed])
 
 
 class ExportDialog(SaveDialog):

@@ -24,6 +24,7 @@ from meshmash_viewer.app.controls.field_events import FieldWheel
 from meshmash_viewer.app.controls.make import Part, column, form, reserved_note, row
 from meshmash_viewer.app.controls.number_field import typed_fields
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
@@ -202,6 +203,12 @@ def suggested_path(document: Document, name: str, folder: Path | None = None) ->
     """Return a path with the name of the open mesh, by default in the folder of the mesh."""
     mesh = document.mesh.name if document.mesh is not None else ""
     return (folder or folder_of(document.path)) / f"{mesh or 'mesh'}_{name}"
+
+
+def configured(document: Document, kind: type[Family]) -> Family:
+    """Return a family with its parameters in the window, measured from the pins."""
+    chosen = document.display.fields.get(kind.name) or kind()
+    return chosen.measured_from([pin.vertex for pin in document.pins.placed])
 
 
 def button_box(dialog: QDialog, accept: QPushButton, act: Callable[[], None]) -> QDialogButtonBox:

@@ -20,8 +20,13 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, holder, reserved_note
-from meshmash_viewer.app.dialogs.export_dialog import configured
-from meshmash_viewer.app.dialogs.files import FileRow, SaveDialog, button_box, suggested_path
+from meshmash_viewer.app.dialogs.files import (
+    FileRow,
+    SaveDialog,
+    button_box,
+    configured,
+    suggested_path,
+)
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import Family
