@@ -87,10 +87,8 @@ class Learned(Parameters):
         if value is None:
             return None
         known = cls(**cls.entries()(value))
-        if (
-            len({len(each) for each in (known.names, known.kinds, known.times, known.importance)})
-            > 1
-        ):
+        columns = known.names, known.kinds, known.times, known.importance
+        if len(set(map(len, columns))) > 1:
             raise Refused("an object with as many names, kinds, times and importance", value)
         return known
 

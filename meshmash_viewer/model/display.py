@@ -47,15 +47,9 @@ _POLICIES: dict[str, type[Any]] = {
 }
 #: Attributes written as they are; `playing` is not stored.
 _PLAIN = (
-    "kind",
-    "nodal_lines",
-    "label_borders",
-    "label_graph",
-    "diverging_colormap",
-    "sequential_colormap",
-    "log_scales",
-    "hide_small",
-)
+    "kind", "nodal_lines", "label_borders", "label_graph", "diverging_colormap",
+    "sequential_colormap", "log_scales", "hide_small",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -222,13 +222,11 @@ class Labels:
             values = np.where(changing, to, known.values)
             self._change("labels" if key is not None else "removal from labels", None, values)
             if not self.current_is_displayed:  # the change is not visible
-                done = (
-                    "taken out of the labels"
-                    if key is None
-                    else f"given to {self._label(key).name}"
-                )
+                to_label = "taken out of the labels"
+                if key is not None:
+                    to_label = f"given to {self._label(key).name}"
                 given = counted(int(np.count_nonzero(changing)), "vertex")
-                said += [f"{given} {done} of {known.name}"]
+                said += [f"{given} {to_label} of {known.name}"]
         if said:
             self._notices.say(f"{'; '.join(said)}.")
 
@@ -236,9 +234,9 @@ class Labels:
         """Give the selected vertices to the label at a place of the list, from 1."""
         known = self.current
         if known is None or number > len(known.labels):
-            has = (
-                "is no label set" if known is None else f"are {counted(len(known.labels), 'label')}"
-            )
+            has = "is no label set"
+            if known is not None:
+                has = f"are {counted(len(known.labels), 'label')}"
             text = f"There is no label {number}, as there {has}: make one with New label."
             self._notices.say(text, Severity.WARNING)
         else:

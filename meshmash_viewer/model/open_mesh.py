@@ -186,9 +186,9 @@ class OpenMesh:
     def scaled_spectrum(self) -> Eigenpairs | None:
         """The spectrum if it has a positive eigenvalue, which times and bands need; else None."""
         spectrum = self.spectrum
-        return (
-            spectrum if spectrum is not None and first_nonzero(spectrum) < len(spectrum) else None
-        )
+        if spectrum is None or first_nonzero(spectrum) >= len(spectrum):
+            return None
+        return spectrum
 
     @property
     def shown(self) -> Shown | None:

@@ -137,12 +137,11 @@ class ColorSection(QWidget):
         self.unit_label = make.muted()
         # a width for all units, so that the fields do not move
         self.unit_label.setMinimumWidth(self.unit_label.fontMetrics().horizontalAdvance("mm⁻²"))
-        self.percentiles = QWidget()
         default = PercentileLimits()
         self.percent_low = self._percent_spin("Low percentile", default.low)
         self.percent_high = self._percent_spin("High percentile", default.high)
         both = (self.percent_low,), make.muted("to"), (self.percent_high,)
-        self.percentiles.setLayout(row(*both))
+        self.percentiles = make.holder(row(*both))
         parts: tuple[Part, ...] = (
             row(make.heading("Colour"), (self.fault,)),
             form(*combos, spacing=(theme.GAP, theme.GAP // 2), role="muted"),
@@ -218,9 +217,8 @@ class ColorSection(QWidget):
         return self._field_key if is_shown else family.limits_key
 
     def _is_signed(self) -> bool:
-        if self._signed is not None:
-            return self._signed
-        return self._document.display.family.signed
+        signed = self._signed
+        return self._document.display.family.signed if signed is None else signed
 
     def refresh(self) -> None:
         display, signed = self._document.display, self._is_signed()
@@ -261,10 +259,10 @@ class ColorSection(QWidget):
         ends = low or 0.0, high or 0.0
         like = math.sqrt(ends[0] * ends[1]) if logarithmic else max(map(abs, ends))
         digits = distinct_digits(*ends)
-        if not (self.low.is_typed or self.high.is_typed):
-            for field, end in ((self.low, low), (self.high, high)):
-                field.show_value(end, self._unit, like=like, digits=digits)
+        is_typed = self.low.is_typed or self.high.is_typed
         for field, end in ((self.low, low), (self.high, high)):
+            if not is_typed:
+                field.show_value(end, self._unit, like=like, digits=digits)
             field.setEnabled(end is not None)
         self.unit_label.setText(self.low.written_unit)
         self.unit_label.setVisible(bool(self._unit))
@@ -331,8 +329,8 @@ class FieldPanel(QWidget):
         parts = (self.list, make.line(), (self._stack,), self.hint, make.line(), self.colors)
         self.setLayout(column(*parts, spacing=0))
 
-        follow(document.display.events.kind, self._refresh_tab)
         events = document.display.events
+        follow(events.kind, self._refresh_tab)
         follow((document.spectrum_changed, document.mesh_changed, events.fields), self._refresh_use)
         self._refresh_tab()
 

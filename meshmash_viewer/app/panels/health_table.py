@@ -182,9 +182,8 @@ class HealthTable(QWidget):
             f"{prefix}health_place_label", "Which place is shown", role="muted"
         )
         self._effect_note = note(f"{prefix}health_effect_label")
-        self._steps = QWidget()
         buttons = row(self._previous, self._next, (self._place_label,), spacing=6)
-        self._steps.setLayout(column(buttons, self._effect_note, margins=(22, 4, 0, 4)))
+        self._steps = make.holder(column(buttons, self._effect_note, margins=(22, 4, 0, 4)))
         self._steps.hide()
         return self._steps
 

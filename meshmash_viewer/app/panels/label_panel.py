@@ -139,8 +139,7 @@ class LabelPanel(QWidget):
         self.regions.region_clicked.connect(self._fly_to)
         self.regions.region_activated.connect(self._isolate)
         self.region_hint = note("region_hint")
-        self._of_set = QWidget()
-        self._of_set.setLayout(
+        self._of_set = make.holder(
             column(
                 self.table,
                 row(self.new_button, self.join_button, self.delete_button, None),
@@ -160,13 +159,8 @@ class LabelPanel(QWidget):
         self.combo.setPlaceholderText("No label set")
         sets = row((self.combo,), self.new_set_button)
         files = row(self.open_button, self.save_button, self.remove_button, None)
-        content = QWidget()
-        content.setLayout(
-            column(
-                sets, files, self.hint, self._of_set, make.line(), self.points, None, margins=PANEL
-            )
-        )
-        area = make.scroll(content)
+        parts = sets, files, self.hint, self._of_set, make.line(), self.points, None
+        area = make.scroll(make.holder(column(*parts, margins=PANEL)))
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setLayout(column(area))
 
@@ -202,8 +196,8 @@ class LabelPanel(QWidget):
     def _export(self) -> None:
         table = self._document.labels.regions
         if table is not None:
-            given = self._document, "regions", "regions.csv", "Tables", SPECTRUM_WRITERS
-            path = ask_to_save(self, *given)
+            options = "regions", "regions.csv", "Tables", SPECTRUM_WRITERS
+            path = ask_to_save(self, self._document, *options)
             if path is not None:
                 self.write_requested.emit(path, partial(write_regions, path, table), "Regions")
 
@@ -286,18 +280,17 @@ class LabelPanel(QWidget):
             self.table.show_labels(shown_labels, name)
             self._measured = None
         show_quietly(self.borders_check, self._document.display.label_borders)
+        measured, hidden = self._measured, self._document.hiding.mask
         if mesh is None or known is None:
             self._measured = None
-        else:
-            measured, hidden = self._measured, self._document.hiding.mask
-            same = measured is not None and measured[0].vertices is mesh.vertices
-            if (
-                measured is None
-                or not same
-                or (measured[1] is not known or measured[2] is not hidden)
-            ):
-                self._measured = (mesh, known, hidden)
-                self._thread.ask(self._measured)
+        elif (
+            measured is None
+            or measured[0].vertices is not mesh.vertices
+            or measured[1] is not known
+            or measured[2] is not hidden
+        ):
+            self._measured = mesh, known, hidden
+            self._thread.ask(self._measured)
         self._refresh_regions(known)
         self._refresh_hint()
         self._refresh_buttons()
@@ -334,9 +327,8 @@ class LabelPanel(QWidget):
         # both texts have as many lines, so that nothing below moves
         text = "Select vertices, then press the key of a label."
         if mask is not None:
-            text = (
-                f"{counted(int(np.count_nonzero(mask)), 'vertex')} selected: press a label's key."
-            )
+            count = counted(int(np.count_nonzero(mask)), "vertex")
+            text = f"{count} selected: press a label's key."
         shown = self._document.labels.current_is_displayed
         return text if shown else f"{text} The render shows another field than this set."
 

@@ -194,13 +194,10 @@ class MeshPanel(QWidget):
     def _refresh_part(self) -> None:
         document = self._document
         part, selected, idle = document.part_mesh, document.selection.mask, not document.work.job
-        count = (
-            f"On {document.solve.n_vertices:,} of {counted(part.n_vertices, 'vertex')}"
-            if part
-            else ""
-        )
-        self.part_label.setText(count)
         self.part_label.setVisible(part is not None)
+        if part is not None:
+            total = counted(part.n_vertices, "vertex")
+            self.part_label.setText(f"On {document.solve.n_vertices:,} of {total}")
         other = selected is not None and (part is None or (selected != part.referenced).any())
         offered = ((self.whole_button, part is not None), (self.selection_button, bool(other)))
         for button, shown in offered:
@@ -305,11 +302,9 @@ class MeshPanel(QWidget):
         self._status_stack = QStackedLayout()
         self._status_stack.addWidget(self.proof_label)
         self._status_stack.addWidget(self.progress_label)
-        foot, margins = theme.named(QWidget(), "mesh_panel_foot"), (theme.MARGIN,) * 4
-        foot.setLayout(
-            column(buttons, self.progress_bar, self._status_stack, spacing=6, margins=margins)
-        )
-        return foot
+        parts = buttons, self.progress_bar, self._status_stack
+        foot = make.holder(column(*parts, spacing=6, margins=(theme.MARGIN,) * 4))
+        return theme.named(foot, "mesh_panel_foot")
 
     def _note_refusal(self) -> None:
         """Note whether the press of the button ended the typing of an invalid number."""

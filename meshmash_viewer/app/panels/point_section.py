@@ -57,8 +57,7 @@ class PointSection(QWidget):
             lambda length: points.change("distance of points", max_distance=length)
         )
         self.note = note("points_note")
-        self._look = QWidget()
-        self._look.setLayout(
+        self._look = make.holder(
             grid(
                 (make.muted("Colour"), self.column_combo),
                 (make.muted("Size"), self.size_spin),
@@ -92,9 +91,8 @@ class PointSection(QWidget):
                     self.column_combo.addItem(name or "One colour", name)
             self.column_combo.setCurrentIndex(max(self.column_combo.findData(shown.column), 0))
             self.size_spin.setValue(shown.size)
-        text = counted(len(shown.table), "point") + (
-            f" from {shown.table.name}" * bool(shown.table.name)
-        )
+        source = f" from {shown.table.name}" if shown.table.name else ""
+        text = counted(len(shown.table), "point") + source
         if found is not None:
             self.distance_field.show_value(found.max_distance, mesh.unit, with_unit=True)
             text += f", {found.n_near:,} of them near the mesh"
