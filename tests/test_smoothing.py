@@ -133,7 +133,7 @@ def test_a_map_with_a_name_is_a_map_and_labels_are_none(pairs: Decomposition) ->
     found = filter_map(pairs, VertexMap("wave", wave), low_pass_bank(1e9))
     np.testing.assert_allclose(found, wave, atol=1e-9)
     parts = VertexMap("parts", np.zeros(len(wave), dtype=int), (Label(0, "all", "#808080"),))
-    with pytest.raises(InputError, match="numbers are names"):
+    with pytest.raises(InputError, match="not values of a function"):
         filter_map(pairs, parts, low_pass_bank(1e9))
 
 

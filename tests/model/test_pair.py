@@ -277,7 +277,7 @@ def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
     small.solve.target = Target("count", 2)
     small.solve.compute()
     request = ComparisonRequest(small.spectrum, pair.second.spectrum, pair.matched_in)
-    with pytest.raises(InputError, match="eigenvalue above zero"):
+    with pytest.raises(InputError, match="1 nonzero eigenvalue, too few"):
         request.answered()
 
 
