@@ -1,1 +1,1 @@
-"""What is computed from eigenpairs: filters, columns and their truncation, shapes compared."""
+"""Computations with eigenpairs: filters, features, truncation errors, comparison of shapes."""

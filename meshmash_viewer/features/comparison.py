@@ -32,13 +32,13 @@ from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 
-#: Squared correlation above which eigenfunctions correspond: only one pair can exceed it.
+#: Squared correlation above which two eigenfunctions correspond; at most one can exceed it.
 _SAME = 0.5
 #: Relative difference up to which eigenvalues are equal.
 _ROUNDING = 1e-6
 #: Number of energies of the default signature.
 _ENERGIES = 100
-#: Share of the eigenfunctions that features should match.
+#: Share of matched eigenfunctions below which a remark suggests ZoomOut.
 _FEW = 0.5
 #: Minimum number of nonzero eigenvalues for a comparison.
 _FEWEST = 3
@@ -48,21 +48,21 @@ SCORE = "match score"
 
 @dataclass(frozen=True, eq=False)
 class FunctionMatches:
-    """For each eigenfunction of one shape, the corresponding one of another, where it is known.
+    """Eigenfunctions of a second shape that correspond to those of a first shape.
 
     Parameters
     ----------
     indices : ndarray of int64, shape (k,)
-        Index in the other; -1 where it is not determined: within multiplets, since any orthogonal
-        combination of their functions is an eigenfunction, and where features do not distinguish
-        the sides of a symmetric shape.
+        Index of the function of the second; -1 where it is not determined: within multiplets, since
+        any orthogonal combination of their functions is an eigenfunction, and where features do not
+        distinguish the sides of a symmetric shape.
     signs : ndarray of float64, shape (k,)
-        1 or -1, the factor for the other; 0 where `indices` is -1.
+        Factor of the function of the second, 1 or -1; 0 where `indices` is -1.
     correlations : ndarray of float64, shape (k,)
-        Correlation with the matched function, from 0 to about 1; above √½ if they correspond.
+        Correlation of the matched functions, from 0 to about 1; above √½ if they correspond.
     rotations : Alignment
-        Rotations within multiplets of the other before the comparison; empty unless requested
-        (`match_functions`).
+        Rotations within multiplets of the second, applied before the comparison; empty unless
+        requested (`match_functions`).
 
     Examples
     --------
@@ -93,18 +93,18 @@ class Comparison:
     spectra : tuple of two ndarrays of float64, shape (k,)
         Eigenvalues times area.
     distance : float
-        Euclidean distance of the two, "Shape-DNA".
+        Euclidean distance of the two spectra, "Shape-DNA".
     forth, back : Matches
-        From the first to the second, and from the second to the first.
+        Matches of the first in the second, and of the second in the first.
     mutual : ndarray of bool, shape (n,)
-        Vertices of the first that are the match of their match.
+        Mask of the vertices of the first that are the match of their match.
     functions : FunctionMatches
-        Eigenfunctions of the first among those of the second.
+        Matches of the eigenfunctions of the first in the second.
     features : tuple of two ndarrays of float32, shapes (n, f) and (m, f)
         Features used for matching, in units of their spread over the second.
     given : bool
-        Whether corresponding vertices were given. They are the matches, and distances of their
-        features the scores.
+        Whether corresponding vertices were given. They are then the matches, and scores are the
+        distances of their features.
     functional : FunctionalMap, optional
         The refined functional map, if vertices were matched by one.
 
@@ -127,7 +127,7 @@ class Comparison:
 
     @property
     def relative_distance(self) -> float:
-        """Distance divided by the norm of the first spectrum; infinite if that is zero."""
+        """Distance divided by the norm of the first spectrum; infinite if the norm is zero."""
         length = float(np.linalg.norm(self.spectra[0]))
         if length == 0.0:
             return math.inf if self.distance > 0.0 else 0.0
@@ -144,9 +144,9 @@ class Comparison:
         return self.functional is not None and self.functional.rigid is not None
 
     def carried(self, maps: Sequence[VertexMap], *, back: bool = False) -> tuple[VertexMap, ...]:
-        """Carry maps of the second to the first, or with `back` those of the first to the second.
+        """Carry maps of the second to the first or, with `back`, maps of the first to the second.
 
-        Each vertex gets the value or label of its match; a vertex without a match gets none.
+        Each vertex gets the value or label of its match; without a match, NaN or no label.
 
         Parameters
         ----------
@@ -156,8 +156,8 @@ class Comparison:
         Returns
         -------
         tuple of VertexMap
-            The carried maps, and a map of the scores, distances in the space of the match: small
-            scores are more reliable.
+            The carried maps, and a map of the scores of the matches; matches with small scores are
+            more reliable.
 
         Examples
         --------
@@ -179,7 +179,7 @@ class Comparison:
     def match_table(self, second_name: str, second: Mesh | None = None) -> Features:
         """Return match, score and mutuality of each vertex of the first, shape (n, 3).
 
-        Matches are file indices of `second`, if that is given.
+        If `second` is given, matches are indices in its file.
         """
         matches = self.forth.indices
         if second is not None:
@@ -194,7 +194,7 @@ class Comparison:
     ) -> tuple[tuple[int, float], ...]:
         """Return vertices of the second most similar to one of the first, with their scores.
 
-        The match comes first; see `distinct_matches`, with the `places` of the second.
+        The match is first. See `distinct_matches`; `places` are the vertices of the second.
         """
         mine, others = self.features
         distances = np.linalg.norm(others - mine[vertex], axis=1).astype(np.float64)
@@ -207,16 +207,16 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """Correspondence of one shape to another; what is not known is None."""
+    """Correspondence of one shape to another; unknown parts are None."""
 
     #: Length scale of the other relative to this shape.
     length: float = 1.0
-    #: For each vertex of this shape the corresponding one of the other, or -1.
+    #: Corresponding vertex of the other shape for each vertex of this shape, or -1.
     vertices: IntArray | None = None
     functions: FunctionMatches | None = None
 
     def vertex(self, index: int) -> int | None:
-        """Return the corresponding vertex of the other; None if it is not known."""
+        """Return the corresponding vertex of the other shape; None if it is not known."""
         if self.vertices is None or not 0 <= index < len(self.vertices):
             return None
         found = int(self.vertices[index])
@@ -229,7 +229,7 @@ def unit_area_spectrum(pairs: Eigenpairs) -> FloatArray:
 
 
 def matched_top(first: Eigenpairs, area: float) -> float:
-    """Return the eigenvalue up to which a shape with an area is compared with the first."""
+    """Return the eigenvalue up to which a shape of a given area is compared with the first."""
     # rounding may increase the last eigenvalue of an equal shape
     return float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9) / area
 
@@ -241,9 +241,9 @@ def comparison_remarks(
     n_components: tuple[int, int] | None = None,
     found: Comparison | None = None,
 ) -> list[str]:
-    """Return warnings about two meshes, and about the comparison that was `found`.
+    """Return warnings about two meshes, and about their comparison `found`.
 
-    `n_components` are those of the meshes, if they are known already.
+    `n_components` are the numbers of components of the meshes, if they are known already.
     """
     remarks = []
     if first.unit != second.unit:
@@ -272,15 +272,15 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
     """Return the corresponding vertices of two meshes with the same connectivity.
 
     Their faces join the same vertices, in any orientation (as in a mirror image). Examples are a
-    rotated, scaled or deformed mesh, two subjects on one template, and a part of these
+    rotated, scaled or deformed mesh, two subjects on one template, and parts of such meshes
     (`Mesh.masked`). An equal number of vertices is not sufficient. Left and right hemispheres (by
     `Mesh.structure` or name) are mirror images: with faces of the same orientation, as in
-    FreeSurfer's fsaverage, equal indices are different places, and the result is None.
+    FreeSurfer's fsaverage, equal indices are at different places, and the result is None.
 
     Returns
     -------
     ndarray of int64, shape (n,), or None
-        The indices in order; None if vertices have to be matched.
+        The indices ``0, 1, …, n - 1``; None if vertices have to be matched.
 
     Examples
     --------
@@ -302,7 +302,7 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
 
 
 def _faces_on(mesh: Mesh, other: Mesh) -> IntArray:
-    """Return the faces of a mesh, or if `other` is a part of it, the faces of that part."""
+    """Return the faces of a mesh or, if `other` is a part of the mesh, the faces of this part."""
     if len(mesh.faces) <= len(other.faces):
         return mesh.faces
     kept: IntArray = mesh.faces[other.referenced[mesh.faces].all(axis=1)]
@@ -347,20 +347,20 @@ def compare_shapes(
     Parameters
     ----------
     first, second : Eigenpairs
-        Both up to about the same eigenvalue times area; additional pairs of one are ignored.
+        Eigenpairs up to about the same eigenvalue times area; excess pairs of a shape are ignored.
     bank : FilterBank, optional
-        Filters for eigenvalues times area, of the features that match vertices. Default: the wave
-        kernel signature of 100 energies of the first.
+        Filters of the features that match vertices, for eigenvalues times area. Default: the wave
+        kernel signature with 100 energies in the spectrum of the first.
     cancel : callable, optional
         Called while vertices are matched; `Cancelled` is raised if it returns True.
     vertices : array_like of int, shape (n,), optional
-        For each vertex of the first the corresponding one of the second, -1 for none, if it is
-        known (`corresponding_vertices`). Eigenfunctions are matched with these vertices, and within
-        multiplets rotated first (`FunctionMatches.rotations`).
+        Corresponding vertex of the second for each vertex of the first, -1 for none, if known
+        (`corresponding_vertices`). Eigenfunctions are matched with these vertices, after rotations
+        within multiplets (`FunctionMatches.rotations`).
     refine : bool
-        Match vertices by a functional map from the features and the `landmarks`, refined with all
-        eigenfunctions up to 150 (`functional_map`, `zoomout`), and not by the nearest features
-        alone. Scores are distances in the space of eigenfunctions then.
+        Whether to match vertices by a functional map, not by the nearest features alone. The map is
+        estimated from the features and the `landmarks` (`functional_map`), and refined with up to
+        150 eigenfunctions (`zoomout`). Scores are then distances in the space of eigenfunctions.
     landmarks : array_like of int, shape (p, 2), optional
         With `refine`: corresponding vertices of the first and the second.
     meshes : tuple of two MeshLike, optional
@@ -370,9 +370,9 @@ def compare_shapes(
     Returns
     -------
     Comparison
-        The spectral distance is that of Reuter, Wolter and Peinecke (2006). Vertices match the
-        nearest features, each column in units of its spread. On a symmetric shape the vertices of
-        both sides are equally near, and either is found.
+        The spectral distance is that of Reuter, Wolter and Peinecke (2006). Vertices are
+        matched by the nearest features, with each column divided by its spread. On a symmetric
+        shape, corresponding vertices of both sides are equally near, and either may be found.
 
     Raises
     ------
@@ -459,18 +459,18 @@ def match_functions(
     Parameters
     ----------
     first, second : Eigenpairs
-        With k and l pairs.
+        Eigenpairs of the shapes, k and l pairs.
     vertices : array_like of int, shape (n,)
-        For each vertex of the first the corresponding one of the second, -1 for none: the indices
-        in order for two meshes of the same vertices, or matches by features.
+        Corresponding vertex of the second for each vertex of the first, -1 for none:
+        ``0, 1, …, n - 1`` for two meshes of the same vertices, or matches by features.
     turned : bool
         Whether functions within a multiplet of the second, which are determined up to a rotation,
-        are rotated to match the first; `FunctionMatches.rotations` are these rotations.
+        are rotated to match the first; see `FunctionMatches.rotations`.
 
     Returns
     -------
     FunctionMatches
-        One to one, with the largest sum of squared correlations.
+        One-to-one matches with the largest sum of squared correlations.
 
     Raises
     ------

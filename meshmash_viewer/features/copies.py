@@ -9,10 +9,10 @@ from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 
-#: Largest root mean square distance between the vertices of two copies, in edges. Of points that
-#: are anywhere on a surface of equilateral triangles it is √5 / 6 = 0.37 from the vertices.
+#: Largest root mean square distance between the vertices of two copies, in edges. For random points
+#: on equilateral triangles, the distance from the nearest vertex is √5 / 6 = 0.37.
 _COPY = 0.25
-#: Maximum number of iterations of a fit, and of the vertices that are fitted.
+#: Maximum number of iterations of a fit, and maximum number of fitted vertices.
 _FITS, _FITTED = 50, 1000
 
 
@@ -43,8 +43,7 @@ def copied(
     -------
     tuple of ndarray, or None
         The similarity, shape (4, 4), and for each vertex of the first the nearest one of the second
-        and its distance. None if the vertices of one shape are not within a share of an edge of
-        those of the other.
+        and its distance. None if distances between the vertices of the shapes are too large.
     """
     from trimesh.registration import procrustes  # slow to import
 
@@ -67,9 +66,9 @@ def copied(
 def nearest_by_position(
     matrix: FloatArray, first: Placed, second: Placed
 ) -> list[tuple[IntArray, FloatArray]]:
-    """Return the nearest vertices and distances from the moved first to the second, and back.
+    """Return nearest vertices and distances from the moved first shape to the second, and back.
 
-    Distances are shares of √area.
+    Distances are divided by √area.
     """
     moved = first.positions @ matrix[:3, :3].T + matrix[:3, 3]
     ways = (moved, second.positions), (second.positions, moved)

@@ -1,7 +1,7 @@
-"""Descriptors of the vertices of a mesh in one call, from its eigenpairs.
+"""Descriptors of the vertices of a mesh, computed from its eigenpairs in one call.
 
-All have the unit of φ², one over squared unit of the mesh. They can also be imported from
-`meshmash_viewer.decompose`.
+Descriptors have the unit of φ²: one over the squared unit of the mesh. The functions can also be
+imported from `meshmash_viewer.decompose`.
 """
 
 from __future__ import annotations
@@ -52,15 +52,15 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.engine.request import Allocate
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
-#: Any accepted form of a mesh, or its ``(L, M)``.
+#: A mesh in any accepted form, or its matrices ``(L, M)``.
 MeshOrMatrices: TypeAlias = Any
 Filter: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
-#: Makes a filter from the eigenvalues used.
+#: Function that returns a filter for the eigenvalues used.
 FilterMaker: TypeAlias = Callable[[npt.NDArray[np.float64]], FilterBank | Filter]
 
-#: Documented residual relative to λ for float64; float32 relaxes it.
+#: Largest residual relative to λ for float64; it is larger for float32.
 _TOLERANCE = 1e-12
-#: Number of eigenpairs proposed in a message.
+#: Number of eigenpairs suggested in a warning.
 _USEFUL_COUNT = 100
 
 
@@ -88,25 +88,25 @@ def spectral_geometry_filter(
     Parameters
     ----------
     mesh : MeshLike or pair of sparse matrices
-        The mesh, n vertices, or its (L, M).
+        A mesh of n vertices, or its matrices (L, M), shape (n, n).
     filter : callable, optional
         Called once with all eigenvalues, a 1-D array of shape (k,); returns coefficients of
-        shape (n_filters, k). None: return the eigenpairs themselves.
+        shape (n_filters, k). None: return the eigenpairs.
     max_eigenvalue, band_size, truncate_extra
         See `decompose_laplacian_by_bands`.
     drop_first : bool
-        Leave out exactly one pair, the first, for any number of zero eigenvalues; on a piece of a
-        `MeshStitcher`, the first pair of the whole mesh.
+        Leave out only the first pair, even if several eigenvalues are zero. On a piece of a
+        `MeshStitcher`, the first pair of the whole mesh is left out.
     decomposition_dtype : dtype
-        float64: eigenpairs converge to residuals of 1e-12, or what rounding allows. float32 halves
-        the memory of eigenvectors and relaxes that to 1e-7; the result has the same dtype. None
-        is float64.
+        Type of the eigenvectors and of the result. float64, or None: residuals are at most 1e-12,
+        or as small as rounding allows. float32: residuals are at most 1e-7, and eigenvectors take
+        half the memory.
     robust, mollify_factor
         See `meshmash_viewer.laplacian.cotangent_laplacian`.
     verbose : int
         1 draws a progress bar on stderr.
     mask : array_like of bool, shape (n,), optional
-        Compute on these vertices only, NaN elsewhere; see `Mesh.masked`.
+        Vertices to compute on; the result is NaN elsewhere. See `Mesh.masked`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -119,13 +119,13 @@ def spectral_geometry_filter(
     Warns
     -----
     ConstantFeaturesWarning
-        If only zero eigenvalues lie below the threshold, as when it is meant for another unit:
-        the features are then correct, but constant on each component.
+        If only zero eigenvalues lie below the threshold, for example because it was chosen for
+        another unit. The features are then correct, but constant on each component.
     TruncationWarning
-        If the filter is one of this package and more than 1 % of a column is missing, by the
-        estimate of `meshmash_viewer.features.truncation`; if it is another function and at the last
-        eigenvalue above 1 % of its largest value. Not with all eigenpairs of the mesh. Warnings
-        begin with the name of the mesh, if any.
+        For a filter of this package: if the truncation error of a column exceeds 1 %, by the
+        estimate of `meshmash_viewer.features.truncation`. For another function: if its value at the
+        last eigenvalue exceeds 1 % of its largest. There is no warning if all eigenpairs of the
+        mesh are used. Warnings begin with the name of the mesh, if it has one.
 
     Notes
     -----
@@ -180,20 +180,20 @@ def compute_hks(
     Parameters
     ----------
     max_eigenvalue : float
-        Largest eigenvalue to use. Times below ``5 / max_eigenvalue`` need more.
+        Largest eigenvalue to use. Times below ``5 / max_eigenvalue`` require a larger one.
     t_max, t_min : float, optional
-        Longest and shortest time, in squared unit of the mesh; None: from the spectrum, see
+        Longest and shortest time, in squared unit of the mesh; None: chosen from the spectrum by
         `meshmash_viewer.features.filter_responses.hks_time_range`.
     n_components : int
         Number of times, evenly spaced in log t.
     count : int or "auto", optional
         Number of eigenpairs, in place of `max_eigenvalue`; at most the number of vertices. "auto"
-        requires `t_min` and uses as many pairs as are needed for less than 1 % of any column to be
-        missing, by the estimate.
+        requires `t_min`, and uses enough pairs that the estimated truncation error of every column
+        is below 1 %.
     wavelength : float, optional
-        Shortest wavelength ``2π / √λ`` to use, in unit, in place of `max_eigenvalue`.
+        Shortest wavelength ``2π / √λ`` to use, in unit of the mesh, in place of `max_eigenvalue`.
     tail : {None, "weyl"}
-        "weyl" adds the estimate of what is missing, see `meshmash_viewer.features.truncation`.
+        "weyl" adds the estimated truncation error, see `meshmash_viewer.features.truncation`.
 
     Returns
     -------
@@ -203,8 +203,8 @@ def compute_hks(
     Warns
     -----
     TruncationWarning
-        If more than 1 % of a column is missing, by the estimate; or if "auto" used all pairs of
-        the mesh and these are not sufficient.
+        If the estimated truncation error of a column exceeds 1 %, or if "auto" used all pairs of
+        the mesh and they are not sufficient.
 
     Examples
     --------
@@ -266,20 +266,20 @@ def compute_geometry_vectors(
     Parameters
     ----------
     max_eigenvalue : float
-        End of the range that the bands divide evenly.
+        End of the range of eigenvalues, which the bands divide evenly.
     n_components : int
         Number of bands.
     count : int or "auto", optional
         Number of eigenpairs, at most the number of vertices; their largest eigenvalue replaces
-        `max_eigenvalue`. "auto" uses all up to `max_eigenvalue`, as None does: bands that end there
-        are complete.
+        `max_eigenvalue`. "auto" is the same as None: all pairs up to `max_eigenvalue`, where the
+        bands end.
     wavelength : float, optional
-        Shortest wavelength ``2π / √λ``, in unit, in place of `max_eigenvalue`.
+        Shortest wavelength ``2π / √λ``, in unit of the mesh, in place of `max_eigenvalue`.
 
     Returns
     -------
     ndarray, shape (n, n_components)
-        Columns from low to high eigenvalues; their sum is that of all φ². One over squared unit.
+        Columns from low to high eigenvalues, in one over squared unit; their sum is ``Σ_k φ_k²``.
 
     Examples
     --------
@@ -294,7 +294,7 @@ def compute_geometry_vectors(
         count = None
     n_pairs, bound = chosen_extent(max_eigenvalue, count, wavelength)
     if bound is not None:
-        bspline_bank(0.0, bound, n_bands)  # raises now rather than after the decomposition
+        bspline_bank(0.0, bound, n_bands)  # raises before the decomposition
     computation = _Computation(
         masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
         progress, cancel, mask is not None,
@@ -381,11 +381,11 @@ class _Computation:
     ) -> Array:
         """Compute features, shape (n, f), and warn of their truncation error if it is known.
 
-        `time` is that for which the number of pairs was chosen, if any.
+        `time` is the shortest time if the number of pairs was chosen for it, else None.
         """
         with scratch_rows(self.dtype) as allocate:
             result = self.solve(n_components, max_eigenvalue, allocate)
-            # of a piece the first pair is larger than that of the whole mesh, which is left out
+            # On a piece, the first pair of the whole mesh is left out: its square is smaller.
             whole = self.mesh.first if self.drop_first and isinstance(self.mesh, Piece) else None
             start = int(self.drop_first and whole is None)
             eigenvalues = result.eigenvalues[start:]

@@ -1,9 +1,9 @@
-"""Distances from one vertex to all others: spectral and geodesic ones.
+"""Spectral and geodesic distances from one vertex to all others.
 
-The spectral ones are ``d(v, w)² = Σ_k h(λ_k) (φ_k(v) - φ_k(w))²`` over the eigenvalues above zero,
-with a weight h of each kind. They grow with the distance along the surface, but also depend on its
-width: across a thin neck they are large. Eigenfunctions of zero only distinguish components, so
-they are left out, and the distance to vertices of other components is NaN.
+Spectral distances are ``d(v, w)² = Σ_k h(λ_k) (φ_k(v) - φ_k(w))²`` over the eigenvalues above zero,
+with a weight h for each kind. They grow with the distance along the surface, but also depend on its
+width: across a thin neck they are large. Eigenfunctions of eigenvalue zero only distinguish
+components, so they are left out, and the distance to vertices of other components is NaN.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MEASURES: dict[str, tuple[str, int]] = {
 def diffusion_distance(
     eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int, time: float
 ) -> FloatArray:
-    """Compute the diffusion distance: how different heat from two vertices is after a time [1]_.
+    """Compute the diffusion distance: the difference of heat from two vertices after a time [1]_.
 
     `InputError` is raised if the vertex does not exist, the time is not positive, or shapes do not
     agree.
@@ -46,7 +46,7 @@ def diffusion_distance(
     Parameters
     ----------
     eigenvalues, eigenvectors : array_like, shapes (k,) and (n, k)
-        Per squared unit, zeros are left out; M-orthonormal columns.
+        Eigenvalues per squared unit, of which zeros are left out, and M-orthonormal columns.
     vertex : int
         Vertex from which distances are measured.
     time : float
@@ -55,7 +55,7 @@ def diffusion_distance(
     Returns
     -------
     ndarray of float64, shape (n,)
-        ``(Σ exp(-2 λ t) (φ(v) - φ(w))²)^½``, per unit. NaN where the eigenvectors are.
+        ``(Σ exp(-2 λ t) (φ(v) - φ(w))²)^½``, per unit; NaN where the eigenvectors are NaN.
 
     References
     ----------
@@ -75,7 +75,7 @@ def diffusion_distance(
 def biharmonic_distance(
     eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int
 ) -> FloatArray:
-    """Compute the biharmonic distance: smooth near its origin, global far from it [1]_.
+    """Compute the biharmonic distance: smooth near the vertex, global far from it [1]_.
 
     Parameters are those of `diffusion_distance`.
 
@@ -100,10 +100,10 @@ def biharmonic_distance(
 def commute_time_distance(
     eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int
 ) -> FloatArray:
-    """Compute the root of the time that a random walk takes to another vertex and back [1]_.
+    """Compute the square root of the time of a random walk to another vertex and back [1]_.
 
-    On a surface its sum grows with the logarithm of the number of pairs: compare only distances
-    computed from the same number. Parameters are those of `diffusion_distance`.
+    On a surface the sum grows with the logarithm of the number of pairs: compare only distances
+    computed from equal numbers of pairs. Parameters are those of `diffusion_distance`.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def commute_time_distance(
 def spectral_weights(kind: str, eigenvalues: FloatArray, time: float = 1.0) -> FloatArray:
     """Compute the weight of each pair in a squared distance, 0 for zero eigenvalues, shape (k,).
 
-    `kind` is "diffusion", with a `time`, "biharmonic" or "commute".
+    `kind` is "diffusion", "biharmonic" or "commute"; only "diffusion" uses `time`.
     """
     above = _above_zero(eigenvalues)
     if kind == "diffusion":
@@ -142,9 +142,9 @@ def _above_zero(eigenvalues: FloatArray) -> npt.NDArray[np.bool_]:
 def missing_square(kind: str, eigenvalues: FloatArray, area: float, n: int, time: float) -> float:
     """Estimate by Weyl's law the part of a squared distance due to pairs that were not computed.
 
-    For two vertices that are not close it is ``Σ h φ(v)² + Σ h φ(w)²`` beyond the last eigenvalue
-    Λ, and by the local law either sum is ``1/4π ∫ h dλ`` from Λ to the last of the n eigenvalues of
-    the mesh. It is at most h(Λ) / area, on average, for each pair that is not given: 0 with all n.
+    For two vertices that are not close, this part is ``Σ h φ(v)² + Σ h φ(w)²`` beyond the last
+    eigenvalue Λ. By the local law, each sum is ``1/4π ∫ h dλ`` from Λ to the last of the n
+    eigenvalues of the mesh. On average, a sum is at most h(Λ) / area for each missing pair.
     """
     last, end = float(eigenvalues[-1]), 4.0 * math.pi * n / area
     n_left = n - len(eigenvalues)
@@ -191,7 +191,7 @@ def _distance(
     rows: Any = RowsFrom(columns.T, vertex)
     weights = spectral_weights(kind, values, time)
     squares = np.asarray(sum_squares(rows, weights[np.newaxis], np.float64)[0])
-    # eigenfunctions of zero are constant on each component and different between components
+    # zero: eigenfunctions are constant on each component and different between components
     zero = ~_above_zero(values)
     elsewhere = np.square(rows[zero]).sum(axis=0) > 1e-6 * np.square(columns[:, zero]).sum(axis=1)
     squares[elsewhere] = np.nan
@@ -204,7 +204,7 @@ def _check_vertex(vertex: int, n: int) -> None:
 
 
 class GeodesicSolver:
-    """Geodesic distances by the heat method [1]_, factored once for a mesh.
+    """Geodesic distances by the heat method [1]_, with matrices factored once for a mesh.
 
     `mesh` may be non-manifold and have several components; the robust Laplacian of the heat
     method's implementation is used.
@@ -237,7 +237,7 @@ class GeodesicSolver:
     def from_vertex(self, vertex: int) -> FloatArray:
         """Compute distances to all vertices in the unit of the mesh, shape (n,).
 
-        NaN in other components and at unreferenced vertices; everywhere from such a vertex.
+        Distances are NaN in other components, and to and from unreferenced vertices.
 
         `InputError` is raised if the vertex does not exist.
         """
@@ -313,7 +313,7 @@ def distance_features(
     -------
     Features
         Values of shape (n, f), NaN in other components. Columns are named by the indices of the
-        vertices in the file, see `Mesh.file_index`; ``missing_shares`` in its `meta` is the share
+        vertices in the file, see `Mesh.file_index`; ``meta["missing_shares"]`` is the share
         of a typical distance due to pairs that were not computed, estimated by Weyl's law.
 
     Examples

@@ -1,6 +1,6 @@
 """Means of features over domains, and the graph of domains.
 
-Domains are numbered from 0, and -1 is a vertex in no domain. Tables are pandas DataFrames.
+Domains are numbered from 0; vertices in no domain have the label -1. Tables are pandas DataFrames.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 #: Columns of the graph of domains.
 NODE_COLUMNS = ("x", "y", "z", "area", "n_vertices", "component_area", "component_n_vertices")
 EDGE_COLUMNS = ("source", "target", "boundary_length", "count", "edge_length")
-#: Column of a node with its distance from a given point.
+#: Column of nodes: the distance from a given point.
 NUCLEUS_COLUMN = "distance_to_nucleus"
 
 
 def require(*modules: str) -> None:
-    """Raise `InputError` if a package that domains need is not installed."""
+    """Raise `InputError` if one of the packages `modules` is not installed."""
     from importlib.util import find_spec
 
     for module in modules:
@@ -63,18 +63,19 @@ def aggregate_features(
     labels: npt.ArrayLike,
     weights: npt.ArrayLike | None = None,
 ) -> DataFrame:
-    """Compute the mean of features over each domain; the index is the domain, NaN for -1.
+    """Compute the mean of features over each domain.
 
-    `InputError` is raised if the numbers of rows differ, or a weight is negative.
+    The index of the result is the domain, from -1; row -1 is NaN. `InputError` is raised if the
+    numbers of rows differ, or a weight is negative.
 
     Parameters
     ----------
     features : Features, DataFrame or array_like, shape (n, f) or (n,)
-        A row for each vertex; NaN is left out.
+        A row for each vertex; NaN is ignored.
     labels : array_like of int, shape (n,)
-        The domain of each vertex, -1 for none.
+        Domain of each vertex, -1 for none.
     weights : array_like, shape (n,), optional
-        Such as `Mesh.vertex_areas`; equal by default, and in domains of weight 0.
+        Such as `Mesh.vertex_areas`. Weights are equal by default, and in domains where all are 0.
 
     Examples
     --------
@@ -100,7 +101,7 @@ def frame_of_domains(values: npt.NDArray[Any], columns: Any, first: int = 0) -> 
 def domain_means(
     table: FloatArray, labels: npt.ArrayLike, weights: npt.ArrayLike | None = None
 ) -> FloatArray:
-    """Compute the rows of `aggregate_features`, shape (k + 1, f)."""
+    """Compute the rows of `aggregate_features` for k domains, shape (k + 1, f)."""
     known = checked_labels(labels, len(table))
     given = np.ones(len(table)) if weights is None else np.asarray(weights, dtype=np.float64)
     if given.shape != known.shape or not (given >= 0.0).all():
@@ -123,11 +124,11 @@ def domain_means(
 
 
 def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike) -> Any:
-    """Give every vertex the row of its domain, the inverse of `aggregate_features`.
+    """Return the row of its domain for each vertex, the inverse of `aggregate_features`.
 
     `condensed` is a table whose index is the domain, or an array of shape (k, f) or (k,). The
-    result is of the same kind, with NaN where `labels`, shape (n,), are -1. `InputError` is raised
-    if a domain has no row.
+    result is a table or an array too, with NaN where `labels`, shape (n,), are -1. `InputError` is
+    raised if a domain has no row.
 
     Examples
     --------
@@ -154,23 +155,23 @@ def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike)
 def condense_mesh_to_graph(
     mesh: MeshLike, labels: npt.ArrayLike, nuc_point: npt.ArrayLike | None = None
 ) -> tuple[DataFrame, DataFrame]:
-    """Make the graph of domains: a node for each domain, an edge for each adjacent pair.
+    """Make the graph of domains: a node for each domain, an edge for each two adjacent domains.
 
     `InputError` is raised if labels do not match the mesh, or no vertex is in a domain.
 
-    `labels`, shape (n,), are -1 for vertices in no domain. With `nuc_point`, shape (3,), the
-    distance of each node from it is a further column.
+    `labels`, shape (n,), are -1 for vertices in no domain. If `nuc_point`, shape (3,), is given,
+    the distance of each node from it is a further column.
 
     Returns
     -------
     nodes : DataFrame
         Row i is domain i: its area-weighted mean position ``x, y, z``, its ``area`` and
         ``n_vertices``, ``component_area`` and ``component_n_vertices`` of its connected component,
-        and ``distance_to_nucleus``. The area of a vertex is a third of that of its faces.
+        and ``distance_to_nucleus``. The area of a vertex is a third of the area of its faces.
     edges : DataFrame
-        ``source`` < ``target``, ``boundary_length``, ``count`` of mesh edges between both domains,
-        and ``edge_length``, the distance of the two positions. A mesh edge between two domains adds
-        the sum of the incircle radii of its faces to the boundary length.
+        ``source`` < ``target``, ``boundary_length``, ``count`` (the number of mesh edges between
+        the two domains) and ``edge_length`` (the distance of their positions). A mesh edge between
+        two domains adds the sum of the incircle radii of its faces to the boundary length.
 
     Examples
     --------

@@ -1,9 +1,9 @@
 """Predefined filters as functions of λ, with their supremum and integral beyond an eigenvalue.
 
-Each is a set of f functions. `meshmash_viewer.features.truncation` computes the truncation error of
-a sum from the supremum and the integral over the part of the spectrum that was not computed.
-Filters are plain data, so banks can be pickled and compared. Their parameters are checked here, and
-times chosen from a spectrum.
+Each class represents f functions. `meshmash_viewer.features.truncation` computes the truncation
+error of a sum from the supremum and the integral over the part of the spectrum that was not
+computed. Filters are plain data, so banks can be pickled. This module also checks parameters, and
+chooses diffusion times from a spectrum.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _ROUNDING = 1e-9
 
 
 def count_zeros(eigenvalues: FloatArray) -> int:
-    """Count eigenvalues (ascending) that are zero within rounding: one for each component."""
+    """Count ascending eigenvalues that are zero within rounding: one for each component."""
     largest = abs(float(eigenvalues[-1])) if len(eigenvalues) else 0.0
     return int(np.searchsorted(eigenvalues, ZERO_SHARE * largest, side="right"))
 
 
 def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
-    """Return the lowest eigenvalue that is not zero within rounding; `InputError` without one."""
+    """Return the lowest eigenvalue that is not zero within rounding; `InputError` if all are."""
     spectrum = as_spectrum(eigenvalues)
     above = spectrum[spectrum > ZERO_SHARE * spectrum.max(initial=0.0)]
     if not len(above):
@@ -50,11 +50,12 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
 def hks_time_range(eigenvalues: npt.ArrayLike, area: float | None = None) -> tuple[float, float]:
     """Return the range of times in which a heat kernel signature varies for this spectrum.
 
-    ``4 ln 10 / λ_max`` and ``4 ln 10 / λ_2``, λ_2 the lowest above zero (Sun et al. 2009), in
-    squared unit of the mesh: where the highest and the lowest mode have decayed to 1e-4.
+    The range is from ``4 ln 10 / λ_max`` to ``4 ln 10 / λ_2``, in squared unit of the mesh, with
+    λ_2 the lowest eigenvalue above zero (Sun et al. 2009). At these times the highest and the
+    lowest mode have decayed to 1e-4.
 
-    If all eigenvalues are zero, the range is that of the eigenvalues expected by Weyl's law for
-    the `area` of the mesh, in which the signature is constant; `InputError` is raised without one.
+    If all eigenvalues are zero, the signature is constant, and the range is computed from the
+    eigenvalues expected by Weyl's law for the `area` of the mesh; `InputError` without an `area`.
     """
     spectrum = as_spectrum(eigenvalues)
     if area is not None and not (spectrum > 0.0).any():
@@ -81,7 +82,7 @@ def hks_times(
     eigenvalues : array_like, shape (k,)
         The spectrum; used only if a bound is None.
     t_min, t_max : float, optional
-        Bounds in squared unit of the mesh; None takes that of `hks_time_range`.
+        Bounds in squared unit of the mesh; None: the bound of `hks_time_range`.
     n_scales : int
         Number of times.
     area : float, optional
@@ -133,7 +134,7 @@ def as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
 
 
 def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
-    """Return one or more finite, nonnegative values, shape (f,); `name` is for messages."""
+    """Return parameters, shape (f,); `InputError` if none, or one is negative or not finite."""
     parameters = np.array(values, dtype=np.float64)
     if parameters.ndim != 1 or not len(parameters):
         raise InputError(f"Give a 1-D list of at least one {name}.")
@@ -162,7 +163,7 @@ def checked_coefficients(returned: npt.ArrayLike, eigenvalues: FloatArray) -> Fl
         )
     coefficients = given.astype(np.float64)
     if coefficients.shape == eigenvalues.shape:
-        coefficients = coefficients[np.newaxis]  # one filter without its axis
+        coefficients = coefficients[np.newaxis]  # a single filter as a 1-D array
     k = len(eigenvalues)
     if coefficients.ndim != 2 or coefficients.shape[1] != k:
         raise InputError(
@@ -181,7 +182,7 @@ def checked_coefficients(returned: npt.ArrayLike, eigenvalues: FloatArray) -> Fl
 
 @runtime_checkable
 class TailedResponse(Protocol):
-    """A filter with its supremum and integral beyond an eigenvalue."""
+    """Filters with their suprema and integrals beyond an eigenvalue."""
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
         """Compute values at eigenvalues of shape (k,): shape (f, k)."""
@@ -268,8 +269,8 @@ def wave_response(
         raise InputError(
             "The wave kernel needs two different eigenvalues above zero: compute more eigenpairs."
         )
-    # The outermost bands end two deviations inside the range, as in the paper, where the
-    # deviation is itself a multiple of the step: solve for the step.
+    # As in the paper, the outermost centres are two deviations inside the range, and the deviation
+    # is a multiple of the step between centres.
     if sigma is None:
         sigma = width * (high - low) / (n_energies - 1 + 4.0 * width)
     else:
@@ -318,14 +319,14 @@ def _check_deviation(given: float, name: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SplineResponse:
-    """B-splines on ``[low, high]``, 0 outside; `high` with rounding is inside."""
+    """B-splines on ``[low, high]``, 0 outside; `high` is inside, within rounding."""
 
     bases: tuple[BSpline[Any], ...]
     low: float
     high: float
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        # the last eigenvalue, converted or computed again, may exceed the end by rounding
+        # a converted or recomputed last eigenvalue may exceed the end by rounding
         at_end = np.isclose(eigenvalues, self.high, rtol=_ROUNDING, atol=0.0)
         inside = np.where(at_end, self.high, eigenvalues)
         return np.stack([np.asarray(basis(inside)) for basis in self.bases])
@@ -336,7 +337,7 @@ class SplineResponse:
         start = max(start, self.low)
         largest = []
         for basis in self.bases:
-            # The maximum of a piecewise polynomial is at an end, a knot, or where its slope is 0.
+            # The maximum of a piecewise polynomial is at an end, a knot or a zero of its slope.
             places = np.concatenate([basis.t, _flat_places(basis)])
             places = places[(places > start) & (places <= self.high)]
             largest.append(basis(np.append(places, [start, self.high])).max())
@@ -354,7 +355,7 @@ class SplineResponse:
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
-    """One filter, 1 from `low` to `high` (included or not) and 0 elsewhere."""
+    """One filter, 1 from `low` to `high` (included if `closed`) and 0 elsewhere."""
 
     low: float
     high: float
@@ -373,11 +374,11 @@ class StepResponse:
 
 
 def _flat_places(basis: BSpline[Any]) -> FloatArray:
-    """Find zeros of the derivative of a spline, without its constant pieces."""
+    """Return the zeros of the derivative of a spline, except on constant pieces."""
     from scipy.interpolate import PPoly
 
     if basis.k < 2:
         return np.zeros(0)
-    pieces: PPoly[Any] = PPoly.from_spline(basis)  # type: ignore[arg-type]  # it takes both
+    pieces: PPoly[Any] = PPoly.from_spline(basis)  # type: ignore[arg-type]  # accepts any spline
     roots = np.asarray(pieces.derivative().roots(), dtype=np.float64)
     return roots[np.isfinite(roots)]

@@ -2,7 +2,7 @@
 
 A bank maps k eigenvalues to coefficients of shape (f, k); column f of the features is then
 ``Σ_k coefficients[f, k] φ_k²`` (see `meshmash_viewer.features.sums`). Banks are plain data, so they
-can be pickled and compared.
+can be pickled.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-#: (k,) eigenvalues -> (f, k) coefficients.
+#: Function from eigenvalues, shape (k,), to coefficients, shape (f, k).
 SpectralFilter: TypeAlias = Callable[[FloatArray], FloatArray]
 
 #: Degree of the B-splines.
@@ -46,7 +46,7 @@ _DEGREE = 3
 
 @dataclass(frozen=True, eq=False)
 class FilterBank:
-    """A named set of filters; call it with k eigenvalues to get coefficients of shape (f, k).
+    """Named filters; calling the bank with k eigenvalues returns coefficients of shape (f, k).
 
     Parameters
     ----------
@@ -59,13 +59,13 @@ class FilterBank:
     parameter_name : str
         Symbol of the parameter, for an axis label.
     parameter_power : int
-        Its unit as a power of the mesh's unit: 2 for a time, -2 for an eigenvalue.
+        Unit of the parameter as a power of that of the mesh: 2 for a time, -2 for an eigenvalue.
     response : callable
-        ``(k,) -> (f, k)``. The truncation error of features is known if it also has the two methods
-        of `meshmash_viewer.features.filter_responses.TailedResponse`, as all predefined filters
-        have.
+        Function from eigenvalues, shape (k,), to values, shape (f, k). If it is a
+        `meshmash_viewer.features.filter_responses.TailedResponse`, as for all predefined filters,
+        the truncation error of features can be estimated.
     normalised : bool
-        Whether each filter is divided by its sum over the eigenvalues that the bank is called with.
+        Whether each filter is divided by its sum over the given eigenvalues.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class FilterBank:
         return values
 
     def totals(self, values: FloatArray) -> FloatArray:
-        """Return the divisors, shape (f,), of the values of `response`, shape (f, k)."""
+        """Return the divisors, shape (f,), for values of `response`, shape (f, k)."""
         return values.sum(axis=1) if self.normalised else np.ones(len(values))
 
     @property
@@ -111,7 +111,7 @@ class FilterBank:
 def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
     """Make the filters of the heat kernel signature, ``exp(-λ t)`` [1]_.
 
-    `InputError` is raised if a time is negative or not finite, or none is given.
+    `InputError` is raised if a time is negative or not finite, or there are no times.
 
     Parameters
     ----------
@@ -142,11 +142,11 @@ def wave_kernel_bank(
     energies: npt.ArrayLike | None = None,
     sigma: float | None = None,
 ) -> FilterBank:
-    """Make the filters of the wave kernel signature: Gaussian bands in log λ of unit sum [1]_.
+    """Make the filters of the wave kernel signature: Gaussian bands in log λ with unit sum [1]_.
 
-    `InputError` is raised if the spectrum has no two different eigenvalues above zero, an energy is
-    repeated or its exponential not finite, or the deviation is not positive, too large for the
-    range, or missing with a single energy.
+    `InputError` is raised if the spectrum does not have two different eigenvalues above zero; if an
+    energy is repeated, or its exponential is not finite; or if the deviation is not positive, is
+    too large for the range, or is missing for a single energy.
 
     Parameters
     ----------
@@ -155,10 +155,10 @@ def wave_kernel_bank(
     n_energies : int
         Number of columns.
     width : float
-        Standard deviation of the bands, in steps between them.
+        Standard deviation of the bands, in steps between neighbouring bands.
     energies : array_like, shape (f,), optional
-        Centres of the bands, natural logarithms of eigenvalues per squared unit, in place of
-        `n_energies` evenly spaced ones.
+        Centres of the bands, as natural logarithms of eigenvalues per squared unit, in place of
+        `n_energies` evenly spaced centres.
     sigma : float, optional
         Standard deviation of the bands in log λ, in place of `width`.
 
@@ -189,15 +189,15 @@ def wave_kernel_bank(
 
 
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
-    """Make cubic B-splines over λ that sum to one on the range: geometry vectors [1]_.
+    """Make the filters of geometry vectors: cubic B-splines over λ that sum to one [1]_.
 
     `InputError` is raised if the range is empty or `n_components` < 1.
 
     Parameters
     ----------
     e_min, e_max : float
-        Range of eigenvalues, per squared unit; all bands are 0 outside of it. Eigenvalues that
-        equal `e_max` up to rounding, 1e-9, are inside.
+        Range of eigenvalues, per squared unit; all bands are 0 outside the range. Eigenvalues that
+        equal `e_max` to a relative difference of 1e-9 are inside.
     n_components : int
         Number of bands.
 
@@ -216,7 +216,7 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
     digits = max(2, len(str(len(bases) - 1)))
     columns = tuple(f"band_{i:0{digits}d}" for i in range(len(bases)))
     degree = bases[0].k
-    # Greville points, the means of inner knots.
+    # Centres are Greville points: means of inner knots.
     knots = _clamped_knots(float(e_min), float(e_max), len(bases), degree)
     if degree:
         centres = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(bases))])
@@ -263,7 +263,7 @@ def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
     Parameters
     ----------
     scales : array_like, shape (f,)
-        In squared unit of the mesh.
+        Scales s, in squared unit of the mesh.
 
     Examples
     --------
@@ -288,18 +288,18 @@ def get_hks_filter(
     Parameters
     ----------
     t_max, t_min : float, optional
-        Longest and shortest time, in squared unit of the mesh; None: chosen from the eigenvalues
-        that the filter is called with (see `hks_time_range`). If all of those are zero, the
-        coefficients are 1 at any time.
+        Longest and shortest time, in squared unit of the mesh; None: chosen from the given
+        eigenvalues by `hks_time_range`. If all eigenvalues are zero, all coefficients are 1.
     n_scales : int
         Number of times.
     dtype : dtype
-        Of the coefficients.
+        Type of the coefficients.
 
     Returns
     -------
     callable
-        ``(k,) -> (n_scales, k)``, from short to long times; it can be pickled.
+        Function from eigenvalues, shape (k,), to coefficients, shape (n_scales, k), by ascending
+        time; picklable.
 
     Examples
     --------
@@ -308,7 +308,7 @@ def get_hks_filter(
     array([[1.   , 0.368],
            [1.   , 0.135]])
     """
-    # Raise now rather than after the decomposition.
+    # Raise before the decomposition.
     n_scales = whole_number(n_scales, "The number of time scales")
     check_times(t_min, t_max)
     return HeatKernelFilter(t_min, t_max, n_scales, np.dtype(dtype))
@@ -324,13 +324,13 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
     e_min, e_max : float
         Range of eigenvalues, per squared unit.
     n_components : int
-        Number of splines. Four are needed for the third degree; fewer get the highest degree
-        possible: parabolas for 3, straight lines for 2, a constant for 1.
+        Number of splines. Fewer than four splines have a lower degree: quadratic for 3, linear for
+        2, constant for 1.
 
     Returns
     -------
     list of scipy.interpolate.BSpline
-        Ascending; can be evaluated at any eigenvalue.
+        Splines from low to high eigenvalues; they can be evaluated at any eigenvalue.
 
     Examples
     --------
@@ -372,12 +372,12 @@ def _clamped_knots(low: float, high: float, n_components: int, degree: int) -> F
 def construct_bspline_filter(
     e_min: float, e_max: float, n_components: int
 ) -> Callable[[npt.ArrayLike], FloatArray]:
-    """Make the filter of the geometry vectors: `construct_bspline_basis` evaluated.
+    """Make a function that evaluates `construct_bspline_basis`: the filter of geometry vectors.
 
     Returns
     -------
     callable
-        ``(k,) -> (n_components, k)``; it can be pickled.
+        Function from eigenvalues, shape (k,), to coefficients, shape (n_components, k); picklable.
 
     Examples
     --------
@@ -390,7 +390,7 @@ def construct_bspline_filter(
 
 @dataclass(frozen=True)
 class HeatKernelFilter:
-    """Result of `get_hks_filter`: a heat kernel whose times may depend on the eigenvalues."""
+    """Heat kernel whose times may depend on the eigenvalues; result of `get_hks_filter`."""
 
     t_min: float | None
     t_max: float | None
@@ -402,7 +402,7 @@ class HeatKernelFilter:
         spectrum = as_spectrum(eigenvalues)
         bank = self.bank(spectrum)
         if bank is None:
-            # Constants do not decay: at all times the coefficients are 1.
+            # exp(-λ t) is 1 at all times.
             return np.ones((self.n_scales, len(spectrum)), dtype=self.dtype)
         return bank(spectrum).astype(self.dtype)
 

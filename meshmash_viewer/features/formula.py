@@ -1,8 +1,8 @@
 """Filters as formulas: ``exp(-t*x)``, where x is λ and t a parameter.
 
-A formula is parsed by Python's parser and evaluated on its syntax tree, which may only contain
-numbers, names, arithmetic, comparisons and the functions of `FUNCTIONS`. So a formula from an
-untrusted file cannot execute code or take long.
+Python's parser converts a formula to a syntax tree, which may contain only numbers, names,
+arithmetic, comparisons and the functions of `FUNCTIONS`. A formula from an untrusted file can
+therefore neither execute code nor take long.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from meshmash_viewer.features.filter_responses import (
 )
 from meshmash_viewer.features.filters import FilterBank
 
-#: Maximum length of a formula, nesting depth, and number of parameters.
+#: Maximum number of characters of a formula, nesting depth, and number of parameters.
 MOST_CHARACTERS, _DEEPEST, MOST_NAMES = 200, 30, 4
 
 #: Names of the variable: λ is an alias of x.
 _X = "x", "λ"
 _CONSTANTS = {"pi": math.pi, "e": math.e}
-#: Characters as papers and titles write them, with what Python parses in their place.
+#: Characters of printed formulas, and the Python operators that replace them.
 _WRITTEN = {"^": "**", "−": "-", "·": "*", "×": "*", "²": "**2", "≤": "<=", "≥": ">="}
 _TOKEN = re.compile(r"\d+\.?\d*(?:[eE][+-]?\d+)?|[^\W\d]\w*|\S")
 #: Words of Python that a formula may contain.
@@ -76,24 +76,24 @@ _COMPARISONS: dict[type[ast.cmpop], Callable[..., Any]] = {
     ast.Gt: np.greater,
     ast.GtE: np.greater_equal,
 }
-#: Number of characters that a message quotes from a fault on.
+#: Number of characters that a message quotes, from the position of the error.
 _QUOTED = 12
 #: Largest number in a formula.
 _LARGEST = 1e300
 #: Number of samples of a formula beyond the last eigenvalue, and the value that replaces NaN and
-#: infinite ones.
+#: infinity.
 _PLACES, _ANYTHING = 2048, 1e200
 #: Possible units of a parameter as powers of length, the most likely first.
 _POWERS = (0, 2, -2, 1, -1, 4, -4)
-#: Share of samples at which a formula has to be invariant to a change of the unit; less than 1, as
-#: it may contain eigenvalues as numbers.
+#: Share of samples at which a formula has to be invariant to a change of the unit; less than 1,
+#: because a number in the formula may be an eigenvalue.
 _MOSTLY = 0.8
-#: Factor of that change.
+#: Factor of the change of the unit.
 _LARGER = 1.7
 
 
 class FormulaError(InputError):
-    """A formula that cannot be read; `position` counts the characters before the fault."""
+    """Error of a formula that cannot be parsed; `position` is the index of the wrong character."""
 
     def __init__(self, message: str, position: int) -> None:
         super().__init__(message)
@@ -101,7 +101,7 @@ class FormulaError(InputError):
 
 
 class _NotAllowed(Exception):
-    """Syntax that is not allowed, at a byte of what Python parses."""
+    """Syntax that is not allowed; `column` is its byte offset in the text that is parsed."""
 
     def __init__(self, node: ast.expr, reason: str) -> None:
         super().__init__(reason)
@@ -112,8 +112,8 @@ class _NotAllowed(Exception):
 class Formula:
     """A filter h(λ) written as text.
 
-    `InputError` is raised if it is anything else; the message names the fault and its position,
-    `FormulaError` has the position as a number.
+    `InputError` is raised if the text is not a valid formula; its subclass `FormulaError` contains
+    the position of the error.
 
     Examples
     --------
@@ -123,10 +123,9 @@ class Formula:
     array([1.   , 0.135])
     """
 
-    #: Arithmetic (``+ - * / ^``, ``**`` for ``^``, and signs as papers have them: ``− · × ²``),
-    #: comparisons (``a <= x <= b``), ``and``, ``or``, ``not``, parentheses, numbers, ``pi``, ``e``,
-    #: the functions of `FUNCTIONS`, x or λ, and names of parameters. A comparison is 1 where it
-    #: holds and 0 elsewhere.
+    #: Arithmetic (``+ - * / ^``, also ``**`` and ``− · × ²``), comparisons (``a <= x <= b``),
+    #: ``and``, ``or``, ``not``, parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`,
+    #: the eigenvalue x or λ, and names of parameters. A comparison is 1 if true and 0 elsewhere.
     text: str
 
     def __post_init__(self) -> None:
@@ -148,17 +147,17 @@ class Formula:
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order of the text."""
+        """Names of the parameters, in order of appearance."""
         names = [node for node in ast.walk(_parsed(self.text)) if isinstance(node, ast.Name)]
         ordered = sorted(names, key=lambda node: (node.lineno, node.col_offset))
         known = {*_X, *_CONSTANTS, *FUNCTIONS}
         return tuple(dict.fromkeys(node.id for node in ordered if node.id not in known))
 
     def __call__(self, eigenvalues: npt.ArrayLike, **values: float) -> FloatArray:
-        """Compute the filter at eigenvalues of shape (k,), with a value for each parameter: (k,).
+        """Compute the filter at eigenvalues of shape (k,), with `values` of its parameters: (k,).
 
-        `InputError` is raised if a parameter has no value or a value no parameter, or if the filter
-        is not finite or negative at one of the eigenvalues.
+        `InputError` is raised if the names of `values` are not those of the parameters, or if the
+        filter is negative or not finite at an eigenvalue.
         """
         spectrum = as_spectrum(eigenvalues)
         # eigenvalues that are zero within rounding are set to 0, where 1 / x is infinite
@@ -169,7 +168,7 @@ class Formula:
         wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0.0)))
         if len(wrong):
             first = wrong[0]
-            if not np.isfinite(found[first]):  # at zero alone it has a remedy of its own
+            if not np.isfinite(found[first]):  # prefer λ > 0; λ = 0 has another remedy
                 first = wrong[np.argmax(spectrum[wrong] > 0.0)]
             raise InputError(self._complaint(spectrum[first], found[first]))
         return found
@@ -178,8 +177,8 @@ class Formula:
     def powers(self) -> dict[str, int]:
         """Unit of each parameter as a power of length: 2 for a time, -2 for an eigenvalue.
 
-        They are the powers with which the values of the formula are invariant to a change of the
-        unit, found by trial.
+        The powers are found by trial: with them, a change of the unit does not change the values of
+        the formula.
         """
         return dict(zip(self.parameters, _powers(self), strict=True))
 
@@ -218,7 +217,7 @@ class Formula:
 
 @dataclass(frozen=True)
 class FormulaResponse:
-    """A formula with the values of its parameters in each of f columns.
+    """Formula with the values of its parameters in each of f columns.
 
     Supremum and integral beyond an eigenvalue are computed from samples at increasing distances.
     """
@@ -227,11 +226,11 @@ class FormulaResponse:
     values: tuple[tuple[tuple[str, float], ...], ...]
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        """Values at eigenvalues of shape (k,): shape (f, k)."""
+        """Compute values at eigenvalues of shape (k,): shape (f, k)."""
         return np.stack([self.formula(eigenvalues, **dict(column)) for column in self.values])
 
     def supremum(self, start: float) -> FloatArray:
-        """Return the largest sampled value from an eigenvalue on, shape (f,)."""
+        """Return the largest sampled magnitude at eigenvalues from `start`, shape (f,)."""
         start = max(start, 0.0)
         distances = (start or 1.0) * np.geomspace(1e-9, 1e9, _PLACES)
         return np.asarray(self._sizes(start + np.append(0.0, distances)).max(axis=1))
@@ -256,7 +255,7 @@ class FormulaResponse:
 def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
     """Make a filter bank from a formula.
 
-    `InputError` is raised if the formula is invalid, a parameter is missing, or two of them are
+    `InputError` is raised if the formula is invalid, a parameter is missing, or two parameters are
     lists.
 
     Parameters
@@ -264,7 +263,7 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
     formula : str
         See `Formula`.
     **values
-        A number for each of its parameters; one of them may be a list of f numbers, for f columns.
+        A number for each parameter; for one parameter a list of f numbers, for f columns.
 
     Examples
     --------
@@ -295,7 +294,7 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
 
 @lru_cache(maxsize=64)
 def _powers(formula: Formula) -> tuple[int, ...]:
-    """Find `Formula.powers` by trial, with λ and all parameters about 1."""
+    """Find `Formula.powers` by trial, at values of λ and all parameters near 1."""
     names, eigenvalues = formula.parameters, np.geomspace(0.03, 30.0, 301)
     values = np.array([1.0 + 0.37 * place for place in range(len(names))])
     here = formula.sampled(eigenvalues, dict(zip(names, values, strict=True)))
@@ -305,7 +304,7 @@ def _powers(formula: Formula) -> tuple[int, ...]:
         there = formula.sampled(eigenvalues / _LARGER**2, dict(zip(names, scaled, strict=True)))
         return float(np.isclose(here, there, rtol=1e-9, atol=1e-300, equal_nan=True).mean())
 
-    # among equally good ones, the most likely
+    # max returns the first, most likely, of equally good combinations
     every = itertools.product(_POWERS, repeat=len(names))
     likeliest_first = sorted(every, key=lambda powers: sum(map(_POWERS.index, powers)))
     best = max(likeliest_first, key=same)
@@ -314,7 +313,7 @@ def _powers(formula: Formula) -> tuple[int, ...]:
 
 @lru_cache(maxsize=64)
 def _parsed(text: str) -> ast.expr:
-    """Parse a formula."""
+    """Return the syntax tree of a formula."""
     if not text.strip():
         raise InputError("There is no formula: write one such as exp(-2*t*x), with x for λ.")
     if len(text) > MOST_CHARACTERS:
@@ -333,10 +332,10 @@ def _parsed(text: str) -> ast.expr:
 
 
 def _unreadable(text: str, fault: SyntaxError) -> FormulaError:
-    """Say what is wrong with a text that Python cannot parse, and where."""
+    """Return the error of a text that Python cannot parse, with its position and a remedy."""
     if fault.offset:
         position = _position(text, len((fault.text or "")[: fault.offset - 1].encode()))
-    else:  # it ends too early
+    else:  # the formula is incomplete
         position = len(text.rstrip()) - 1
     position, remedy = next(_slips(text), (position, "write one such as exp(-2*t*x)"))
     return FormulaError(
@@ -346,7 +345,7 @@ def _unreadable(text: str, fault: SyntaxError) -> FormulaError:
 
 
 def _slips(text: str) -> Iterator[tuple[int, str]]:
-    """Yield positions of brackets without a partner, of missing signs and of reserved words."""
+    """Yield positions, and remedies, of unmatched brackets, missing signs and reserved words."""
     opened: list[int] = []
     before = ""
     for token in _TOKEN.finditer(text):
@@ -373,7 +372,7 @@ def _ends_value(token: str) -> bool:
 
 
 def _position(text: str, column: int) -> int:
-    """Convert a byte of what Python parses to the index of a character of the text."""
+    """Convert a byte offset in the parsed text to the index of a character of `text`."""
     start = len(text) - len(text.lstrip())
     sizes = (len(_WRITTEN.get(each, each).encode()) for each in text[start:])
     ends = itertools.accumulate(sizes)
@@ -381,7 +380,7 @@ def _position(text: str, column: int) -> int:
 
 
 def _checked(node: ast.expr, depth: int) -> None:
-    """Raise `InputError` for syntax that is not allowed."""
+    """Raise `_NotAllowed` for syntax that is not allowed, `InputError` for deep nesting."""
     if depth > _DEEPEST:
         raise InputError(f"The formula is nested deeper than {_DEEPEST} levels: simplify it.")
     for part in _parts(node):
@@ -389,7 +388,7 @@ def _checked(node: ast.expr, depth: int) -> None:
 
 
 def _parts(node: ast.expr) -> Iterator[ast.expr]:
-    """Yield the children of an allowed node; raise `InputError` for any other."""
+    """Yield the children of a node; raise `_NotAllowed` if its syntax is not allowed."""
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             if not abs(value) < _LARGEST:
@@ -419,7 +418,7 @@ def _parts(node: ast.expr) -> Iterator[ast.expr]:
 
 
 def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
-    """Evaluate a node: an array or a number."""
+    """Evaluate a node; return an array or a number."""
     match node:
         case ast.Constant(value=int() | float() as value):
             return float(value)

@@ -3,9 +3,10 @@
 A functional map is a matrix C that takes the spectral coefficients of a function on the second
 shape to those of the corresponding function on the first [1]_. The least-squares estimate maps
 descriptors and landmarks to one another, and commutes with the Laplacians and with multiplication
-by descriptors [2]_. The refinement converts it to a map of vertices and back with more and more
-eigenfunctions [3]_. With meshes the estimate also commutes with operators that change sign in a
-mirror image [4]_, and copies are matched by position. Both shapes are scaled to an area of 1.
+by descriptors [2]_. The refinement converts the matrix to a map of vertices and back, repeatedly
+and with more eigenfunctions each time [3]_. If meshes are given, the estimate also commutes with
+operators that change sign in a mirror image [4]_, and copies are matched by position. Both shapes
+are scaled to an area of 1.
 
 References
 ----------
@@ -42,16 +43,16 @@ from meshmash_viewer.progress import CancelCallback, check_cancelled
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
-#: Number of eigenfunctions of each shape in the first map, and in the refined one.
+#: Number of eigenfunctions of each shape in the first map, and in the refined map.
 _FIRST, _LAST = 30, 150
 #: Eigenfunctions added in a step of the refinement.
 _STEP = 10
-#: Number of energies of the default descriptors, and of descriptors whose multiplication commutes
-#: with the map.
+#: Number of energies of the default descriptors, and number of descriptors whose multiplication
+#: commutes with the map.
 _ENERGIES, _PRODUCTS = 100, 10
 #: Weights of the commutators with Laplacians and with descriptors, relative to the descriptors.
 _LAPLACIANS, _COMMUTATORS = 1.0, 0.3
-#: Ratio of residuals below which the map that reverses orientation replaces the one that preserves
+#: Ratio of residuals below which the map that reverses orientation replaces the map that preserves
 #: it. On a shape with a mirror symmetry the ratio is 1, so that its sides are not swapped.
 _MIRRORED = 0.8
 #: Singular value of the first map below which a function is undetermined, and share of determined
@@ -59,23 +60,23 @@ _MIRRORED = 0.8
 _UNDETERMINED, _AMBIGUOUS = 0.25, 0.67
 #: Enclosed volume, relative to a ball of the same area, above which faces are oriented outward.
 _SOLID = 0.01
-#: Number of vertices of the first shape that the refinement uses, and of those matched at a time.
+#: Number of vertices of the first shape used in the refinement, and of vertices matched at a time.
 _SAMPLES, _AT_ONCE = 6000, 1024
-#: Number of candidate vertices up to which all distances are computed, and not a k-d tree.
+#: Number of candidate vertices above which a k-d tree is used instead of all distances.
 _ALL = 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class FunctionalMap:
-    """Map of functions on a second shape to functions on a first one, and its map of vertices.
+    """Map of functions on a second shape to functions on a first shape, and its map of vertices.
 
     Parameters
     ----------
     matrix : ndarray of float64, shape (k, l)
         Maps l spectral coefficients on the second to k on the first, both scaled to an area of 1.
     matches : Matches
-        For each vertex of the first the corresponding one of the second. Scores are distances in
-        the space of the l eigenfunctions; of a copy (`rigid`), distances of positions divided by
+        Corresponding vertex of the second for each vertex of the first. Scores are distances in the
+        space of the l eigenfunctions; for a copy (`rigid`), distances of positions divided by
         √area.
     mirrored : bool
         Whether the map reverses orientation, because descriptors fit a mirror image better.
@@ -113,7 +114,7 @@ class FunctionalMap:
         return "the match reverses left and right, as in a mirror image." if self.mirrored else ""
 
     def carry(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Carry values at the vertices of the second to the first.
+        """Carry values at the vertices of the second shape to those of the first.
 
         Parameters
         ----------
@@ -123,7 +124,7 @@ class FunctionalMap:
         Returns
         -------
         ndarray, shape (n,) or (n, f)
-            NaN, or -1 for integers, where a vertex has no match.
+            Values at vertices without a match are NaN, or -1 for integers.
 
         Raises
         ------
@@ -219,18 +220,18 @@ def functional_map(
     Parameters
     ----------
     first, second : Eigenpairs
-        Both up to about the same eigenvalue times area.
+        Eigenpairs of the shapes, up to about the same eigenvalue times area.
     bank : FilterBank, optional
-        Filters of the descriptors, for eigenvalues times area: by default the wave kernel signature
-        of 100 energies of the first.
+        Filters of the descriptors, for eigenvalues times area. Default: the wave kernel signature
+        with 100 energies in the spectrum of the first.
     landmarks : array_like of int, shape (p, 2), optional
-        Corresponding vertices of the first and the second. Without them and `meshes` a symmetric
-        shape may be matched to its mirror image.
+        Corresponding vertices of the first and the second. Without landmarks and `meshes`, a
+        symmetric shape may be matched to its mirror image.
     n_functions : int
-        Number of eigenfunctions of each shape; fewer if one has fewer.
+        Number of eigenfunctions of each shape; fewer if a shape has fewer.
     meshes : tuple of two MeshLike, optional
-        The two meshes. The map preserves their orientation, unless descriptors and landmarks fit a
-        map that reverses it better (`FunctionalMap.mirrored`), as on a left and a right hemisphere.
+        The two meshes. The map preserves their orientation, unless a map that reverses it fits
+        better (`FunctionalMap.mirrored`), as for a left and a right hemisphere.
 
     Returns
     -------
@@ -272,7 +273,7 @@ def functional_map(
     mine, other = (
         shape.coefficients(features, count) for shape, features in zip(shapes, columns, strict=True)
     )
-    # normal equations for the rows of C, one after another
+    # normal equations for the entries of C, row by row
     normal = np.kron(np.eye(count), other @ other.T)
     gaps = np.square(
         np.subtract.outer(shapes[0].eigenvalues[:count], shapes[1].eigenvalues[:count])
@@ -318,15 +319,15 @@ def zoomout(
     cancel: CancelCallback | None = None,
     meshes: tuple[MeshLike, MeshLike] | None = None,
 ) -> FunctionalMap:
-    """Refine a functional map with more and more eigenfunctions.
+    """Refine a functional map with an increasing number of eigenfunctions.
 
     Parameters
     ----------
     first, second : Eigenpairs
     start : FunctionalMap
-        See `functional_map`.
+        Map to refine, see `functional_map`.
     n_functions : int
-        Number of eigenfunctions of each shape in the last step; fewer if one has fewer.
+        Number of eigenfunctions of each shape in the last step; fewer if a shape has fewer.
     step : int
         Number of eigenfunctions added in each step.
     cancel : callable, optional
@@ -337,7 +338,7 @@ def zoomout(
     Returns
     -------
     FunctionalMap
-        Steps use up to 6,000 random vertices of the first shape; the last step uses all of them.
+        Steps use up to 6,000 random vertices of the first shape; the last step uses all vertices.
 
     Examples
     --------
@@ -407,7 +408,7 @@ def _shapes_of(
 def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return matrices S and X for which S - X is the quadratic form mean |C there - here C|².
 
-    Its variables are the joined rows of C. X changes sign with `here` and with `there`, S does not.
+    The variables are the joined rows of C. X changes sign if `here` or `there` does; S does not.
     """
     one = np.eye(here.shape[1])
     squares = np.kron(one, (there @ there.transpose(0, 2, 1)).sum(axis=0))
@@ -420,7 +421,7 @@ def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, Float
 def _checked(
     landmarks: npt.ArrayLike, first: Eigenpairs, second: Eigenpairs
 ) -> tuple[IntArray, IntArray]:
-    """Return the landmarks of each shape; raise `InputError` unless all of them have mass."""
+    """Return the landmarks of each shape; raise `InputError` unless all are vertices with mass."""
     points = np.asarray(landmarks)
     if not points.size:
         points = np.empty((0, 2), dtype=np.int64)

@@ -25,10 +25,10 @@ _ROWS, _VERTICES = 64, 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class MapSpectrum:
-    """The expansion of a map in the eigenfunctions of its surface.
+    """Expansion of a map in the eigenfunctions of its surface.
 
-    With all eigenfunctions of a mesh the squares of the coefficients sum to `energy` (Parseval);
-    with fewer of them the difference is the energy of the remainder.
+    With all eigenfunctions of a mesh, the squares of the coefficients sum to `energy` (Parseval).
+    With fewer eigenfunctions, the difference is the energy of the remainder.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class MapSpectrum:
         return self._ratio(float(self._sums[k]), self.energy)
 
     def varying_share(self, k: int) -> float:
-        """Return the share without the means of components, often most of the energy."""
+        """Return `share` without the means of components, which often contain most energy."""
         constant = float(self._sums[self.n_zeros])
         return self._ratio(
             float(self._sums[max(k, self.n_zeros)]) - constant, self.energy - constant
@@ -76,7 +76,7 @@ class MapSpectrum:
     def residual(self, k: int) -> float:
         """Return the norm of the map without its lowest k pairs, relative to that of the map.
 
-        ``‖f - f_k‖ / ‖f‖`` in the norm of M, ``√(1 - share)``; below 1e-7 it is rounding.
+        ``‖f - f_k‖ / ‖f‖`` in the norm of M, ``√(1 - share)``; values below 1e-7 are rounding.
         """
         return float(np.sqrt(max(1.0 - self.share(k), 0.0)))
 
@@ -88,12 +88,12 @@ class MapSpectrum:
 def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectrum:
     """Project a map on eigenfunctions, and measure its energy.
 
-    `InputError` is raised if the shape differs, or no value is finite.
+    `InputError` is raised if there is not one value for each vertex, or no value is finite.
 
     Parameters
     ----------
     decomposition : Decomposition
-        Of its mesh, with its mass matrix.
+        Eigenpairs of the mesh of the map, with its mass matrix.
     values : VertexMap or array_like, shape (n,)
         One number for each vertex. NaN and infinite values are replaced by the area-weighted mean
         of the others, as in `filter_map` and `spectral_coefficients`.
@@ -168,10 +168,10 @@ def partial_sum(rows: Any, coefficients: FloatArray, first: int, last: int) -> F
 
 
 def band_edges(eigenvalues: FloatArray) -> FloatArray:
-    """Return the edges of the bands of a map, octaves of the eigenvalue, shape (b + 1,).
+    """Return the edges of b bands, which are octaves of the eigenvalue, shape (b + 1,).
 
-    They start at the first nonzero eigenvalue; without one the result is empty. From one band to
-    the next the wavelength decreases by √2.
+    The first edge is at the first nonzero eigenvalue; if all are zero, the result is empty. From
+    one band to the next, the wavelength decreases by √2.
     """
     first = count_zeros(eigenvalues)
     if first == len(eigenvalues):
@@ -187,13 +187,13 @@ def dominant_bands(
 ) -> npt.NDArray[np.int64]:
     """Find the band in which a map is strongest at each vertex.
 
-    In each band of `band_edges` the map is the sum over the pairs of that band; the band with the
-    largest absolute value dominates.
+    The part of the map in a band of `band_edges` is the sum over the pairs of the band; the band
+    with the largest absolute value at a vertex dominates.
 
     Parameters
     ----------
     rows : array_like, shape (>= k, n)
-        Eigenvectors, one a row.
+        Eigenvectors as rows.
     cancel : callable, optional
         `Cancelled` is raised after it returns True.
 

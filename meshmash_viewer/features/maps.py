@@ -38,7 +38,7 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     Returns
     -------
     ndarray of float64, shape (k,) or (k, d)
-        Their unit is that of the function times the unit of the mesh.
+        Coefficients, in the unit of the function times the unit of the mesh.
 
     Warns
     -----
@@ -60,7 +60,7 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     values = without_gaps(values, mass)
     used = mass > 0.0
     weighted = (mass[used] * values[used].T).T
-    # transposed first: rows are contiguous in memory
+    # rows of the transpose are contiguous in memory
     rows = columns.T if used.all() else columns.T[:, used]
     return np.asarray(rows @ weighted, dtype=np.float64)
 
@@ -73,14 +73,14 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     Parameters
     ----------
     eigenvectors : array_like, shape (n, k)
-        As columns.
+        Eigenvectors as columns.
     coefficients : array_like, shape (j,) or (j, d)
-        For the first j ≤ k of them.
+        Coefficients of the first j ≤ k eigenvectors.
 
     Returns
     -------
     ndarray of float64, shape (n,) or (n, d)
-        NaN at vertices without mass, where the eigenvectors are.
+        NaN at vertices without mass, where the eigenvectors are NaN.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def filter_map(
 ) -> FloatArray:
     """Filter a function on the surface, ``Φ h(Λ) Φᵀ M f``.
 
-    With ``exp(-t λ)`` this is heat flow for a time t (within the computed eigenpairs); a low-pass
+    The filter ``exp(-t λ)`` is heat flow for a time t (within the computed eigenpairs). A low-pass
     filter keeps the waves of the function below its cut-off (Vallet and Lévy 2008, see
     `low_pass_vertices`).
 
@@ -121,14 +121,14 @@ def filter_map(
     Parameters
     ----------
     decomposition : Decomposition
-        The eigenpairs; the remainder of the function beyond them is left out.
+        The eigenpairs; the part of the function beyond the last eigenvalue is left out.
     values : VertexMap or array_like, shape (n,) or (n, d)
         One function in each column; values at unreferenced vertices are ignored. NaN and
         infinite values are replaced by the area-weighted mean of the other values of the function,
         so that the result there is interpolated.
     response : callable
-        ``(k,) -> (k,)`` or ``(f, k)``: a `FilterBank` of f columns, or any function of the
-        eigenvalues.
+        Function from eigenvalues, shape (k,), to coefficients, shape (k,) or (f, k), such as a
+        `FilterBank` of f columns.
 
     Returns
     -------
@@ -169,7 +169,7 @@ def filter_map(
 
 
 def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
-    """Convert a map of n vertices, or with `columns` several, to an array: shape (n,) or (n, d).
+    """Convert a map of n vertices or, with `columns`, d maps to an array: shape (n,) or (n, d).
 
     `InputError` is raised if the shape differs, or values are labels or not real numbers.
     """
@@ -214,8 +214,8 @@ def check_decomposition(given: Any, call: str) -> None:
 def filled(values: FloatArray, mass: FloatArray) -> FloatArray:
     """Replace values that are not finite, shape (n,) or (n, d), by the mean of the others.
 
-    The mean of each column is weighted by the areas of vertices, `mass`; it is 0 if all its values
-    are missing, and so is the result at vertices without area.
+    The mean of each column is weighted by `mass`, the areas of vertices; it is 0 if all values of
+    the column are missing. The result is 0 at vertices without area.
     """
     used = mass > 0.0
     known_at = np.isfinite(values) & (used if values.ndim == 1 else used[:, np.newaxis])
@@ -231,7 +231,7 @@ def filled(values: FloatArray, mass: FloatArray) -> FloatArray:
 
 
 def without_gaps(values: FloatArray, mass: FloatArray) -> FloatArray:
-    """Replace missing values as `filled`, with a warning; `InputError` if all are missing."""
+    """Warn of missing values, and replace them as `filled`; `InputError` if all are missing."""
     used = mass > 0.0
     finite = np.isfinite(values[used])
     if finite.all():

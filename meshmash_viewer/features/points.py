@@ -1,4 +1,4 @@
-"""Points near a mesh, such as synapses: nearest vertices, counts, sums, and features there."""
+"""Points near a mesh, such as synapses: nearest vertices, their features, counts and sums."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from scipy.spatial import cKDTree
 
-#: Default of the largest distance from a vertex, relative to the diagonal of the mesh.
+#: Default maximum distance from a vertex, relative to the diagonal of the mesh.
 NEAR = 0.01
 #: Names of columns of identifiers, which are not summed.
 _IDENTIFIER = re.compile(
@@ -40,12 +40,12 @@ _IDENTIFIER = re.compile(
 )
 #: Usual voxel sizes of electron microscopy, in nm.
 _VOXELS = ((4, 4, 40), (8, 8, 40), (16, 16, 40), (32, 32, 40), (4, 4, 30), (8, 8, 8), (16, 16, 16))
-#: Number of points from which their likely unit is found.
+#: Number of points used to find their likely unit.
 _SAMPLE = 300
 
 
 class FarPointsError(InputError):
-    """No point is near the mesh; in `unit` most points would be near, "" if there is none."""
+    """Error for points that are all far from the mesh; in `unit`, if not "", most would be near."""
 
     def __init__(self, said: str, unit: str) -> None:
         super().__init__(said)
@@ -62,13 +62,14 @@ class Points:
     ----------
     positions : array_like, shape (k, 3)
     columns : dict of str to ndarray, shape (k,)
-        Numbers, or objects: text, and whole numbers with None where one is missing.
+        Numbers, or objects: text, or whole numbers with None for missing numbers.
     unit : str
-        Such as "µm", or "4 × 4 × 40 nm" for coordinates that count voxels; "": as the mesh.
+        Unit of the positions, such as "µm", or "4 × 4 × 40 nm" for coordinates in voxels; "": unit
+        of the mesh.
     id : str
-        The column of identifiers; "" for none.
+        Name of the column of identifiers; "" for none.
     name, path : str
-        Of the file; "" for points from memory.
+        Name and path of the file; "" for points from memory.
     remarks : tuple of str
         Sentences on rows that were left out.
 
@@ -109,7 +110,7 @@ class Points:
         )
 
     def positions_in(self, mesh: Mesh, unit: str = "") -> FloatArray:
-        """Return the positions in the unit of a mesh, shape (k, 3); `unit` replaces their own."""
+        """Return positions in the unit of a mesh, shape (k, 3); `unit` replaces `Points.unit`."""
         voxel, own = parse_unit(unit or self.unit) if unit or self.unit else (NO_VOXEL, mesh.unit)
         if own == mesh.unit:
             return self.positions * voxel
@@ -122,18 +123,18 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class ProjectedPoints:
-    """Points with the nearest vertex of a mesh, a result of `project_points`.
+    """Points with their nearest vertices on a mesh, the result of `project_points`.
 
     Parameters
     ----------
     positions : ndarray of float64, shape (k, 3)
-        In the unit of the mesh.
+        Positions in the unit of the mesh.
     vertices : ndarray of int64, shape (k,)
         Nearest vertex of the mesh, -1 for points that are farther than `max_distance`.
     distances : ndarray of float64, shape (k,)
-        Distance from that vertex; NaN without a vertex.
+        Distance from the nearest vertex; NaN without a vertex.
     remarks : tuple of str
-        Sentences on rows that were left out, and on a likely other unit.
+        Sentences on rows that were left out, and on a more likely unit.
 
     Examples
     --------
@@ -166,11 +167,11 @@ class ProjectedPoints:
 
     @property
     def file_vertices(self) -> IntArray:
-        """The vertices by their index in the mesh file, before all repairs; -1 for none."""
+        """Indices of the vertices in the mesh file, before all repairs; -1 for none."""
         return np.where(self.near, self.mesh.file_indices[self.vertices], -1)
 
     def at(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return values of shape (n, ...) at the vertex of each point; NaN or None without one."""
+        """Return values of shape (n, ...) at the vertices of points; NaN or None without one."""
         found = values[self.vertices]
         if not self.near.all():
             kind = found.dtype if found.dtype.kind in "fO" else np.float64
@@ -181,8 +182,8 @@ class ProjectedPoints:
     def sums(self, groups: npt.NDArray[np.integer], n_groups: int) -> dict[str, npt.NDArray[Any]]:
         """Count the points of each group, and sum their columns exactly.
 
-        `groups`, shape (n,), is the group of each vertex from 0, -1 for none. The result has
-        ``points``, and ``sum NAME`` for each column of `Points.summed`, all of shape (n_groups,).
+        `groups`, shape (n,), is the group of each vertex from 0, -1 for none. The result contains
+        ``points``, and ``sum NAME`` for each column of `Points.summed`, of shape (n_groups,).
         Missing values are left out.
         """
         of_point = np.where(self.near, groups[self.vertices], -1)
@@ -199,7 +200,7 @@ class ProjectedPoints:
     def per_label(self, labels: VertexMap | npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
         """Count the points of each label or domain, and sum their columns, as `sums` does.
 
-        If `labels`, shape (n,), have no names, each number is a ``label``, also 0 and -1.
+        If `labels`, shape (n,), have no names, each number is a ``label``, including 0 and -1.
 
         Examples
         --------
@@ -224,12 +225,12 @@ class ProjectedPoints:
         return {"label": names, **self.sums(groups, len(names))}
 
     def table(self, *features: Features | VertexMap) -> dict[str, npt.NDArray[Any]]:
-        """Return all columns by name, one row a point, with features or maps at its vertex.
+        """Return columns by name, with a row for each point, and features or maps at its vertex.
 
         The columns of `Points` are followed by ``x``, ``y``, ``z`` in the unit of the mesh,
         ``vertex``, the index in the mesh file, ``distance``, and the features. Without a vertex,
-        ``vertex`` is None, and later columns are NaN or None. A map with labels gives their names.
-        A number is added to repeated names.
+        ``vertex`` is None, and later columns are NaN or None. For a map with labels, values are
+        their names. A number is appended to repeated column names.
         """
         vertex = self.at(self.mesh.file_indices.astype(object))
         vertex = vertex.astype(np.int64) if self.near.all() else vertex
@@ -255,9 +256,9 @@ class ProjectedPoints:
         return pandas.DataFrame(self.table(*features))
 
     def id_to_mesh_map(self) -> IntArray:
-        """Return identifier and vertex in the file of each point that has one, shape (m, 2).
+        """Return identifier and file vertex of each point that has a vertex, shape (m, 2).
 
-        `InputError` is raised if there is no column of identifiers, or they are no whole numbers.
+        `InputError` is raised if there is no column of identifiers, or they are not whole numbers.
         """
         ids = self.points.columns.get(self.points.id)
         if ids is None:
@@ -286,7 +287,7 @@ def project_points(
     Parameters
     ----------
     points : Points or array_like, shape (k, 3)
-        Positions alone are in the unit of the mesh.
+        An array of positions is in the unit of the mesh.
     max_distance : float, optional
         Maximum distance of a point from its vertex, in the unit of the mesh. By default a hundredth
         of the diagonal of the mesh, but at least two edges of a typical triangle.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from meshmash_viewer.features.points import ProjectedPoints
 
-#: Columns with a unit of length, and its power.
+#: Power of the unit of length in the unit of a column.
 POWERS = {"area": 2, "volume": 3, "lambda2": -2}
 POWERS |= dict.fromkeys(("extent", "neck_width", *"xyz"), 1)
 #: Maximum number of labels named in a remark.
@@ -89,7 +89,7 @@ class Regions:
         Returns
         -------
         Regions
-            With remarks on points in no region, and far from the mesh.
+            Regions with remarks on points in no region, and on points far from the mesh.
 
         Examples
         --------
@@ -113,7 +113,7 @@ class Regions:
         return replace(self, columns={**self.columns, **more}, remarks=tuple(said))
 
     def to_frame(self) -> DataFrame:
-        """Return a pandas ``DataFrame``, one row a region."""
+        """Return a pandas ``DataFrame``, with a row for each region."""
         import pandas
 
         return pandas.DataFrame(self.columns)
@@ -140,14 +140,14 @@ def regions(
     vertex are connected. Labelled vertices in no such face are in no region; `Regions.remarks`
     counts them. With `whole`, a region consists of all vertices with the label.
 
-    `InputError` is raised if labels or maps are of another number of vertices, labels are no whole
+    `InputError` is raised if labels or maps are of another number of vertices, labels are not whole
     numbers, or no face has three corners with the same label.
 
     Parameters
     ----------
     mesh : MeshLike
     labels : VertexMap or array_like, shape (n,)
-        Without names, the numbers are the names; 0, False and NaN are no label.
+        Labels without names are named by their numbers; 0, False and NaN mean no label.
     maps : sequence of VertexMap
         Maps whose area-weighted mean, minimum and maximum are columns.
     neck : bool
@@ -163,7 +163,7 @@ def regions(
     Returns
     -------
     Regions
-        In the order of the labels, and for each label by descending area. Columns are
+        Regions in the order of the labels, and for each label by descending area. Columns are
 
         ``label``, ``part``
             Name of the label, and number of its part, from 1.
@@ -175,21 +175,21 @@ def regions(
         ``volume``
             Volume of the region, each loop of its border closed by a fan of triangles around the
             mean of the loop's vertices; negative if faces point inwards. NaN if faces of the region
-            disagree on which side is outside, or more than two share an edge. In cubed unit.
+            disagree on which side is outside, or more than two faces share an edge. In cubed unit.
         ``loops``
             Number of loops that were closed for the volume; 0 for a closed surface.
         ``extent``
-            The largest of the extents along the principal axes, in `unit`.
+            The largest extent along a principal axis, in unit of the mesh.
         ``neck_width``
             Length of the shortest cut that separates the far half of the region from the rest of
-            the surface, see `meshmash_viewer.surface.curvature`. NaN without such a rest.
+            the surface, see `meshmash_viewer.surface.curvature`. NaN if there is no rest.
         ``lambda2``
             The first eigenvalue above zero of the region with a free border, per squared unit. NaN
             if the faces have no area.
         ``x``, ``y``, ``z``
-            Mean position over the area.
+            Area-weighted mean position.
         ``mean NAME``, ``min NAME``, ``max NAME``
-            Statistics of each map, without its NaN.
+            Statistics of each map, ignoring NaN.
 
     Examples
     --------
@@ -218,7 +218,7 @@ def regions(
         "area": area,
     }
     volume, loops = _volumes(surface, rows, centroids)
-    columns["volume"] = np.where(np.abs(volume) < 1e-12 * area**1.5, 0.0, volume)  # flat ones
+    columns["volume"] = np.where(np.abs(volume) < 1e-12 * area**1.5, 0.0, volume)  # flat regions
     columns["loops"] = loops
     columns["extent"] = _extents(points - centroids[of_row], weights, of_row, k)
     if neck and not whole:
@@ -240,7 +240,7 @@ def regions(
 
 
 def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
-    """Convert labels to a map with labels; numbers without names are named after themselves."""
+    """Convert labels to a map with labels; labels without names are named by their numbers."""
     if isinstance(given, VertexMap) and given.labels:
         return given
     name = given.name if isinstance(given, VertexMap) else "labels"
@@ -304,7 +304,7 @@ def _extents(offsets: FloatArray, weights: FloatArray, of_row: IntArray, k: int)
 
 
 def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Compute the volume of each row, closed by fans, and the number of its loops."""
+    """Compute the volume of the region of each row, closed by fans, and its number of loops."""
     k, n = len(centers), mesh.n_vertices
     faces = mesh.faces[_whole_faces(mesh, rows)]
     of_face = rows[faces[:, 0]]
@@ -318,7 +318,7 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
     edges = edges_of(codes)
     at = np.searchsorted(edges.keys, codes >> 1)
     balance = np.bincount(at, 1 - 2 * (codes & 1), len(edges.keys))
-    # sides of faces on the border
+    # edges of faces on the border
     open_ = np.flatnonzero(edges.counts[at] == 1)
     tails, tips = faces.ravel()[open_], faces[:, [1, 2, 0]].ravel()[open_]
     loops = np.zeros(k, dtype=np.int64)

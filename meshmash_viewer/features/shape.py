@@ -28,21 +28,21 @@ if TYPE_CHECKING:
 FeaturesLike: TypeAlias = Any
 #: Vertices matched between two calls of `cancel`.
 _AT_ONCE = 4096
-#: Pairs added at a time: some hundredths of a second at a million vertices.
+#: Pairs added at a time; takes some hundredths of a second for a million vertices.
 _STEP = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """For each vertex of one shape, the vertex of another with the most similar features."""
+    """Vertices of another shape with the most similar features, for each vertex of a shape."""
 
-    #: Shape (n,): Vertex of the other shape; -1 where a vertex has no features.
+    #: Shape (n,): vertex of the other shape; -1 for a vertex without features.
     indices: npt.NDArray[np.int64]
-    #: Shape (n,): Distance to it in feature space; NaN where there is none.
+    #: Shape (n,): distance of the two vertices in feature space; NaN without a match.
     scores: FloatArray
-    #: Shape (n,): Whether the score is among the best `quantile` of all.
+    #: Shape (n,): whether the score is within the lowest share `quantile` of all scores.
     confident: npt.NDArray[np.bool_]
-    #: The requested share.
+    #: Requested share of confident matches.
     quantile: float
 
     @classmethod
@@ -65,9 +65,9 @@ class Matches:
 class Reconstruction:
     """The sum ``Φ_k Φ_kᵀ M v`` for the vertices v, updated when the number of pairs changes.
 
-    The null space represents the centre of mass of each component exactly. It is subtracted first,
-    which avoids cancellation far from the origin, and keeps each component at its position even if
-    there are more components than pairs.
+    The centre of mass of each component is subtracted first, which avoids cancellation far from the
+    origin, and keeps each component at its position even if there are more components than pairs.
+    The result is the same, because eigenfunctions of eigenvalue zero represent centres exactly.
 
     `rows` are eigenvectors, shape (>= k, n), and may be a memory map; `mass`, shape (n,), is 0 at
     unreferenced vertices.
@@ -91,7 +91,7 @@ class Reconstruction:
         self.count = 0
 
     def move_to(self, count: int) -> Iterator[None]:
-        """Add or subtract pairs until there are `count`; the sum is valid after each step."""
+        """Add or subtract pairs until the sum has `count`; it is valid after each step."""
         while self.count != count:
             step = min(max(count - self.count, -_STEP), _STEP)
             first, last = sorted((self.count, self.count + step))
@@ -128,8 +128,8 @@ class Reconstruction:
 def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> FloatArray:
     """Reconstruct the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
 
-    `InputError` is raised if `n` < 1 or more than there are, or the decomposition is of another
-    mesh.
+    `InputError` is raised if `n` < 1 or above the number of eigenpairs, or the decomposition is of
+    another mesh.
 
     Parameters
     ----------
@@ -183,17 +183,17 @@ def spectral_distance(
 ) -> float:
     """Compute the distance of two shapes by their lowest eigenvalues, "Shape-DNA" [1]_.
 
-    `InputError` is raised if a mesh has fewer vertices, or without `normalize` the units differ.
+    `InputError` is raised if a mesh has too few vertices, or the units differ without `normalize`.
 
     Parameters
     ----------
     mesh_a, mesh_b : MeshLike
     n_components : int
-        Number of eigenvalues to compare, zeros included; each mesh needs as many vertices.
+        Number of eigenvalues to compare, zeros included; at most the number of vertices.
     normalize : bool
         True: multiply eigenvalues by the area of their mesh, so that the distance is dimensionless
-        and independent of size and unit. False: compare them as they are, per squared unit; both
-        meshes have to be in the same unit.
+        and independent of size and unit. False: compare eigenvalues per squared unit; both meshes
+        have to be in the same unit.
     robust, mollify_factor : bool, float
         See `meshmash_viewer.laplacian.cotangent_laplacian`.
 
@@ -242,7 +242,7 @@ def match_features(
     standardize: bool = False,
     cancel: CancelCallback | None = None,
 ) -> Matches:
-    """For each vertex of `a`, find the vertex of `b` with the nearest features.
+    """Find the vertex of `b` with the nearest features for each vertex of `a`.
 
     `InputError` is raised if the numbers of columns differ, or one side has no row without NaN.
 
@@ -251,10 +251,10 @@ def match_features(
     a, b : Features or array_like, shapes (n, f) and (m, f)
         Features of the two shapes, made with the same filters.
     quantile : float
-        Share of the matches that are confident: those with the lowest scores.
+        Share of the matches, those with the lowest scores, that are confident.
     standardize : bool
         Divide each column by its spread over `b` first (`column_spread`). Otherwise the columns
-        with the largest values dominate: the shortest times of a heat kernel signature.
+        with the largest values dominate, such as the shortest times of a heat kernel signature.
     cancel : callable, optional
         Called repeatedly; `Cancelled` is raised after it returns True.
 
@@ -300,7 +300,7 @@ def distinct_matches(
     distances : ndarray of float64, shape (n,)
         Distances in feature space from the vertex to all vertices of the other shape.
     places : ndarray, shape (n, 3)
-        Coordinates of those.
+        Coordinates of the vertices of the other shape.
     radius : float
         Minimum distance of a match from all better ones, in the unit of `places`.
     count : int
@@ -309,7 +309,7 @@ def distinct_matches(
     Returns
     -------
     ndarray of int64, shape (<= count,)
-        Best first.
+        Matches, the best first.
 
     Examples
     --------
@@ -332,7 +332,7 @@ def feature_distance(
 ) -> FloatArray:
     """Compute the distance of every vertex from a given one in feature space.
 
-    `InputError` is raised if there is no such vertex, or it has no features.
+    `InputError` is raised if the vertex does not exist, or has no features.
 
     Parameters
     ----------
@@ -374,9 +374,9 @@ def _values(features: FeaturesLike) -> FloatArray:
 def column_spread(values: FloatArray) -> FloatArray:
     """Return half the range between the 15.9th and the 84.1th percentile of each finite column.
 
-    For normal values this is their standard deviation, but it is not dominated by small components,
-    whose features are thousands of times larger than the others. If two thirds of a column are one
-    number it is the standard deviation; for a constant column it is 1.
+    For normally distributed values this is the standard deviation, but it is not dominated by small
+    components, whose features are thousands of times larger than the others. If two thirds of a
+    column are one number, the result is the standard deviation; for a constant column it is 1.
     """
     rounding = 1e-12 * np.abs(values).max(axis=0, initial=0.0)
     low, high = np.percentile(values, (15.865525, 84.134475), axis=0)

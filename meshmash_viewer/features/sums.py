@@ -38,20 +38,20 @@ if TYPE_CHECKING:
 
 #: Multiple of the typical value above which values of small components are reported.
 _STRANGE = 1000.0
-#: Pairs and vertices squared at a time: 4 MB, which fit into the cache.
+#: Pairs and vertices whose squares are computed at a time: 4 MB, which fit into the cache.
 _ROWS, _VERTICES = 128, 4096
-#: Vertices of a part: enough that the time to start the next one is negligible.
+#: Vertices of a slice for a thread: enough that the time to start a slice is negligible.
 _PART = 131072
-#: Share of the largest coefficient below which pairs are not read.
+#: Pairs are not read if their coefficients are below this share of the largest.
 _NEGLIGIBLE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Named columns of numbers, one row a vertex.
+    """Named columns of numbers, with a row for each vertex.
 
     NumPy, pandas and scikit-learn accept it as an array of its values. Indexing returns values by
-    rows and columns, or a column by its name.
+    row and column, or a column by its name.
 
     Parameters
     ----------
@@ -60,14 +60,14 @@ class Features:
     columns : tuple of str
         Name of each column.
     unit : str
-        Unit of the values, such as "nm⁻²"; "" for none or not stated.
+        Unit of the values, such as "nm⁻²"; "" for no or an unknown unit.
     kind : str
         Kind of the features: "hks", "geometry-vectors", ...
     meta : dict
         Parameters of the computation, for JSON.
     truncation : Truncation, optional
-        Contribution of the pairs that were not computed; None if the filters have no `tail`, and
-        for pairs around a shift.
+        Truncation error, from the pairs that were not computed; None if the filters have no `tail`,
+        or for pairs around a shift.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class Features:
         return iter(self.values)
 
     def __getitem__(self, index: Any) -> Any:
-        """Return values by rows and columns as of an array, or the column of a name."""
+        """Return values by row and column, as for an array, or a column by its name."""
         if not isinstance(index, str):
             return self.values[index]
         if index not in self.columns:
@@ -144,22 +144,22 @@ class Features:
 
     @property
     def missing(self) -> str:
-        """Description of the truncation error, a sentence without its full stop, or empty."""
+        """Sentence on the truncation error without its full stop; empty if the error is small."""
         if self.truncation is not None:
             return self.truncation.sentence()
         shares = np.asarray(self.meta.get("missing_shares", ()), dtype=np.float64)
         return missing_sentence(self.columns[: len(shares)], shares) if len(shares) else ""
 
     def truncation_at_vertices(self) -> tuple[FloatArray, FloatArray]:
-        """Compute estimate and bound of the truncation error of every value.
+        """Compute an estimate and an upper bound of the truncation error of every value.
 
         `InputError` is raised if the truncation error is not known (`truncation` is None).
 
         Returns
         -------
         estimate, bound : ndarray of float64, shape (n, f)
-            In `unit`, not relative; NaN at unreferenced vertices. The bound is that of the sum
-            without the estimate, even if that was added to the features (``tail="weyl"``).
+            Errors in `unit`, not relative; NaN at unreferenced vertices. The bound is for the sum
+            without the estimate, even if the estimate was added to it (``tail="weyl"``).
         """
         if self.truncation is None:
             raise InputError(
@@ -171,7 +171,7 @@ class Features:
         return remainder.estimate(values), remainder.bound(values)
 
     def on_file(self, mesh: Mesh) -> Features:
-        """Expand to all vertices of the file of a repaired mesh, as `Mesh.on_file`."""
+        """Return features of all vertices of the file of a repaired mesh, see `Mesh.on_file`."""
         truncation = self.truncation
         if truncation is not None:
             left = mesh.on_file(truncation.remainder.left)
@@ -183,9 +183,9 @@ class Features:
         return self._with_columns(("component",), mesh.component_labels[:, np.newaxis])
 
     def with_maps(self, mesh: Mesh) -> Features:
-        """Append the maps of `mesh` as columns, labels as numbers.
+        """Append the maps of `mesh` as columns; labels are numbers.
 
-        `meta` has the units of the maps, and the names and colours of labels, under "maps".
+        ``meta["maps"]`` contains the units of the maps, and the names and colours of labels.
         """
         if not mesh.maps:
             return self
@@ -208,8 +208,8 @@ class Features:
     def remarks(self, mesh: Mesh, *, masked: bool = False) -> list[str]:
         """Return sentences on defects of a mesh, or its part in a mask, that affect its features.
 
-        These are unreferenced vertices, and small components: on those, normalised functions are
-        nearly constant and thousands of times larger than elsewhere.
+        Defects are unreferenced vertices and small components. On a small component, normalised
+        eigenfunctions are nearly constant, and thousands of times larger than elsewhere.
         """
         said = []
         if count := len(mesh.unreferenced):
@@ -250,27 +250,27 @@ def compute_features(
 ) -> Features:
     """Apply a filter bank to eigenpairs, and estimate the truncation error.
 
-    `InputError` is raised if `tail` is unknown, or of other features than a heat kernel signature.
+    `InputError` is raised if `tail` is unknown, or if it is given for features other than HKS.
 
     Parameters
     ----------
     decomposition : Decomposition
-        The eigenpairs, the lowest ones; rows may be a memory map.
+        The eigenpairs, the lowest or around a shift; `rows` may be a memory map.
     bank : FilterBank
         The filters; called once, with all eigenvalues used.
     unit : str
-        Unit of the mesh's coordinates; values have its power -2, because the square of an
-        eigenvector has unit integral.
+        Unit of the mesh. The values have its power -2, because the integral of a squared
+        eigenvector is 1.
     drop_first : bool
-        Whether to leave out exactly one pair, the first.
+        Whether to leave out only the first pair.
     dtype : dtype
-        Of the values; sums are computed in float64.
+        Type of the values; sums are computed in float64.
     tail : {None, "weyl"}
         "weyl" adds the estimate of the truncation error to a heat kernel signature, see
         `meshmash_viewer.features.truncation`.
     known_to : float, optional
         Eigenvalue up to which the pairs are complete, such as the threshold of the computation;
-        None: the bound of the certificate, or else the largest eigenvalue.
+        None: the bound of the certificate or, without a certificate, the largest eigenvalue.
     warn : bool
         Whether to warn of the truncation error, which is also in `Features.truncation`.
 
@@ -282,8 +282,8 @@ def compute_features(
     Warns
     -----
     TruncationWarning
-        If more than 1 % of a column is missing, by the estimate; for filters without `tail`, if
-        one is above 1 % of its largest value at the last eigenvalue.
+        If the estimated truncation error of a column exceeds 1 %, or if a filter without `tail`
+        exceeds 1 % of its largest value at the last eigenvalue.
 
     Examples
     --------
@@ -296,14 +296,14 @@ def compute_features(
     eigenvalues, rows = decomposition.eigenvalues, decomposition.rows
     coefficients = bank(eigenvalues[start:])
     density = np.zeros(rows.shape[1])
-    if drop_first:  # left out on purpose, so not part of the truncation error
+    if drop_first:  # the omitted pair is not part of the truncation error
         np.square(rows[0], out=density, dtype=np.float64)
     values = accumulate_features(rows[start:], coefficients, density=density)
     certificate = decomposition.certificate
     if known_to is None and certificate.complete and certificate.counted == len(eigenvalues):
         known_to = certificate.bound
     truncation = None
-    if certificate.low is None:  # for pairs around a shift those below are missing too
+    if certificate.low is None:  # around a shift, pairs below it are missing too
         truncation = measure_truncation(
             values,
             bank,
@@ -335,7 +335,7 @@ def compute_features(
     return Features(values, bank.columns, power_unit(unit, -2), bank.kind, meta, truncation)
 
 
-#: For callers that report the truncation error themselves.
+#: `compute_features` without the warning, for callers that report the truncation error.
 truncated_features = partial(compute_features, warn=False)
 
 
@@ -346,9 +346,8 @@ def accumulate_features(
 ) -> FloatArray:
     """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once: shape (n, f).
 
-    `rows`, shape (k, n), may be a memory map, of which a few are read at a time. With a `density`,
-    shape (n,), ``Σ_k rows[k, v]²`` is added to it in the same pass. `InputError` is raised if the
-    shapes do not agree.
+    `rows`, shape (k, n), may be a memory map; a few rows are read at a time. ``Σ_k rows[k, v]²`` is
+    added to `density`, shape (n,), if given. `InputError` is raised if the shapes do not agree.
     """
     weights = np.asarray(coefficients, dtype=np.float64)
     k = len(rows)
@@ -373,16 +372,16 @@ def sum_squares(
 ) -> npt.NDArray[np.floating[Any]]:
     """Compute ``Σ_k coefficients[f, k] rows[k]²`` in double precision: shape (f, n).
 
-    Of `rows`, shape (>= k, n), which may be a memory map, only those are read whose coefficient is
-    above the share `negligible` of the largest. `density`, shape (n,), is that of
-    `accumulate_features`; `Cancelled` is raised after `cancel` returned True.
+    `rows`, shape (>= k, n), may be a memory map. Without a `density` (see `accumulate_features`),
+    rows are read only if their coefficient exceeds the share `negligible` of the largest.
+    `Cancelled` is raised after `cancel` returned True.
     """
     total = np.zeros((len(coefficients), rows.shape[1]), dtype, order)
     size = np.abs(coefficients).max(axis=0, initial=0.0)
     read = size > negligible * size.max(initial=0.0)
     used = np.arange(len(size)) if density is not None else np.flatnonzero(read)
     if not len(used) and len(rows):
-        total += 0.0 * rows[0]  # NaN stays NaN
+        total += 0.0 * rows[0]  # keeps NaN
 
     def add(band: npt.NDArray[np.intp], whole: slice) -> None:
         # contiguous rows are read without a copy
@@ -404,7 +403,7 @@ def fill_in_parts(n_vertices: int, fill: Callable[[slice], object]) -> None:
     """Call a function with slices that cover all vertices, in two threads.
 
     Two threads use nearly twice the memory bandwidth of one. New threads are started each time:
-    Linux wakes a sleeping thread on the core of the waking one, so that both would share a core.
+    Linux wakes a sleeping thread on the core of its caller, so the two would share a core.
     """
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(fill, blocks(n_vertices, _PART)))

@@ -1,13 +1,13 @@
 """Truncation error: the contribution to features of eigenpairs that were not computed.
 
-With lumped masses ``Σ_k φ_k(v)² = 1 / m_v`` over all pairs, so the remainder after K of them is
-``r(v) = 1 / m_v - Σ_{k≤K} φ_k(v)²`` at vertex v, and the error with a filter h is at most
-``sup_{λ>λ_K} |h(λ)| r(v)``: the *bound*, valid for every mesh. It is pessimistic, since it assumes
-that the whole remainder is at one eigenvalue.
+With lumped masses ``Σ_k φ_k(v)² = 1 / m_v`` over all pairs, so the remainder after K pairs is
+``r(v) = 1 / m_v - Σ_{k≤K} φ_k(v)²`` at vertex v. The error with a filter h is at most
+``sup_{λ>λ_K} |h(λ)| r(v)``: the *bound*, valid for every mesh. The bound is pessimistic, since it
+assumes that the whole remainder is at one eigenvalue.
 
 The *estimate* distributes the remainder by the local Weyl law: on a surface ``Σ φ_k(v)²`` grows by
-``dλ / 4π`` at every vertex, so the error is about ``∫ h(λ) dλ / 4π`` from λ_K to
-``λ_K + 4π r(v)``, where the remainder is used up. It never exceeds the bound. It is too high on
+``dλ / 4π`` at every vertex, so the remainder extends from λ_K to ``λ_K + 4π r(v)``, and the error
+is about ``∫ h(λ) dλ / 4π`` over this range. The estimate never exceeds the bound. It is too high on
 very uneven meshes (by a factor of 3 to 4 on a machined part of long thin triangles), and too low on
 a boundary.
 """
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
 
 
-#: Relative rounding of the last eigenvalue, of which copies may not have been computed.
+#: Relative margin below the last eigenvalue, whose eigenspace may be incomplete.
 _COPIES = 1e-9
-#: Error of ``m_v Σ φ_k(v)²``, at most 1, in units of the precision of eigenvectors.
+#: Rounding error of ``m_v Σ φ_k(v)²``, which is at most 1, in units of the precision of φ.
 _ROUNDINGS = 64.0
-#: Vertices processed at a time: 32 columns of them take 4 MB.
+#: Vertices processed at a time: 32 columns take 4 MB.
 _VERTICES = 16384
 
 
@@ -55,21 +55,21 @@ class Remainder:
 
     #: Shape (n,): ``1 / m_v - Σ_k φ_k(v)²``, at least 0; NaN at vertices without mass.
     left: FloatArray
-    #: All pairs up to this eigenvalue were included; the `n_left` others were not.
+    #: All pairs up to this eigenvalue were included; the other `n_left` pairs were not.
     known_to: float
     n_left: int
     #: Sum of all masses, in squared unit.
     area: float
     #: The filters without normalisation.
     tail: TailedResponse
-    #: Shape (f,): Divisors, which depend on the number of pairs if `normalised`.
+    #: Shape (f,): divisors; they depend on the number of pairs if `normalised`.
     totals: FloatArray
     normalised: bool
 
     def estimate(self, values: npt.NDArray[np.floating[Any]]) -> FloatArray:
         """Estimate the truncation error by the local Weyl law, shape (n, f), not negative.
 
-        `values`, shape (n, f), are the truncated features, used for normalised filters only.
+        `values`, shape (n, f), are the truncated features; only normalised filters use them.
         """
         result = np.empty((len(self.left), len(self.totals)))
         for part in blocks(len(result), _VERTICES):
@@ -77,12 +77,12 @@ class Remainder:
         return result
 
     def bound(self, values: npt.NDArray[np.floating[Any]]) -> FloatArray:
-        """Compute the upper bound of the truncation error, shape (n, f); see `estimate`."""
+        """Compute an upper bound of the truncation error, shape (n, f); see `estimate`."""
         supremum = self.tail.supremum(self.known_to)
         highest = self._divided(self.left[:, np.newaxis] * supremum, self.totals)
         if not self.normalised:
             return highest
-        # The larger error of two extremes: the remainder in the divisor only, or in the sum only.
+        # The larger of two extremes: the whole remainder is in the divisor, or in the sum.
         more = self.n_left * supremum
         above = np.abs(values) * self._divided(more, self.totals + more)
         return np.asarray(np.maximum(highest, above), dtype=np.float64)
@@ -91,50 +91,50 @@ class Remainder:
         with np.errstate(invalid="ignore"):
             missing = self._integral(left)
             if self.normalised:
-                # The divisor grows too: (A + a) / (C + c) - A / C.
+                # The divisor grows too: the error is (A + a) / (C + c) - A / C.
                 more = self._integral(np.array([self.n_left / self.area])) * self.area
                 missing = np.abs(missing - values * more)
                 return self._divided(missing, self.totals + more[0])
         return self._divided(missing, self.totals)
 
     def _integral(self, left: FloatArray) -> FloatArray:
-        """Compute ``∫ h dλ / 4π`` until the remainder is used up, shape (n, f)."""
+        """Compute ``∫ h dλ / 4π`` over the range of the remainder, shape (n, f)."""
         ends = self.known_to + 4.0 * math.pi * left
         area = self.tail.integral(self.known_to, ends) / (4.0 * math.pi)
-        # Limited, against rounding of the ends of the integral.
+        # The bound limits the rounding error of the ends of the range.
         highest = left[:, np.newaxis] * self.tail.supremum(self.known_to)
         return np.asarray(np.minimum(area, highest))
 
     @staticmethod
     def _divided(missing: FloatArray, totals: FloatArray) -> FloatArray:
-        # A band without a pair has a divisor of 0, and is missing as a whole.
+        # A filter without pairs in its band has the divisor 0, and is missing entirely.
         divisor = np.where(totals > 0.0, totals, 1.0)
         return np.asarray(missing / divisor, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class Truncation:
-    """Truncation error of feature columns, relative to each.
+    """Relative truncation errors of feature columns.
 
-    Errors are relative to the typical size of a column: the median of its values over the vertices
-    plus the median of the estimate.
+    Errors are relative to the typical size of a column: the median of its magnitudes over the
+    vertices plus the median of the estimate.
 
     Parameters
     ----------
     columns : tuple of str
         Names of the f columns.
     estimate, largest_estimate : ndarray of float64, shape (f,)
-        Median and largest over the vertices, by the local Weyl law.
+        Median and largest estimate over the vertices, by the local Weyl law.
     bound, largest_bound : ndarray of float64, shape (f,)
-        Median and largest over the vertices of the upper bound.
+        Median and largest upper bound over the vertices.
     known_to : float
         All pairs up to this eigenvalue were included, per squared unit.
     n_left : int
-        Number of pairs of the mesh that were not.
+        Number of pairs of the mesh that were not included.
     added : bool
         Whether the estimate has been added to the features (``tail="weyl"``).
     remainder : Remainder
-        Computes the errors at every vertex.
+        Remainder, from which errors at every vertex are computed.
 
     Examples
     --------
@@ -155,11 +155,11 @@ class Truncation:
 
     @property
     def flagged(self) -> npt.NDArray[np.int64]:
-        """Indices of the columns of which more than `TOLERANCE` is missing, by the estimate."""
+        """Indices of the columns whose estimated error exceeds `TOLERANCE`."""
         return np.flatnonzero(self.estimate > TOLERANCE)
 
     def sentence(self) -> str:
-        """Describe the error in a sentence without its full stop; empty if nothing is flagged.
+        """Return a sentence on the error without its full stop; empty if no column is flagged.
 
         "7 of 32 columns miss more than 1 % for want of eigenpairs, hks_t=5.00e+04 about 95 %".
         """
@@ -194,10 +194,10 @@ def measure_truncation(
 ) -> Truncation | None:
     """Compute the truncation error of values, shape (n, f); None if the filters have no `tail`.
 
-    The k eigenvalues are the lowest of the mesh, complete up to `known_to` (None: the largest of
-    them); `density`, shape (n,), is ``Σ_k φ_k(v)²`` over their eigenvectors, which have a
-    `precision`; `mass` is the diagonal of M. With `drop_first` the first pair was left out on
-    purpose, which is not an error.
+    `eigenvalues`, shape (k,), are the lowest of the mesh, complete up to `known_to` (None: up to
+    the largest). `density`, shape (n,), is ``Σ_k φ_k(v)²`` over their eigenvectors, whose type is
+    `precision`. `mass` is the diagonal of M. With `drop_first`, the omitted first pair is not
+    part of the error.
     """
     tail = bank.tail
     if tail is None:
@@ -206,7 +206,7 @@ def measure_truncation(
     n_left = int(used.sum()) - len(eigenvalues)
     left = np.full(len(mass), np.nan)
     if n_left > 0:
-        # At least the rounding error, except with all pairs, where the remainder is zero.
+        # The remainder is at least the rounding error; it is zero if all pairs are included.
         rounding = _ROUNDINGS * float(np.finfo(precision).eps)
         left[used] = np.maximum(1.0 / mass[used] - density[used], rounding / mass[used])
     else:
@@ -223,7 +223,7 @@ def measure_truncation(
         errors = (remainder.estimate(values)[used], remainder.bound(values)[used])
         medians, largest = ([f(e, axis=0) for e in errors] for f in (np.median, np.max))
     else:
-        # Both increase with the remainder at a vertex, so medians and maxima follow from it.
+        # Errors increase with the remainder: compute them at its median and maximum.
         extremes = replace(remainder, left=np.array([np.median(rest), rest.max()]))
         none = np.zeros((2, 0))
         both = (extremes.estimate(none), extremes.bound(none))
@@ -234,7 +234,7 @@ def measure_truncation(
         for error in (medians[0], largest[0], medians[1], largest[1])
     ]
     estimate, largest_estimate, bound, largest_bound = shares
-    # A column without a pair in its filter is missing as a whole, unless its bound is zero.
+    # A column without pairs in its filter is missing entirely, unless its bound is zero.
     estimate[(typical == 0.0) & (bound > 0.0)] = 1.0
     return Truncation(
         bank.columns,
@@ -259,8 +259,8 @@ def mean_shares(
     """Estimate the missing share of each column from the lowest k eigenvalues alone, shape (f,).
 
     The mean of ``φ_k²`` over the surface is one over its area, so the mean of a column and its
-    estimated remainder need no eigenvectors. For normalised filters it is the share of the weight
-    of each. `known_to` is that of `measure_truncation`.
+    estimated remainder need no eigenvectors. For normalised filters, the result is the missing
+    share of the sum of each filter. For `known_to` see `measure_truncation`.
     """
     tail = bank.tail
     n_left = n_vertices - len(eigenvalues)
@@ -275,9 +275,10 @@ def mean_shares(
 
 
 def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
-    """Return the part of the spectrum required for HKS from a time on, in the units of the mesh.
+    """Return the part of the spectrum required for HKS at `time` and longer times.
 
-    It is up to `required_eigenvalue`, or all pairs if Weyl's law expects that many.
+    It ends at `required_eigenvalue`, or contains all pairs if Weyl's law predicts as many or more.
+    `time` and `area` are in squared unit of the mesh.
     """
     eigenvalue = required_eigenvalue(time)
     if weyl_count(area, eigenvalue) >= n_vertices:
@@ -288,10 +289,10 @@ def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
 def mesh_limit(
     time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
 ) -> str:
-    """Compare in a sentence the pairs required for a time with those of a mesh of `n_vertices`.
+    """Return a sentence that compares the pairs required for a time with those of a mesh.
 
-    The shortest wave of the mesh is two median edges or, if their length is not given, the
-    wavelength of its last pair by Weyl's law.
+    The shortest wave of the mesh is two median edges or, if `median_edge` is None, the wavelength
+    of the last pair by Weyl's law.
     """
     eigenvalue, has = required_eigenvalue(time), f"this mesh has {n_vertices:,} in all"
     if median_edge is None:
@@ -313,7 +314,7 @@ def _length(length: float, unit: str) -> str:
 
 
 def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: bool = False) -> str:
-    """Describe columns of which more than `TOLERANCE` is missing; see `Truncation.sentence`."""
+    """Return a sentence on columns with errors above `TOLERANCE`; see `Truncation.sentence`."""
     count, worst = int((shares > TOLERANCE).sum()), int(shares.argmax())
     if not count:
         return ""
@@ -331,7 +332,7 @@ def percent(share: float) -> str:
 
 
 def check_tail(tail: str | None, kind: str) -> None:
-    """Raise `InputError` for an unknown `tail`, or one of other features than HKS."""
+    """Raise `InputError` for an unknown `tail`, or a `tail` for features other than HKS."""
     if tail not in (None, "weyl"):
         raise InputError(f'tail is {tail!r}: give "weyl" or None.')
     if tail is not None and kind != "hks":
@@ -341,7 +342,7 @@ def check_tail(tail: str | None, kind: str) -> None:
 def warn_of_truncation(
     truncation: Truncation | None, stacklevel: int = 3, *, name: str = ""
 ) -> None:
-    """Issue a warning if columns are flagged; `name` is that of the mesh."""
+    """Issue a warning if columns are flagged; `name` is the name of the mesh."""
     if truncation is not None and (sentence := truncation.sentence()):
         warnings.warn(
             f"{of_mesh(name)}{sentence}: go further up the spectrum, or see Features.truncation.",
@@ -353,7 +354,7 @@ def warn_of_truncation(
 def warn_of_open_end(
     coefficients: FloatArray, eigenvalues: FloatArray, stacklevel: int = 3, *, name: str = ""
 ) -> None:
-    """Warn of filters, shape (f, k), that are not small at the last of k computed eigenvalues."""
+    """Warn of filters, shape (f, k), that are not small at the last computed eigenvalue."""
     if not len(eigenvalues):
         return
     largest, last = np.abs(coefficients).max(axis=1), np.abs(coefficients[:, -1])
