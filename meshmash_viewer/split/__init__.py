@@ -1,1 +1,1 @@
-"""Division of large meshes into overlapping pieces, which are computed separately and stitched."""
+"""Division of large meshes into overlapping pieces, and stitching of results of the pieces."""

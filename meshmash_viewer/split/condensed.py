@@ -1,7 +1,7 @@
-"""Condensed heat kernel signatures: a mesh decimated, solved in pieces and divided into domains.
+"""Condensed heat kernel signatures: decimation, computation in pieces and domains of a mesh.
 
 Parameters and results are those of meshmash's pipeline, with lengths in nm and times in nm². Unlike
-there, the result does not depend on the number of processes or the order of pieces, and includes
+in meshmash, results do not depend on the number of processes or the order of pieces, and include
 the truncation error of each column.
 """
 
@@ -45,7 +45,7 @@ from meshmash_viewer.units import METRES, whole_number
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Arguments of `compute_hks` in `compute_hks_kwargs`; the last three have no effect.
+#: Arguments of `compute_hks` allowed in `compute_hks_kwargs`; the last three have no effect.
 _ARGUMENTS = (
     *("max_eigenvalue", "t_min", "t_max", "n_components", "robust", "mollify_factor", "drop_first"),
     *("decomposition_dtype", "band_size", "truncate_extra", "verbose"),
@@ -66,14 +66,14 @@ class CondensedHKS(NamedTuple):
     simple_labels, labels : ndarray of int
         The domain of each vertex of `simple_mesh`, and of the mesh; -1 for none.
     condensed_features : DataFrame
-        Log-HKS ``hks_0`` … of each domain, and auxiliary columns; the index is the domain from -1
-        on, whose row is NaN.
+        Log-HKS ``hks_0`` … of each domain, and auxiliary columns; the index is the domain, from -1;
+        row -1 is NaN.
     condensed_nodes, condensed_edges : DataFrame
         The graph, see `condense_mesh_to_graph`.
     timing_info : dict
         Seconds of each step.
     truncation : Truncation
-        Share of each column of HKS that is missing.
+        Truncation errors of the columns of HKS.
     seams : ndarray, shape (n_components,)
         Median difference of each column where pieces meet, relative to its values; 0 without cuts.
 
@@ -128,7 +128,7 @@ def _task_of(given: Mapping[str, Any]) -> PieceFeatures:
 
 
 def _logarithms(values: FloatArray, times: FloatArray) -> FloatArray:
-    """Return log-HKS; values are at least `FLOOR` times the HKS of a plane."""
+    """Return log-HKS; smaller HKS is replaced by `FLOOR` times the HKS of a plane."""
     return np.asarray(np.log(np.fmax(values, FLOOR / (4.0 * np.pi * times))))
 
 
@@ -159,7 +159,7 @@ def condensed_hks_pipeline(
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> CondensedHKS:
-    """Divide a mesh into domains of similar heat kernel signatures, and condense these to means.
+    """Divide a mesh into domains of similar heat kernel signatures, and average each domain.
 
     Small components are dropped and the others decimated. The heat kernel signature is computed in
     overlapping pieces, its logarithm is clustered by Ward's criterion, and the signature is
@@ -167,8 +167,8 @@ def condensed_hks_pipeline(
     without a unit is assumed to be in nm.
 
     `InputError` is raised if an argument is invalid, all components are small, or a package is not
-    installed. `TruncationWarning` is given if more than 1 % of a column is missing for lack of
-    eigenpairs, or if a column differs by more than 1 % in the median where pieces meet.
+    installed. `TruncationWarning` is given if the truncation error of a column exceeds 1 %, or if a
+    column differs by more than 1 % in the median where pieces meet.
 
     Parameters
     ----------
@@ -181,18 +181,18 @@ def condensed_hks_pipeline(
     min_vertex_threshold : int
         Components of the mesh with fewer vertices are dropped.
     n_components, t_min, t_max : int, float
-        Number of times, shortest and longest one, evenly spaced in log t.
+        Number of times, evenly spaced in log t, and shortest and longest time.
     max_eigenvalue, robust, mollify_factor, truncate_extra, drop_first, decomposition_dtype
-        See `compute_hks`. With the defaults, 12 of the 32 columns miss more than 1 %, the shortest
-        time about 61 %: ``max_eigenvalue=1e-4`` is enough for all.
+        See `compute_hks`. With the defaults, the truncation error exceeds 1 % in 12 of the 32
+        columns, and is about 61 % at the shortest time: ``max_eigenvalue=1e-4`` is enough for all.
     compute_hks_kwargs : dict, optional
-        Arguments of `compute_hks` that replace those above.
+        Arguments of `compute_hks` that replace the parameters above.
     nuc_point : array_like, shape (3,), optional
-        Position of the nucleus, in the unit of the mesh; its distance is then a column.
+        Position of the nucleus, in the unit of the mesh; the distance from it is then a column.
     distance_threshold : float
-        Ward distance of log-HKS from which clusters are separate. Larger ones are fewer.
+        Ward distance of log-HKS from which clusters are separate; larger for fewer domains.
     auxiliary_features : bool
-        Whether columns of the nodes follow the signature: areas, numbers of vertices, distance.
+        Whether to append columns of the nodes: areas, numbers of vertices, distance.
     n_jobs, verbose : int
         See `MeshStitcher`. They do not change the result.
 

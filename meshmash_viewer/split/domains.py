@@ -38,8 +38,8 @@ def ward_domains(
 ) -> IntArray:
     """Return the domain of each vertex from 0, shape (n,), -1 for vertices in no piece.
 
-    `values`, shape (n, f), are similar in a domain. `graph` is symmetric; each stored entry is an
-    edge. `pieces` is the piece of each vertex, -1 for none. Clusters are joined while their Ward
+    `values`, shape (n, f), are similar within a domain. `graph` is symmetric; each stored entry is
+    an edge. `pieces` is the piece of each vertex, -1 for none. Clusters are joined while their Ward
     distance is below `threshold`. For `n_jobs` and `cancel` see `results_of_calls`.
     """
     ends = sparse.coo_array(graph).coords
@@ -76,7 +76,7 @@ def _clustered(values: FloatArray, graph: Any, threshold: float) -> IntArray:
 
 
 def _numbered(labels: IntArray) -> IntArray:
-    """Number labels from 0 by their lowest vertex; -1 stays."""
+    """Number labels from 0 by their lowest vertex; -1 is unchanged."""
     used = np.flatnonzero(labels >= 0)
     _, first, place = np.unique(labels[used], return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int64)
@@ -121,6 +121,6 @@ def _joined(values: FloatArray, graph: Graph, labels: IntArray, threshold: float
             near[other].add(new)
             if (apart := distance(other, new)) < threshold:
                 heapq.heappush(waiting, (apart, other, new))
-    for at in reversed(range(len(into))):  # clusters join into later ones
+    for at in reversed(range(len(into))):  # joined clusters have higher numbers
         into[at] = into[into[at]]
     return np.where(labels < 0, -1, np.asarray(into)[labels])

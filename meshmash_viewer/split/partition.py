@@ -5,7 +5,7 @@ within a given distance of the core, so that the cut does not affect results on 
 
 Large components are first condensed into small cells (nearest seed by edge distance), then bisected
 recursively: with two distant ends a and b, a vertex belongs to the half of a if d_a − d_b is small.
-Both halves are connected, because such a half contains the shortest path from a to each member.
+Both halves are connected: the half of a contains the shortest path from a to each of its vertices.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from meshmash_viewer.mesh import Mesh
 
 Graph: TypeAlias = "sparse.csr_array[Any]"
 
-#: Number of cells in a piece. More follow geodesics more closely, fewer are bisected faster.
+#: Number of cells in a piece. More cells follow geodesics better; fewer are bisected faster.
 _CELLS_PER_PIECE = 64
 #: Number of cores that are widened to estimate the maximum size of cores.
 _SAMPLES = 8
@@ -40,7 +40,7 @@ class Piece(tuple[FloatArray, IntArray]):
     """``(vertices, faces)`` of a piece, with `faces` as indices into its vertices.
 
     `first`, shape (n_i,), is the square of the first eigenvector of the whole mesh at these
-    vertices: one over the area of the first component there, and 0 on all others.
+    vertices: one over the area of the first component on this component, and 0 on all others.
     """
 
     first: FloatArray
@@ -56,7 +56,7 @@ class Piece(tuple[FloatArray, IntArray]):
 def edge_graph(mesh: Mesh) -> Graph:
     """Build the symmetric graph of edge lengths, shape (n, n), in the unit of `mesh`.
 
-    Edges of zero length have a tiny positive one, because a stored zero is not an edge.
+    Edges of zero length get a tiny positive length, because a stored zero is not an edge.
     """
     n, faces = mesh.n_vertices, mesh.proper_faces
     sides = np.empty((3, len(faces)), dtype=np.int64)
@@ -83,9 +83,9 @@ def edge_graph(mesh: Mesh) -> Graph:
 
 
 def interior_depth(graph: Graph, members: IntArray) -> FloatArray:
-    """Compute the distance of each member from those with a neighbour outside, (members,).
+    """Compute the distance of each member from members with a neighbour outside, (members,).
 
-    It is measured along edges inside the set, and infinite if no edge leaves the set.
+    Distances are measured along edges between members, and infinite if no edge leaves the members.
     """
     degrees = np.diff(graph.indptr)
     inner = _subgraph(graph, members)
@@ -100,10 +100,10 @@ def overlapping_pieces(
 ) -> list[IntArray]:
     """Cut a graph from `edge_graph` into overlapping pieces of at most `max_size` sorted vertices.
 
-    `labels` are the connected components of vertices, -1 for those in no piece. The `width` of the
-    overlap, in the unit of the graph, is reduced where the piece would be too large; the overlap
-    always contains all neighbours of the core. Components that fit are not cut; small ones share a
-    piece. `InputError` is raised if a vertex has too many neighbours.
+    `labels` are the connected components of vertices, -1 for vertices in no piece. The `width` of
+    the overlap, in the unit of the graph, is reduced where the piece would be too large; the
+    overlap always contains all neighbours of the core. Components that fit are not cut; small
+    components share a piece. `InputError` is raised if a vertex has too many neighbours.
     """
     degrees = np.diff(graph.indptr)
     if degrees.max(initial=0) + 1 > max_size:
@@ -130,8 +130,8 @@ def widened_cores(
 ) -> list[IntArray]:
     """Cut a graph into cores of at most `core_size` vertices, and widen each by `width`.
 
-    See `overlapping_pieces`. At most the `most` nearest vertices are added to a core, but always
-    all its neighbours.
+    See `overlapping_pieces`. Only the `most` nearest vertices are added to a core, but always all
+    its neighbours.
     """
 
     def cut(local: Graph, cells: _Cells) -> list[IntArray]:
@@ -151,9 +151,9 @@ def owned_pieces(
 ) -> tuple[tuple[IntArray, ...], list[IntArray], IntArray]:
     """Assign each vertex to the piece in which it is farthest from the cut.
 
-    Pieces without assigned vertices are left out. Returned are the vertices of each piece, without
-    those of no face; its faces, shape (m_i, 3), as int32 indices within the piece; and the piece of
-    each vertex, -1 for none.
+    Pieces without assigned vertices are left out. The result is the vertices of each piece, without
+    vertices of no face; the faces of each piece, shape (m_i, 3), as int32 indices within the piece;
+    and the piece of each vertex, -1 for none.
     """
     piece_of = np.full(mesh.n_vertices, -1)
     deepest = np.full(mesh.n_vertices, -1.0)
@@ -187,7 +187,7 @@ def owned_pieces(
 def _pieces(
     graph: Graph, labels: IntArray, size: int, cut: Callable[[Graph, _Cells], list[IntArray]]
 ) -> list[IntArray]:
-    """Group components of at most `size` vertices, and cut the others."""
+    """Group components of at most `size` vertices, and cut larger components."""
     sizes = np.bincount(labels[labels >= 0])
     order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
     components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
@@ -229,7 +229,7 @@ def _within(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArr
 
 
 def _nearest(distances: FloatArray, most: int | None) -> IntArray:
-    """Return the `most` nearest vertices that were reached, or all at distance 0, sorted."""
+    """Return the `most` nearest vertices at finite distance, or all at distance 0, sorted."""
     reached = np.flatnonzero(np.isfinite(distances))
     if most is None or len(reached) <= most:
         return reached
@@ -238,7 +238,7 @@ def _nearest(distances: FloatArray, most: int | None) -> IntArray:
 
 
 def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
-    """Group whole components into pieces, the largest first, each into the first that fits."""
+    """Group components into pieces: each, from the largest, into the first piece with room."""
     groups: list[list[IntArray]] = []
     room: list[int] = []
     for component in sorted(components, key=len, reverse=True):
@@ -253,10 +253,10 @@ def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
 
 
 def _fitting_core(sizes: IntArray, max_size: int) -> float:
-    """Estimate the size of cores that fill a piece with overlap, from sizes (core, with overlap).
+    """Estimate the size of cores that fill a piece with overlap.
 
-    The rim of a disc of size c is proportional to √c, so the overlap adds the same amount to √c for
-    all sizes.
+    `sizes`, shape (s, 2), are of cores without and with overlap. The rim of a disc of size c is
+    proportional to √c, so the overlap adds the same amount to √c for all sizes.
     """
     rim = np.diff(np.sqrt(sizes), axis=1)
     core = np.clip(0.96 * np.sqrt(max_size) - rim, 0.0, None) ** 2
@@ -281,7 +281,7 @@ class _Cells:
         tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(graph.indptr))
         crossing = np.flatnonzero(cell[tails] < cell[graph.indices])
         a, b = tails[crossing], graph.indices[crossing]
-        # the distance of two cells: that of their seeds by the shortest crossing edge
+        # distance of two cells: between their seeds, over the shortest crossing edge
         length = distances[a] + graph.data[crossing] + distances[b]
         by_pair = np.lexsort((length, cell[b], cell[a]))
         keys = (cell[a] * np.int64(n_cells) + cell[b])[by_pair]
@@ -294,7 +294,7 @@ class _Cells:
         self.weights = np.bincount(cell, minlength=n_cells).astype(np.float64)
 
     def unions(self, size: float) -> list[IntArray]:
-        """Return sorted vertices of connected unions of cells, each of about `size` or less."""
+        """Return sorted vertices of connected unions of cells, at most about `size` in each."""
         unions, waiting = [], [np.arange(len(self.weights))]
         while waiting:
             members = waiting.pop()
@@ -333,7 +333,7 @@ def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) 
 def _reached(graph: Graph, core: IntArray, width: float) -> FloatArray:
     """Compute the distance of every vertex from a core, infinite beyond `width`.
 
-    It is 0 for neighbours of the core, which are always included: without them the core is cut.
+    It is 0 for neighbours of the core: they are always included, to complete its faces.
     """
     distances = _distances(graph, core, width)
     distances[graph[core].indices] = 0.0
@@ -346,7 +346,7 @@ def _distances(graph: Graph, sources: Any, limit: float = np.inf) -> FloatArray:
 
 
 def _subgraph(graph: Graph, members: IntArray) -> Graph:
-    """Return the graph between some vertices, whose indices increase."""
+    """Return the subgraph of `members`, increasing indices of vertices."""
     if len(members) == graph.shape[0]:
         return graph
     return sparse.csr_array(graph[members][:, members])

@@ -1,4 +1,4 @@
-"""Features of a mesh from those of its pieces, with their truncation errors."""
+"""Features of a mesh from features of its pieces, with truncation errors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from meshmash_viewer.spectral.weyl import weyl_count
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
 
-#: Bytes of a process without its piece, and the share of the free memory that processes may take.
+#: Memory of a process without its piece, in bytes, and share of free memory for processes.
 _PROCESS_BYTES, _SHARE = 170e6, 0.8
 
 
@@ -35,17 +35,17 @@ class StitchedFeatures(NamedTuple):
     #: Shape (n, f).
     values: FloatArray
     truncation: Truncation | None
-    #: Relative differences where pieces meet, shape (s, f), and their medians, 0 without any.
+    #: Relative differences where pieces meet, shape (s, f), and their medians, 0 without cuts.
     seams: FloatArray
     seam_median: FloatArray
 
 
 @dataclass(frozen=True)
 class PieceFeatures:
-    """Computes features of a piece; instances are sent to other processes.
+    """Function that computes features of a piece, possibly in another process.
 
-    A call returns the columns, and two more: the sum of the squared eigenvectors, and the mass of
-    each vertex.
+    A call returns the columns of features, and two more columns: the sum of the squared
+    eigenvectors, and the mass of each vertex.
     """
 
     operator: OperatorOptions
@@ -95,7 +95,7 @@ class PieceFeatures:
             del rows  # free the memory before the next piece
         whole, seams = stitching.values(), seaming.differences()
         values, density, mass = whole[:, :-2], whole[:, -2], whole[:, -1]
-        # the truncation error is that of the pairs above `max_eigenvalue`
+        # only pairs above `max_eigenvalue` contribute to the truncation error
         mass, top = np.nan_to_num(mass), self.max_eigenvalue
         n_pairs = max(round(float(mass[mass > 0.0] @ density[mass > 0.0])), 1)
         truncation = measure_truncation(
@@ -106,7 +106,7 @@ class PieceFeatures:
         return StitchedFeatures(values, truncation, seams, median)
 
     def _fitting(self, stitcher: MeshStitcher) -> int | None:
-        """Return how many processes fit into memory, None if all the requested ones do."""
+        """Return the number of processes that fit into memory; None if all requested ones fit."""
         active, _ = get_active_backend()
         jobs = effective_n_jobs(stitcher.n_jobs)
         if jobs == 1 or stitcher.client is not None or not isinstance(active, LokyBackend):

@@ -1,8 +1,8 @@
 """Overlapping pieces of a mesh: split, apply a function to each in parallel, and stitch.
 
-This is for local quantities (heat kernel signatures at short times, curvatures) on meshes too large
-to be decomposed as a whole. The spectrum of a piece is fast to compute. Far from the cut the result
-equals that of the whole mesh, because heat does not reach the cut.
+Pieces are for local quantities (heat kernel signatures at short times, curvatures) on meshes too
+large to be decomposed as a whole. The spectrum of a piece is fast to compute. Far from the cut the
+result equals that of the whole mesh, because heat does not reach the cut.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ from meshmash_viewer.units import counted
 
 #: Default width of the overlap relative to the square root of the area of a piece.
 _OVERLAP = 0.15
-#: Width of the overlap divided by √t. A cut at that distance changes heat by e^(-2.5²), or 0.2 %;
-#: paths along edges are up to 15 % longer than straight ones. At the worst vertex of a dendrite the
-#: change was 0.5 %, with a width of 2 it was 7 %, and with 3 0.02 % for a tenth more vertices.
+#: Width of the overlap divided by √t. A cut at this distance changes heat by e^(-2.5²), or 0.2 %;
+#: paths along edges are up to 15 % longer than straight paths. At the worst vertex of a dendrite
+#: the change was 0.5 %; it was 7 % with a width of 2, and 0.02 % with 3 and a tenth more vertices.
 _REACH = 2.5
 
 
 class MeshStitcher(Sequence[Piece]):
     """Split a mesh, apply functions to its pieces, and stitch the results.
 
-    After `split_mesh` it is the sequence of the pieces as meshes.
+    After `split_mesh`, the object is the sequence of the pieces as meshes.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class MeshStitcher(Sequence[Piece]):
     verbose : int
         1 writes the number of pieces to stderr and draws a progress bar there.
     client : distributed.Client, optional
-        Of a Dask scheduler, on whose workers pieces are computed instead; results are the same.
+        Client of a Dask scheduler, whose workers compute the pieces; results are the same.
 
     Attributes
     ----------
@@ -136,25 +136,25 @@ class MeshStitcher(Sequence[Piece]):
         Parameters
         ----------
         max_vertex_threshold : int, optional
-            Maximum number of vertices of a piece. Components with no more than that are not cut,
-            and small ones share a piece. With `overlap_distance` or `t_max` the overlap is
-            additional, with the requested width; otherwise it is included. None: no cuts.
+            Maximum number of vertices of a piece. Smaller components are not cut, and may share a
+            piece. With `overlap_distance` or `t_max`, the overlap has the requested width and is
+            not included in the number; otherwise it is included. None: no cuts.
         overlap_distance : float, optional
             Width of the overlap along the edges, in unit of the mesh.
         t_max : float, optional
-            Longest diffusion time to be accurate, in squared unit: the width of the overlap is
+            Longest diffusion time with accurate results, in squared unit: the overlap has the width
             ``2.5 √t_max`` plus two edges. The effect of the cut on heat is then less than 1 %
             except at single vertices, which `seams` finds.
         overlap : float, optional
             Width relative to the square root of the mean area of a full piece. Where vertices are
-            too dense for it, the overlap is narrower, but always contains every neighbour of the
-            core. If none of the three is given it is 0.15, until `apply` is called with `t_max`,
-            which the overlap then follows.
+            too dense for this width, the overlap is narrower, but always contains every neighbour
+            of the core. If no width is given, `overlap` is 0.15; if `apply` is called with `t_max`
+            later, the mesh is cut again with this `t_max`.
         min_vertex_threshold : int, optional
             Components with fewer vertices are left out.
         max_overlap_neighbors : int, optional
-            Maximum number of vertices of an overlap, the nearest ones; with `overlap_distance` or
-            `t_max`.
+            Maximum number of vertices of an overlap, the nearest to the core; only with
+            `overlap_distance` or `t_max`.
         """
         mesh = self.mesh
         threshold = mesh.n_vertices if max_vertex_threshold is None else int(max_vertex_threshold)
@@ -232,13 +232,13 @@ class MeshStitcher(Sequence[Piece]):
         ----------
         function : callable
             Called with ``(vertices, faces)`` of a piece; may be a lambda. It runs with one BLAS
-            thread, and uses one core if pieces are computed in parallel. To be stitched, it has to
+            thread, and uses one core if pieces are computed in parallel. For stitching, it has to
             return a value or a row of values for each vertex, shape (n_i,) or (n_i, f), or None for
             a piece without values.
         stitch : bool
-            True: return one array for the whole mesh, each vertex with the value of the piece in
-            which it is farthest from the cut along the edges. False: return the list of results in
-            the order of `pieces`.
+            True: return one array for the whole mesh, with the value of each vertex from the piece
+            in which it is farthest from the cut along the edges. False: return the list of results
+            in the order of `pieces`.
         fill_value : float
             Value of the vertices that are in no piece.
         progress, cancel : callable, optional
@@ -249,18 +249,18 @@ class MeshStitcher(Sequence[Piece]):
         Returns
         -------
         ndarray, shape (n,) or (n, f), or list
-            Unreferenced vertices are in no piece and have `fill_value`; if that is NaN, integer
-            results become floating-point.
+            Unreferenced vertices are in no piece and have `fill_value`; NaN converts integer
+            results to floating point.
 
         Notes
         -----
         If `t_max` is among the arguments, and `split_mesh` has not been called with a width of the
-        overlap, it is called again with this time. `TruncationWarning` is then given if a column
-        differs by more than 1 % in the median where pieces meet; see `seams`.
+        overlap, `split_mesh` is called with this `t_max`. With a `t_max`, `TruncationWarning` is
+        given if a column differs by more than 1 % in the median where pieces meet; see `seams`.
 
         With ``drop_first=True`` the functions of `meshmash_viewer.decompose` leave out the first
-        pair of the whole mesh. The squared first eigenvector of a piece is larger by the ratio of
-        the areas. Their filter is then called with the eigenvalue zero too.
+        pair of the whole mesh, and not of the piece, whose squared first eigenvector is larger by
+        the ratio of the areas. The filter is then called with the eigenvalue zero too.
         """
         if not isinstance(stitch, bool):
             raise InputError(
@@ -321,9 +321,9 @@ class MeshStitcher(Sequence[Piece]):
     ) -> npt.NDArray[Any]:
         """Call a function only on the pieces to which some vertices are assigned; see `apply`.
 
-        The vertices are given by `indices`, or as a mask of shape (n,); with `reindex` only their
-        rows are returned. Vertices whose piece was not computed have `fill_value`. `InputError` is
-        raised if a vertex does not exist, or all are in no piece.
+        `indices` are indices of the vertices, or a mask of shape (n,). With `reindex`, only rows of
+        these vertices are returned. Vertices whose piece was not computed have `fill_value`.
+        `InputError` is raised if a vertex does not exist, or no vertex is in a piece.
         """
         vertices = np.atleast_1d(np.asarray(indices))
         n = self.mesh.n_vertices
@@ -351,7 +351,7 @@ class MeshStitcher(Sequence[Piece]):
         seams: Seams | None = None,
         **given: Any,
     ) -> Any:
-        """Return the result of `apply`; `seams` records the values, `given` goes to `each`."""
+        """Return the result of `apply`; `seams` records the values, `given` is for `each`."""
         self._split_for(arguments)
         results: list[Any] = [None] * len(self)
         stitching = self.stitching(fill_value)
@@ -374,8 +374,8 @@ class MeshStitcher(Sequence[Piece]):
     ) -> Generator[tuple[int, Any], None, None]:
         """Call a function on every piece in parallel, and yield its number and result.
 
-        No result is kept. See `apply_on_features` for `rows` and `subset_apply` for `vertices`;
-        `n_jobs` replaces that of the stitcher.
+        Results are not stored. For `rows` see `apply_on_features`, for `vertices` see
+        `subset_apply`. `n_jobs` replaces the attribute of the stitcher.
         """
         owners = self.submesh_mapping if vertices is None else self.submesh_mapping[vertices]
         numbers = np.unique(owners[owners >= 0]).tolist()
@@ -429,10 +429,9 @@ class MeshStitcher(Sequence[Piece]):
         return Seams(self.pieces, self.submesh_mapping, self.mesh.proper_faces)
 
     def seams(self, results: Sequence[Any]) -> FloatArray:
-        """Compute the differences of the results of `apply` with ``stitch=False`` along seams.
+        """Compute relative differences along seams of the results of an unstitched `apply`, (s, f).
 
-        They are relative to the values of two pieces at each vertex next to a seam that both
-        contain, shape (s, f).
+        A row is the difference of two pieces at a vertex next to their seam that both contain.
         """
         seams = self.seaming()
         for number, result in enumerate(results):
@@ -442,7 +441,7 @@ class MeshStitcher(Sequence[Piece]):
 
 def reach_of(time: float, graph: Graph) -> float:
     """Return the width of the overlap for diffusion times up to `time`, from the edge graph."""
-    # the cut crosses edges, on both sides
+    # two edges, because the cut crosses an edge on both sides
     return _REACH * math.sqrt(time) + 2.0 * float(graph.data.mean())
 
 

@@ -24,7 +24,7 @@ from meshmash_viewer.units import counted
 
 
 class Stitched:
-    """Values of a mesh, combined from those of its pieces; see `MeshStitcher.stitch_features`.
+    """Values of a mesh, combined from its pieces; see `MeshStitcher.stitch_features`.
 
     `owners` is the piece of each vertex, -1 for none.
     """
@@ -104,7 +104,7 @@ class Seams:
         self._rows: dict[int, npt.NDArray[Any]] = {}
 
     def add(self, number: int, result: Any) -> None:
-        """Keep the values of a piece next to seams."""
+        """Store the values of a piece at vertices next to seams."""
         rows = np.asarray(result)
         self._rows[number] = rows.reshape(len(rows), -1)[self._at[number]]
 
@@ -128,7 +128,7 @@ class Seams:
 def seam_sentence(names: Sequence[str], median: FloatArray, remedy: str) -> str:
     """Return a sentence that names the columns whose median difference at seams exceeds 1 %.
 
-    It is empty if there is none.
+    The sentence is empty if there are no such columns.
     """
     flagged = np.flatnonzero(median > TOLERANCE).tolist()
     if not flagged:
@@ -142,7 +142,7 @@ def seam_sentence(names: Sequence[str], median: FloatArray, remedy: str) -> str:
 
 
 class PieceError(RuntimeError):
-    """The function failed on a piece; the message names the piece and the failure."""
+    """Failure of a function on a piece; the message names the piece and the error."""
 
 
 def results_of_calls(
@@ -152,12 +152,13 @@ def results_of_calls(
     cancel: CancelCallback | None,
     client: Any = None,
 ) -> Generator[Any, None, None]:
-    """Call a function with each name and arguments of `calls`, and yield the results in order.
+    """Call a function with the arguments of each of `calls`, and yield the results in order.
 
-    `PieceError` is raised if the function fails, and `Cancelled` if `cancel`, which is called
-    between results, returns True. In both cases no further call is started, and running calls are
-    awaited, because aborting them would kill workers that other programs may share. `n_jobs` is the
-    number of processes as in joblib; with the client of a Dask scheduler its workers are used.
+    A call is its name, for messages, and the arguments. `PieceError` is raised if the function
+    fails, and `Cancelled` if `cancel`, which is called between results, returns True. In both cases
+    no further call is started, and running calls are awaited, because aborting them would kill
+    workers that other programs may share. `n_jobs` is the number of processes as in joblib; with
+    the client of a Dask scheduler, its workers are used.
     """
     alone = client is None and effective_n_jobs(n_jobs) == 1
     stopped = cancel is not None and cancel()
@@ -196,11 +197,11 @@ def results_of_calls(
 
 
 def _on_cluster(client: Any, tasks: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
-    """Yield results of `_call` on a Dask cluster; tasks wait until few results are missing."""
+    """Yield results of `_call` on a Dask cluster, with a limited number of tasks at a time."""
     waiting: deque[Any] = deque()
     for each in tasks:
         with warnings.catch_warnings():
-            # the size of a piece is chosen by the caller
+            # the caller chooses the size of pieces, so the size needs no warning
             warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
             waiting.append(client.submit(_call, *each, pure=False))
         if len(waiting) > 2 * max(sum(client.ncores().values()), 1):
@@ -217,7 +218,7 @@ def _result(task: Any) -> Any:
 
 
 def fault_of_task(fault: BaseException) -> BaseException:
-    """Return the fault of a task on a cluster, or an `InputError` if the cluster is its cause."""
+    """Return the exception of a task on a cluster; an `InputError` if the cluster caused it."""
     from distributed.scheduler import KilledWorker
 
     if isinstance(fault, KilledWorker):
@@ -240,11 +241,11 @@ def _call(function: Callable[..., Any], given: tuple[Any, ...], name: str, alone
     one_core = nullcontext() if alone else parallel_config(backend="sequential")
     try:
         with one_core, threadpool_limits(limits=1), warnings.catch_warnings():
-            # features are constant on a piece of small components
+            # expected: features are constant on a piece of small components
             warnings.simplefilter("ignore", ConstantFeaturesWarning)
             return function(*given)
     except Exception as failure:  # noqa: BLE001  (returned, and raised by the caller)
         error = PieceError(f"The function failed on {name}: {type(failure).__name__}: {failure}")
-        # a note is sent to another process, a cause is not
+        # a note is sent from another process, a cause is not
         error.add_note(traceback.format_exc())
         return error
