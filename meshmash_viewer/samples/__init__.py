@@ -1,4 +1,4 @@
-"""Meshes that come with the package, made by ``assets/make_samples.py``."""
+"""Sample meshes of the package, made by ``assets/make_samples.py``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from meshmash_viewer.errors import InputError
 
-#: Names and descriptions.
+#: Descriptions of the samples by name.
 SAMPLES: dict[str, str] = {
     "dendrite": "a forking piece of spiny dendrite, one closed surface, in nm",
     "neuron": "a small neuron with soma, dendrites, spines and axon, one closed surface, in nm",
@@ -17,7 +17,7 @@ SAMPLES: dict[str, str] = {
 
 
 def sample_path(name: str = "dendrite") -> Path:
-    """Return the path of a sample, an NPZ file with its unit, if it has one.
+    """Return the path of a sample: an NPZ file with the mesh and its unit, if any.
 
     `InputError` is raised if `name` is not in `SAMPLES`.
     """
@@ -27,9 +27,9 @@ def sample_path(name: str = "dendrite") -> Path:
 
 
 def labels_path(name: str = "dendrite") -> Path:
-    """Return the path of the labels of a sample: shaft and spine; of the neuron soma and axon too.
+    """Return the path of the labels of a sample: shaft and spine; for the neuron soma and axon.
 
-    `InputError` is raised if the sample has none.
+    `InputError` is raised if the sample has no labels.
     """
     path = sample_path(name).with_name(f"{name}_labels.npz")
     if not path.exists():
