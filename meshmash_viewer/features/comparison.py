@@ -1,7 +1,7 @@
 """Comparison of two shapes: spectra, corresponding vertices and corresponding eigenfunctions.
 
 The comparison is independent of size: eigenvalues are multiplied by the area of their mesh, and
-features are those of the two shapes scaled to an area of 1.
+features are computed for the shapes scaled to an area of 1.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class FunctionMatches:
     Parameters
     ----------
     indices : ndarray of int64, shape (k,)
-        Index of the function of the second; -1 where it is not determined: within multiplets, since
+        Index of the function of the second; -1 if it is not determined: within multiplets, since
         any orthogonal combination of their functions is an eigenfunction, and where features do not
         distinguish the sides of a symmetric shape.
     signs : ndarray of float64, shape (k,)
@@ -95,7 +95,7 @@ class Comparison:
     distance : float
         Euclidean distance of the two spectra, "Shape-DNA".
     forth, back : Matches
-        Matches of the first in the second, and of the second in the first.
+        Matches of the first shape in the second, and of the second in the first.
     mutual : ndarray of bool, shape (n,)
         Mask of the vertices of the first that are the match of their match.
     functions : FunctionMatches

@@ -333,7 +333,6 @@ class _Computation:
 
     @cached_property
     def matrices(self) -> tuple[SparseMatrix, SparseMatrix]:
-        """Matrices L and M."""
         given = self.mesh
         if isinstance(given, (tuple, list)) and len(given) == 2 and sparse.issparse(given[0]):
             return given[0], given[1]

@@ -77,7 +77,7 @@ def biharmonic_distance(
 ) -> FloatArray:
     """Compute the biharmonic distance: smooth near the vertex, global far from it [1]_.
 
-    Parameters are those of `diffusion_distance`.
+    For parameters see `diffusion_distance`.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def commute_time_distance(
     """Compute the square root of the time of a random walk to another vertex and back [1]_.
 
     On a surface the sum grows with the logarithm of the number of pairs: compare only distances
-    computed from equal numbers of pairs. Parameters are those of `diffusion_distance`.
+    computed from equal numbers of pairs. For parameters see `diffusion_distance`.
 
     Returns
     -------

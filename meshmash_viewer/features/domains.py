@@ -127,8 +127,8 @@ def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike)
     """Return the row of its domain for each vertex, the inverse of `aggregate_features`.
 
     `condensed` is a table whose index is the domain, or an array of shape (k, f) or (k,). The
-    result is a table or an array too, with NaN where `labels`, shape (n,), are -1. `InputError` is
-    raised if a domain has no row.
+    result is a table or an array accordingly, with NaN where `labels`, shape (n,), are -1.
+    `InputError` is raised if a domain has no row.
 
     Examples
     --------

@@ -144,7 +144,7 @@ def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def short_text(parameters: FloatArray, index: int) -> str:
-    """Format a parameter with three digits, or as many as distinguish all of them."""
+    """Format a parameter with three digits, or as many as distinguish all parameters."""
     for digits in range(3, 18):
         written = [f"{value:.{digits - 1}e}" for value in parameters]
         if len(set(written)) == len(set(parameters.tolist())):

@@ -125,7 +125,7 @@ class Formula:
 
     #: Arithmetic (``+ - * / ^``, also ``**`` and ``− · × ²``), comparisons (``a <= x <= b``),
     #: ``and``, ``or``, ``not``, parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`,
-    #: the eigenvalue x or λ, and names of parameters. A comparison is 1 if true and 0 elsewhere.
+    #: the eigenvalue x or λ, and names of parameters. A comparison is 1 where true, else 0.
     text: str
 
     def __post_init__(self) -> None:

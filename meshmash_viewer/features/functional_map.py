@@ -56,7 +56,7 @@ _LAPLACIANS, _COMMUTATORS = 1.0, 0.3
 #: it. On a shape with a mirror symmetry the ratio is 1, so that its sides are not swapped.
 _MIRRORED = 0.8
 #: Singular value of the first map below which a function is undetermined, and share of determined
-#: functions below which the map is ambiguous: a symmetry of order 2 determines half of them.
+#: functions below which the map is ambiguous: a symmetry of order 2 determines a half.
 _UNDETERMINED, _AMBIGUOUS = 0.25, 0.67
 #: Enclosed volume, relative to a ball of the same area, above which faces are oriented outward.
 _SOLID = 0.01
@@ -85,7 +85,7 @@ class FunctionalMap:
         landmarks are needed: the shape has a symmetry, with several equally good maps, or the
         shapes differ much.
     rigid : ndarray of float64, shape (4, 4), optional
-        Similarity transform from positions of the first to those of the second, if they are copies
+        Similarity transform from positions of the first to the second, if the shapes are copies
         up to noise. The matches are then the nearest positions.
 
     Examples
@@ -114,7 +114,7 @@ class FunctionalMap:
         return "the match reverses left and right, as in a mirror image." if self.mirrored else ""
 
     def carry(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Carry values at the vertices of the second shape to those of the first.
+        """Carry values at the vertices of the second shape to the first.
 
         Parameters
         ----------

@@ -74,7 +74,7 @@ class MapSpectrum:
         )
 
     def residual(self, k: int) -> float:
-        """Return the norm of the map without its lowest k pairs, relative to that of the map.
+        """Return the norm of the map without its lowest k pairs, relative to the norm of the map.
 
         ``‖f - f_k‖ / ‖f‖`` in the norm of M, ``√(1 - share)``; values below 1e-7 are rounding.
         """

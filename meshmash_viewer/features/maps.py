@@ -68,7 +68,7 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
 def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     """Sum eigenvectors with coefficients, lowest first: ``Σ_k c_k φ_k``.
 
-    `InputError` is raised if there are more coefficients than eigenvectors, or one is not finite.
+    `InputError` is raised if there are more coefficients than eigenvectors, or they are not finite.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def check_decomposition(given: Any, call: str) -> None:
 
 
 def filled(values: FloatArray, mass: FloatArray) -> FloatArray:
-    """Replace values that are not finite, shape (n,) or (n, d), by the mean of the others.
+    """Replace values that are not finite, shape (n,) or (n, d), by the mean of finite values.
 
     The mean of each column is weighted by `mass`, the areas of vertices; it is 0 if all values of
     the column are missing. The result is 0 at vertices without area.

@@ -97,7 +97,6 @@ class Points:
         object.__setattr__(self, "positions", given)
 
     def __len__(self) -> int:
-        """Number of points."""
         return len(self.positions)
 
     @cached_property
@@ -152,7 +151,6 @@ class ProjectedPoints:
     remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
-        """Number of points."""
         return len(self.vertices)
 
     @cached_property

@@ -38,7 +38,7 @@ class Regions:
     Parameters
     ----------
     columns : dict of str to ndarray, shape (k,)
-        Names for ``label``, numbers for the others.
+        Names for ``label``, numbers for other columns.
     rows : ndarray of int64, shape (n,)
         Row of the region of each vertex, -1 for no region.
     mesh : Mesh
@@ -60,7 +60,6 @@ class Regions:
     remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
-        """Number of regions."""
         return len(self.columns["label"])
 
     def __getitem__(self, column: str) -> npt.NDArray[Any]:

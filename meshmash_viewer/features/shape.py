@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 FeaturesLike: TypeAlias = Any
 #: Vertices matched between two calls of `cancel`.
 _AT_ONCE = 4096
-#: Pairs added at a time; takes some hundredths of a second for a million vertices.
+#: Pairs added at a time: some hundredths of a second for a million vertices.
 _STEP = 8
 
 
@@ -302,7 +302,7 @@ def distinct_matches(
     places : ndarray, shape (n, 3)
         Coordinates of the vertices of the other shape.
     radius : float
-        Minimum distance of a match from all better ones, in the unit of `places`.
+        Minimum distance of a match from all better matches, in the unit of `places`.
     count : int
         Maximum number of matches.
 
@@ -330,7 +330,7 @@ def distinct_matches(
 def feature_distance(
     features: FeaturesLike, vertex: int, *, standardize: bool = True
 ) -> FloatArray:
-    """Compute the distance of every vertex from a given one in feature space.
+    """Compute the distance of every vertex from a given vertex in feature space.
 
     `InputError` is raised if the vertex does not exist, or has no features.
 

@@ -50,8 +50,8 @@ _NEGLIGIBLE = 1e-13
 class Features:
     """Named columns of numbers, with a row for each vertex.
 
-    NumPy, pandas and scikit-learn accept it as an array of its values. Indexing returns values by
-    row and column, or a column by its name.
+    NumPy, pandas and scikit-learn accept the object as an array of values. Indexing returns values
+    by row and column, or a column by its name.
 
     Parameters
     ----------
@@ -109,11 +109,9 @@ class Features:
         return self.values.dtype
 
     def __len__(self) -> int:
-        """Return the number of rows, one for each vertex."""
         return len(self.values)
 
     def __iter__(self) -> Iterator[npt.NDArray[Any]]:
-        """Iterate over the rows."""
         return iter(self.values)
 
     def __getitem__(self, index: Any) -> Any:
@@ -373,7 +371,7 @@ def sum_squares(
     """Compute ``Σ_k coefficients[f, k] rows[k]²`` in double precision: shape (f, n).
 
     `rows`, shape (>= k, n), may be a memory map. Without a `density` (see `accumulate_features`),
-    rows are read only if their coefficient exceeds the share `negligible` of the largest.
+    rows are read only if a coefficient exceeds the share `negligible` of the largest.
     `Cancelled` is raised after `cancel` returned True.
     """
     total = np.zeros((len(coefficients), rows.shape[1]), dtype, order)

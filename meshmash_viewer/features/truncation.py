@@ -289,7 +289,7 @@ def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
 def mesh_limit(
     time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
 ) -> str:
-    """Return a sentence that compares the pairs required for a time with those of a mesh.
+    """Return a sentence that compares the pairs required for a time with the pairs of a mesh.
 
     The shortest wave of the mesh is two median edges or, if `median_edge` is None, the wavelength
     of the last pair by Weyl's law.
