@@ -203,7 +203,7 @@ def _pieces(
 def _widened(
     graph: Graph, cores: list[IntArray], widen: Callable[[IntArray], IntArray | None]
 ) -> list[IntArray]:
-    """Widen cores; those for which `widen` returns None are bisected first."""
+    """Widen cores; cores for which `widen` returns None are bisected first."""
     pieces, waiting = [], cores[::-1]
     while waiting:
         core = waiting.pop()
@@ -217,7 +217,7 @@ def _widened(
 
 
 def _within(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
-    """Return the core and vertices within `width`; None if the core has to be cut first."""
+    """Return the core and vertices within `width`; None if the core has to be bisected first."""
     if len(core) > max_size:
         return None
     distances = _reached(graph, core, width)

@@ -296,7 +296,7 @@ class MeshStitcher(Sequence[Piece]):
 
         `features` has a value or a row for each vertex of the mesh, shape (n,) or (n, f).
 
-        `InputError` is raised if the number of rows differs from that of the vertices.
+        `InputError` is raised if the number of rows differs from the number of vertices.
         """
         rows = np.asarray(features)
         if rows.ndim == 0 or len(rows) != self.mesh.n_vertices:
@@ -408,7 +408,7 @@ class MeshStitcher(Sequence[Piece]):
         """Combine the results of `apply` with ``stitch=False``, None for a piece without values.
 
         Vertices without a value get `fill_value`. `InputError` is raised if the number of results
-        differs from that of the pieces, or shapes do not agree.
+        is not the number of pieces, or shapes do not agree.
         """
         if len(features_by_submesh) != len(self):
             raise InputError(
