@@ -1,6 +1,7 @@
-"""Families of fields, one file each; their table is imported on first use.
+"""Families of fields, one module each.
 
-The table loads plug-ins, which may import modules of this package themselves.
+The table of families is imported on first use, because it loads plug-ins, which may import this
+package.
 """
 
 from __future__ import annotations

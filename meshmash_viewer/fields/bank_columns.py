@@ -1,4 +1,4 @@
-"""Base classes of families with exported columns: filter banks, and fields that are columns."""
+"""Base classes of families that export columns: `BankFamily`, `Columns` and `BankColumns`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MOST_COLUMNS = 512
 
 
 def estimated_pairs(spectrum: Eigenpairs, eigenvalue: float) -> str:
-    """Describe the number of pairs up to an eigenvalue: exact, estimated, or all of the mesh."""
+    """Return the number of eigenpairs up to an eigenvalue as text; "about" marks an estimate."""
     if spectrum.mesh is None:
         return "more pairs"
     translation = Translation(
@@ -49,7 +49,7 @@ def estimated_pairs(spectrum: Eigenpairs, eigenvalue: float) -> str:
 
 @dataclass(frozen=True)
 class BankFamily(Family):
-    """A family whose exported columns are a filter bank applied to eigenpairs."""
+    """Family whose exported columns are computed from eigenpairs by a filter bank."""
 
     @property
     def definition(self) -> str:
@@ -60,8 +60,8 @@ class BankFamily(Family):
     ) -> FilterBank:
         """Return the filters of the exported columns, for eigenvalues of shape (k,).
 
-        `area` is used for a range if all eigenvalues are zero; `bound` is the threshold of the
-        computation. `InputError` is raised if they do not suffice.
+        If all eigenvalues are zero, `area` determines the range. `bound` is the requested maximum
+        eigenvalue, if any. `InputError` is raised if the range cannot be determined.
         """
         raise NotImplementedError
 
@@ -70,7 +70,7 @@ class BankFamily(Family):
         raise NotImplementedError
 
     def contents(self, spectrum: Eigenpairs, unit: str) -> str:
-        """Return a sentence on the range of the columns."""
+        """Return a sentence on the parameter range of the columns."""
         return ""
 
     def compute_features(
@@ -89,13 +89,13 @@ class BankFamily(Family):
         ]
 
 
-#: Families whose columns are a filter bank, by name, which `meshmash_viewer.fields.table` fills in.
+#: Subclasses of `BankFamily` by name, filled in by `meshmash_viewer.fields.table`.
 FEATURES: dict[str, type[BankFamily]] = {}
 
 
 @dataclass(frozen=True)
 class Columns(Family):
-    """One column of an exported feature; the table holds all columns, computed together."""
+    """One column of an exported feature; its table contains all columns, computed together."""
 
     counted = "count"
     position = ("index",)
@@ -108,7 +108,7 @@ class Columns(Family):
 
     @property
     def column(self) -> int:
-        """`index`, limited to the last column."""
+        """`index`, limited to existing columns."""
         return min(max(self.index, 0), self.count - 1)
 
     def columns(self, spectrum: Eigenpairs, cancel: Cancel = None) -> ColumnArray:
@@ -116,11 +116,11 @@ class Columns(Family):
         raise NotImplementedError
 
     def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
-        """Describe a column with its unit."""
+        """Describe the column, with units."""
         return f"{self.nouns[0].lower()} {self.column}"
 
     def title(self) -> str:
-        """Return the title of a column on the render."""
+        """Return the title of the column on the render."""
         return self.label
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
@@ -153,7 +153,7 @@ class Columns(Family):
         if not self.prepared(spectrum, table):
             return Answer(self.columns(spectrum)[self.column])
         assert table is not None
-        table.spectrum = spectrum  # faster comparison next time
+        table.spectrum = spectrum  # identical spectra are compared faster
         return Answer(table.content[self.column])
 
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
@@ -165,7 +165,7 @@ class Columns(Family):
 
 @dataclass(frozen=True)
 class BankColumns(Columns, BankFamily):
-    """One column of a filter bank."""
+    """One column computed by a filter bank."""
 
     def axes(self, unit: str) -> tuple[str, str]:
         """Return the labels of the axes of the profile, bottom and left."""

@@ -1,4 +1,4 @@
-"""Distances from a vertex: spectral and geodesic ones."""
+"""Family of spectral and geodesic distances from a vertex."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, weyl_eigenvalue
 from meshmash_viewer.units import counted, format_quantity
 
-#: Number of steps of the arrow keys from the shortest to the longest time.
+#: Number of arrow-key steps from the shortest to the longest time.
 _STEPS = 32
 
 
@@ -68,13 +68,13 @@ class Distances(Family):
     contoured = True
     interval = 50
 
-    #: A key of `MEASURES`.
+    #: Kind of distance, a key of `MEASURES`.
     measure: str = parameter(
         "geodesic", Choice(MEASURES), option="distance", help="kind of distance; default: geodesic"
     )
     #: Vertex from which distances are measured.
     vertex: int | None = parameter(None, Whole(), vertex=True)
-    #: Diffusion time, in squared length units.
+    #: Diffusion time, in squared length units; None as in `time_in`.
     time: float | None = parameter(
         None,
         Number(ABOVE_ZERO),
@@ -83,7 +83,7 @@ class Distances(Family):
         metavar="T",
         help="diffusion time (unit²); default: the middle of its range",
     )
-    #: Vertices of the exported columns; `vertex` alone if empty.
+    #: One vertex for each exported column; if empty, only `vertex`.
     vertices: tuple[int, ...] = parameter(
         (),
         Listing(Whole(), MOST_INDEX, into=tuple),
@@ -129,7 +129,7 @@ class Distances(Family):
         return replace(self.for_other_mesh(n_components), time=self.time)
 
     def places(self, spectrum: Eigenpairs) -> FloatArray:
-        """Return the vertices, by index, if there are several, else diffusion times."""
+        """Return indices into `vertices` if there are several, else log10 of diffusion times."""
         if len(self.vertices) > 1:
             return np.arange(len(self.vertices), dtype=np.float64)
         if not self.timed or first_nonzero(spectrum) >= len(spectrum):
@@ -156,7 +156,7 @@ class Distances(Family):
     # -- values -------------------------------------------------------------------------------
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
-        """Compute from the table, or directly; geodesic distances need a table."""
+        """Compute distances, with the table if possible; geodesic distances need a table."""
         if self.vertex is None:
             return None
         if table is not None and self.prepared(spectrum, table):
@@ -170,7 +170,7 @@ class Distances(Family):
         return None if self.measure == "geodesic" else Answer(self._sum(spectrum, None))
 
     def _sum(self, spectrum: Eigenpairs, cancel: Cancel) -> ColumnArray:
-        """Compute distances by the sum over all pairs."""
+        """Compute spectral distances by the sum over all pairs."""
         weights = spectral_weights(self.measure, spectrum.eigenvalues, self._time(spectrum))
         squares = sum_squares(self._rows(spectrum), weights[None], cancel=cancel)[0]
         self._leave_out(squares, spectrum)
@@ -184,14 +184,14 @@ class Distances(Family):
         return RowsFrom(spectrum.rows, self.vertex)
 
     def _root(self, squares: ColumnArray) -> ColumnArray:
-        """Compute distances from their squares, in place: 0 at the vertex."""
+        """Replace squares by distances in place, exactly 0 at the vertex."""
         assert self.vertex is not None
         distances = np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
         distances[self.vertex] = 0.0
         return distances
 
     def _leave_out(self, squares: npt.NDArray[np.floating], spectrum: Eigenpairs) -> None:
-        """Set NaN in other components."""
+        """Set NaN on other connected components."""
         if spectrum.mesh is not None and spectrum.mesh.n_components > 1:
             labels = spectrum.mesh.component_labels
             squares[labels != labels[self.vertex]] = np.nan
@@ -210,7 +210,7 @@ class Distances(Family):
             assert spectrum.mesh is not None
             content = GeodesicSolver(spectrum.mesh)
         elif self.timed:
-            # squared differences decay with time like the squares of a heat kernel
+            # squared distances are the heat kernel signature of φ − φ(pin) at twice the time
             low, high = spectrum.time_range
             from_here = replace(spectrum, rows=self._rows(spectrum))
             content = build_heat_table(from_here, (2.0 * low, 2.0 * high), cancel)
@@ -220,7 +220,7 @@ class Distances(Family):
         return Table(spectrum, self, content)
 
     def missing(self, spectrum: Eigenpairs, typical: float) -> float:
-        """Return the share of a typical distance due to pairs that were not computed."""
+        """Estimate the share of a typical distance due to pairs that were not computed."""
         mesh = spectrum.mesh
         if mesh is None or self.measure == "geodesic" or not typical > 0.0:
             return 0.0
@@ -229,7 +229,7 @@ class Distances(Family):
         return 1.0 - typical / math.sqrt(typical**2 + left)
 
     def sufficient(self, spectrum: Eigenpairs, typical: float) -> Target | None:
-        """Return how many pairs leave less than `TOLERANCE` missing; None if these do."""
+        """Return the target with a missing share of `TOLERANCE`; None if it is reached."""
         missing, mesh = self.missing(spectrum, typical), spectrum.mesh
         if missing <= TOLERANCE or mesh is None:
             return None

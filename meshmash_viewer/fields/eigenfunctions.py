@@ -66,11 +66,11 @@ class Eigenfunctions(Family):
         return known if known.rotated(spectrum) else replace(known, rotation=())
 
     def space(self, spectrum: Eigenpairs) -> Multiplet | None:
-        """The multiplet of the function, within which it can be rotated; None if it has none."""
+        """Return the multiplet within which the function can be rotated, or None."""
         return None if self.index < first_nonzero(spectrum) else spectrum.multiplet(self.index)
 
     def rotated(self, spectrum: Eigenpairs) -> tuple[Multiplet, int, int] | None:
-        """The multiplet, another index in it, and the angle in degrees; None if not rotated."""
+        """Return the multiplet, the other index and the angle in degrees; None if not rotated."""
         space = self.space(spectrum)
         if space is None or len(self.rotation) != 3:
             return None
@@ -83,7 +83,7 @@ class Eigenfunctions(Family):
         return replace(self, index=n_components, flipped=frozenset(), rotation=())
 
     def carried(self, to: Correspondence) -> Self:
-        """Select the corresponding function with its sign, or that of the same index."""
+        """Select the corresponding function and sign, or the same index without a match."""
         same, index = to.functions, self.index
         if same is None or index >= len(same.indices) or same.indices[index] < 0:
             return replace(self, rotation=())
@@ -127,7 +127,7 @@ class Eigenfunctions(Family):
         return Description(quantity, f"Eigenfunction {self.index}", power=-1)
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
-        """Return one row in single precision, with the chosen rotation and sign."""
+        """Return the function in single precision, with the chosen rotation and sign."""
         values = np.array(spectrum.shown_rows[self.index], dtype=np.float32)
         if rotated := self.rotated(spectrum):
             _, other, degrees = rotated

@@ -1,9 +1,9 @@
-"""Base class of families of fields: their parameters, values, plots and files.
+"""Base class of families of fields: parameters, values, plots and files.
 
-A family is one frozen dataclass in a file of its own, listed in `meshmash_viewer.fields.FAMILIES`.
-An instance is a choice of its parameters, each declared once (`meshmash_viewer.fields.parameter`).
-Some of them may be None: `Family.resolved` sets these from a spectrum, and resets parameters that
-do not affect the values.
+A family is a frozen dataclass in its own module, listed in `meshmash_viewer.fields.FAMILIES`. Its
+parameters are declared as in `meshmash_viewer.fields.parameter`; an instance consists of a value
+for each. `Family.resolved` sets parameters that are None from a spectrum, and resets parameters
+that do not affect the field.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ MOST_COUNT = 1024
 
 
 def evenly_in_log(ends: tuple[float, float], count: int) -> FloatArray:
-    """Return logarithms to base 10, evenly spaced between those of two numbers, shape (count,)."""
+    """Return evenly spaced numbers from log10 of one end to log10 of the other, shape (count,)."""
     low, high = ends
     return np.linspace(math.log10(low), math.log10(high), count)
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Values of a field at every vertex, shape (n,); `draft` if more exact ones will follow."""
+    """Values of a field, shape (n,); a `draft` is shown until exact values are computed."""
 
     values: ColumnArray
     draft: bool = False
@@ -52,17 +52,17 @@ class Answer:
 
 @dataclass(eq=False)
 class Table:
-    """Precomputed data for fast computation of further fields of a family."""
+    """Precomputed data for fast computation of fields of a family."""
 
-    #: The spectrum it was made from, or one with the same pairs.
+    #: Spectrum of the data, or another one with the same pairs.
     spectrum: Eigenpairs
-    #: The family it was made for, at rest (see `Family.at_rest`).
+    #: Family of the data, at rest (see `Family.at_rest`).
     family: Family
-    #: Data of the family.
+    #: The data, of a type that depends on the family.
     content: Any
 
     def holds(self, family: Family, spectrum: Eigenpairs) -> bool:
-        """Whether it was made for this family at rest and these pairs."""
+        """Whether the data are of this family, at rest, and of these pairs."""
         return self.family == family and same_pairs(self.spectrum, spectrum)
 
 
@@ -78,13 +78,13 @@ class Description:
     power: int = -2
     #: Unit of the values if it is no power of length.
     own_unit: str = ""
-    #: Caption in a gallery; empty for the quantity.
+    #: Caption in a gallery; if empty, `quantity`.
     caption: str = ""
-    #: Labels of values 0, 1, 2 … if they name parts of the surface.
+    #: Labels of values 0, 1, 2 … if these number parts of the surface.
     labels: tuple[Label, ...] = ()
 
     def unit(self, length: str) -> str:
-        """Return the unit of the values; empty for pure numbers and without a unit of length."""
+        """Return the unit of the values; empty for pure numbers or if `length` is empty."""
         return self.own_unit or (power_unit(length, self.power) if self.power else "")
 
 
@@ -95,11 +95,11 @@ class Reading:
     title: str
     #: Values of `Family.facts`.
     facts: tuple[str, ...] = ()
-    #: Sentence on values for which the computed pairs do not suffice.
+    #: Sentence on values that need more pairs than computed; empty for none.
     warning: str = ""
-    #: The part of the spectrum that suffices.
+    #: Target of a computation with enough pairs.
     sufficient: Target | None = None
-    #: Eigenvalues at both ends of the slider, of which decades are marked.
+    #: Eigenvalues at the ends of the slider, for marks at decades; None for no marks.
     decades: tuple[float, float] | None = None
     #: Share of the slider, from its low end, that the computed pairs do not resolve.
     hatched: float = 0.0
@@ -107,34 +107,33 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Filters as functions of the eigenvalue, for the plot."""
+    """Filters as functions of the eigenvalue, for the response plot."""
 
-    #: Shape (m,): Eigenvalues, and response of the filter of the chosen field.
+    #: Shape (m,): Eigenvalues, and the filter of the chosen field.
     curve: tuple[FloatArray, FloatArray]
-    #: Eigenvalue by which that filter is dragged; None if it cannot be moved along λ.
+    #: Eigenvalue of the handle that drags the filter; None if the filter cannot be moved.
     handle: float | None
-    #: Description as HTML.
+    #: Legend as HTML.
     legend: str
-    #: Other filters of the feature.
+    #: Filters of all columns of the feature, as `curve`.
     others: tuple[tuple[FloatArray, FloatArray], ...] = ()
-    #: Range of eigenvalues that can be dragged at both ends.
+    #: Range of eigenvalues, whose ends can be dragged.
     ends: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Positions of a profile, and coefficients of its values in the eigenfunctions at a vertex."""
+    """Positions of a profile, and coefficients of its values in eigenfunctions."""
 
-    #: Shape (m,): Positions as drawn: log t, band, or index.
+    #: Shape (m,): Positions on the bottom axis: log t, band, or index.
     places: FloatArray
-    #: Shape (m, k): Coefficients of φ² for features; for eigenfunctions the sign of each, shape
-    #: (k,).
+    #: Shape (m, k): Coefficients of φ², or shape (k,): Factors of φ, with k positions.
     coefficients: FloatArray
     #: Whether the logarithm of values is drawn.
     logarithmic: bool = False
 
     def values(self, at_vertex: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute points to draw from the eigenfunction values at a vertex, shape (<= k,)."""
+        """Return positions and values, from the eigenfunctions at a vertex, shape (<= k,)."""
         length = len(at_vertex)
         if self.coefficients.ndim == 1:
             return self.places[:length], self.coefficients[:length] * at_vertex
@@ -146,10 +145,10 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Profile of a vertex."""
+    """Plot of the fields of a family at one vertex."""
 
     curve: Samples
-    #: The exported columns.
+    #: Exported columns.
     dots: Samples
     #: Labels of the axes, bottom and left.
     axes: tuple[str, str]
@@ -159,21 +158,21 @@ class Profile:
 
 @dataclass(frozen=True)
 class Family(Parameters):
-    """A choice of parameters of one family."""
+    """Base class of families; an instance is a choice of parameters."""
 
     #: Name in sessions, file names and names of controls.
     name: ClassVar[str]
-    #: Text in menus, text on its tab, and a description.
+    #: Text in menus, text on the tab, and tooltip.
     label: ClassVar[str]
     short: ClassVar[str]
     tip: ClassVar[str]
     #: Page of the documentation, in docs/algorithms; empty for none.
     page: ClassVar[str] = ""
-    #: Drawing like those of `meshmash_viewer.app.theme.ICONS`.
+    #: SVG elements, as in `meshmash_viewer.app.theme.ICONS`.
     icon: ClassVar[str] = '<path d="M6 2v4M10 2v4M4 6h8v3a4 4 0 0 1-8 0zM8 13v3"/>'
     #: Noun for a position, singular and plural: "Band", "Bands".
     nouns: ClassVar[tuple[str, str]] = ("Column", "Columns")
-    #: Object names of the facts about a position, and their texts.
+    #: Captions of the facts about a position, by object name of the label.
     facts: ClassVar[dict[str, str]] = {}
     #: Kind of the exported features; empty without export.
     export: ClassVar[str] = ""
@@ -181,9 +180,9 @@ class Family(Parameters):
     export_label: ClassVar[str] = ""
     #: Name of the parameter that is the number of exported columns.
     counted: ClassVar[str] = ""
-    #: Parameters that select a field of the family; the last part of cache keys.
+    #: Parameters that select one of the fields that share a table.
     position: ClassVar[tuple[str, ...]] = ()
-    #: Parameters that name something of the mesh, which another mesh may not have.
+    #: Parameters that refer to data which other meshes may lack, such as a map.
     own: ClassVar[tuple[str, ...]] = ()
     #: Two parameters, the first less than the second.
     ordered: ClassVar[tuple[str, str] | None] = None
@@ -193,7 +192,7 @@ class Family(Parameters):
     response_label: ClassVar[str] = "Response"
     #: Noun for the contents of the response plot.
     response_noun: ClassVar[str] = "Filters"
-    #: Powers of ten from 0 to 1 on that axis; 0 for a linear axis.
+    #: Number of decades from 0 to 1 on the left axis of that plot; 0 for a linear axis.
     response_decades: ClassVar[int] = 0
     #: Whether contour lines are drawn at round values.
     contoured: ClassVar[bool] = False
@@ -201,12 +200,12 @@ class Family(Parameters):
     tailed: ClassVar[bool] = False
     #: Whether low values are at the bright end of the colour map.
     bright_low: ClassVar[bool] = False
-    #: Milliseconds a step when played; 0 if it cannot be played.
+    #: Milliseconds per step when played; 0 if the family cannot be played.
     interval: ClassVar[int] = 0
-    #: Whether the axes of the profile, bottom and left, and of the response are logarithmic.
+    #: Whether axes are logarithmic: bottom and left of the profile, bottom of the response.
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
 
-    # -- what follows from the declarations ---------------------------------------------------
+    # -- derived from the declarations --------------------------------------------------------
 
     @property
     def usable(self) -> bool:
@@ -215,16 +214,16 @@ class Family(Parameters):
 
     @classmethod
     def makes_features(cls) -> bool:
-        """Whether it is exported as columns rather than as eigenpairs."""
+        """Whether the family exports columns rather than eigenpairs."""
         return cls.compute_features is not Family.compute_features
 
     def at_rest(self) -> Self:
-        """Reset the position, so that equal families have equal columns."""
+        """Reset the position; families that are equal at rest share a table."""
         start = {each.name: each.default for each in fields(self) if each.name in self.position}
         return replace(self, **start)
 
     def filled_in(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
-        """Set parameters that are None, as far as the spectrum allows."""
+        """Set the parameters that `resolved` sets, if there are enough pairs."""
         if not self.usable or (self.needs_pairs and not len(spectrum)):
             return self
         known = self.resolved(spectrum, chosen)
@@ -232,7 +231,7 @@ class Family(Parameters):
         return replace(self, **{name: each for name, each in found.items() if each is not None})
 
     def measured_from(self, vertices: Sequence[int]) -> Self:
-        """Export a column for each of some vertices, if columns belong to vertices."""
+        """Set the vertices of exported columns, if each column belongs to a vertex."""
         several = [name for name, each in self.declared().items() if each.vertex and each.many]
         found: dict[str, Any] = dict.fromkeys(several, tuple(vertices))
         return replace(self, **found)
@@ -248,49 +247,49 @@ class Family(Parameters):
     def needs_pairs(self) -> bool:
         """Whether the field needs at least one eigenpair.
 
-        Otherwise it is also computed with a spectrum without pairs, which has a mesh.
+        Otherwise the spectrum may have a mesh but no pairs.
         """
         return True
 
     @property
     def of_pairs(self) -> bool:
-        """Whether its values depend on eigenpairs."""
+        """Whether the values depend on eigenpairs."""
         return self.needs_pairs
 
     @classmethod
     def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
-        """Create a family with a number of columns and the given options, by parameter.
+        """Create a family from a number of exported columns, and parameters by name.
 
-        `unit` is that of the mesh, None if not known yet. `InputError` is raised if the options are
-        not compatible.
+        `unit` is the length unit of the mesh, None if not known yet. `InputError` is raised for
+        parameters that exclude one another.
         """
         count = {cls.counted: n_columns} if cls.counted and n_columns is not None else {}
         return cls(**count, **chosen)
 
     def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
-        """Set parameters that are None, so that equal families have equal values.
+        """Set parameters that are None; families that are equal when resolved have equal values.
 
-        The spectrum has at least one pair if needed; `chosen` are the choices of all families,
-        since one may use another.
+        The spectrum has at least one pair if `needs_pairs`. `chosen` contains all families by name,
+        since a family may depend on another.
         """
         raise NotImplementedError
 
     def for_other_mesh(self, n_components: int) -> Self:
-        """Keep what applies to another mesh with some number of connected components."""
+        """Reset parameters that do not apply to another mesh, with `n_components` components."""
         return self
 
     def for_repair(self, n_components: int) -> Self:
-        """Keep what applies to a part or a repair of the same mesh, in the same unit."""
+        """Reset parameters that do not apply to a part or a repair of the mesh, in its unit."""
         return self.for_other_mesh(n_components)
 
     def for_other_unit(self) -> Self:
-        """Keep what applies to a mesh in another unit: no lengths, times and eigenvalues."""
+        """Reset lengths, times and eigenvalues, for a mesh in another unit."""
         default = type(self)()
         sized = (name for name, each in self.declared().items() if each.power)
         return replace(self, **{name: getattr(default, name) for name in sized})
 
     def carried(self, to: Correspondence) -> Self:
-        """Convert to another shape: lengths are scaled, vertices are the corresponding ones."""
+        """Convert to another shape: scale lengths, and replace vertices by corresponding ones."""
         other: dict[str, Any] = {}
         for name, each in self.declared().items():
             if each.power and getattr(self, name) is not None:
@@ -298,7 +297,7 @@ class Family(Parameters):
         return replace(self.at_vertices(to.vertex), **other)
 
     def within(self, spectrum: Eigenpairs) -> Self:
-        """Limit the position to those of a spectrum."""
+        """Limit the position to positions that a spectrum has."""
         return self
 
     # -- positions ----------------------------------------------------------------------------
@@ -308,21 +307,21 @@ class Family(Parameters):
         return np.empty(0)
 
     def place(self, spectrum: Eigenpairs) -> float:
-        """Return the position on that axis."""
+        """Return the position on the bottom axis of the profile."""
         raise NotImplementedError
 
     def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
-        """Select the field nearest to a position on that axis."""
+        """Select the field nearest to a position on this axis."""
         raise NotImplementedError
 
     def step(self, spectrum: Eigenpairs, steps: int) -> Self:
-        """Move by some steps, back if negative, up to the ends."""
+        """Move the position by a number of steps, up to the ends of its range."""
         places = self.places(spectrum)
         if len(places) < 2:
             return self
         indices, before = np.arange(len(places)), self.place(spectrum)
         moved = np.interp(before, places, indices) + steps
-        place = float(np.interp(moved, indices, places))  # which is clipped to the ends
+        place = float(np.interp(moved, indices, places))  # interp clips to the ends
         return self if abs(place - before) < 1e-9 else self.at_place(spectrum, place)
 
     @property
@@ -333,32 +332,32 @@ class Family(Parameters):
     # -- values of resolved families ----------------------------------------------------------
 
     def describe(self, spectrum: Eigenpairs, unit: str) -> Description:
-        """Describe the field."""
+        """Return the texts of the field."""
         raise NotImplementedError
 
     def reading(self, spectrum: Eigenpairs, unit: str) -> Reading:
-        """Return the texts of its controls, if these are made from the declarations."""
+        """Return the texts of controls made from the declarations."""
         return Reading(self.describe(spectrum, unit).quantity)
 
     def limits_of(self, spectrum: Eigenpairs) -> tuple[ColumnArray, bool] | None:
-        """Return the values that automatic limits are taken from, and whether these are signed.
+        """Return the values that determine automatic limits, and whether they are signed.
 
-        None for those of the field itself.
+        None if the field itself determines the limits.
         """
         return None
 
     @property
     def limits_key(self) -> str:
-        """Key of the chosen limits and scale: the name, for maps with the name of the map."""
+        """Key of the chosen limits and scale: the family, for maps followed by the map name."""
         return self.name
 
     @property
     def given_limits(self) -> tuple[float, float, bool] | None:
-        """Automatic limits that were given, and whether they are logarithmic; None to find them."""
+        """Stored automatic limits, and whether they are logarithmic; None to compute them."""
         return None
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
-        """Compute values at every vertex, with a table if possible; None if one is required."""
+        """Compute values at every vertex, with the table if possible; None if it is missing."""
         raise NotImplementedError
 
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
@@ -366,24 +365,24 @@ class Family(Parameters):
         return True
 
     def prepare(self, spectrum: Eigenpairs, cancel: Cancel, before: Table | None = None) -> Table:
-        """Build the table; `before` is an older one, which may be used again.
+        """Build the table; parts of `before`, an older table, may be reused.
 
         `Cancelled` is raised after `cancel` returns True.
         """
         raise NotImplementedError
 
     def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
-        """Whether an older table can be used until the next one is built."""
+        """Whether an older table can be used until the new table is built."""
         return False
 
     # -- plots --------------------------------------------------------------------------------
 
     def profile(self, spectrum: Eigenpairs, unit: str) -> Profile | None:
-        """Return the profile of a vertex; None if it has none for these pairs."""
+        """Return the profile; None if these pairs have none."""
         return None
 
     def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response | None:
-        """Return the filters, sampled at eigenvalues `along` unless they choose their own."""
+        """Return the filters, sampled at eigenvalues `along` or at others; None without filters."""
         return None
 
     def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
@@ -402,27 +401,27 @@ class Family(Parameters):
     def compute_features(
         self, pairs: Eigenpairs | None, mesh: Mesh, bound: float | None = None, **summed: Any
     ) -> Features:
-        """Compute the exported columns; `pairs` is None if they are not needed.
+        """Compute the exported columns; `pairs` is None if not `of_pairs`.
 
-        `bound` is the threshold of the computation; `summed` goes to
+        `bound` is the requested maximum eigenvalue, if any; `summed` are arguments of
         `meshmash_viewer.features.sums.compute_features`.
         """
         raise NotImplementedError
 
     def assumed(self, spectrum: Eigenpairs, unit: str) -> str:
-        """Return the values that were not given and that a name may hide, such as "t = 2 nm²"."""
+        """Return the parameters of the export that the spectrum determined: "t = 2 nm²"."""
         return ""
 
     def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:
         """Return the names of the exported columns, and a sentence on their range.
 
-        `InputError` is raised if there are none.
+        `InputError` is raised if there are no columns.
         """
         raise NotImplementedError
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
         """Return Python lines that compute ``values`` from a ``decomposition`` and a ``mesh``.
 
-        ``features``, if computed as well, are the exported ones.
+        They may also compute ``features``, the exported columns.
         """
         raise NotImplementedError

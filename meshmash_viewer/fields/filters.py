@@ -1,4 +1,4 @@
-"""Family of filters given by a formula in λ: weighted sums of squared eigenfunctions."""
+"""Family of filters: sums of squared eigenfunctions, weighted by a formula in λ."""
 
 from __future__ import annotations
 
@@ -51,16 +51,16 @@ READY: dict[str, str] = {
     "Wave kernel": "exp(-log(x/c)**2 / (2*w**2))",
 }
 
-#: Formulas are cached, since many filters are made of one while a parameter is dragged.
+#: Cached formulas, since dragging a parameter creates many filters with one formula.
 _formula = lru_cache(maxsize=64)(Formula)
 
-#: Samples of the curve of a profile, and steps of the arrow keys over the range.
+#: Samples of a profile curve, and arrow-key steps over the range.
 _FINE, _STEPS = 64, 32
 #: Range of the slider of a dimensionless parameter.
 _PURE = 0.1, 10.0
 #: Factor by which an edge can exceed the ends of the spectrum.
 _BEYOND = 1.001
-#: Exponent of 1/e to which the slowest mode has decayed at the longest time.
+#: Exponent λt of the slowest nonconstant pair at the longest time.
 _DECAYED = 10.0
 #: Maximum number of parameter values in a session.
 _MOST_VALUES = 16
@@ -69,7 +69,7 @@ Values = tuple[tuple[str, float], ...]
 
 
 class _End(Kind):
-    """An end of the range of a parameter; zero, used in old sessions, is None."""
+    """End of the range of a parameter; zero, from old session files, becomes None."""
 
     def __call__(self, value: object) -> float | None:
         return Number(0.0)(value) or None
@@ -77,7 +77,7 @@ class _End(Kind):
 
 @dataclass(frozen=True)
 class Filters(BankFamily):
-    """One filter h, as ``Σ h(λ_k) φ_k²``."""
+    """Sum ``Σ h(λ_k) φ_k²`` with a filter h."""
 
     name = "filter"
     label = "Filter"
@@ -92,15 +92,15 @@ class Filters(BankFamily):
     interval = 100
     logarithmic = (True, False, False)
 
-    #: Text of its `meshmash_viewer.features.formula.Formula`. Steps and exported columns vary the
-    #: first parameter.
+    #: Text of the `meshmash_viewer.features.formula.Formula` of h. Steps and exported columns vary
+    #: its first parameter.
     text: str = parameter(
         READY["Low-pass"],
         Text(MOST_CHARACTERS, Formula),
         option="formula",
         help='"exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"',
     )
-    #: Chosen parameters; the others are determined by the spectrum.
+    #: Chosen values of parameters; the spectrum determines the others.
     values: Values = parameter(
         (),
         Named(Number(), _MOST_VALUES),
@@ -108,10 +108,10 @@ class Filters(BankFamily):
         metavar="NAME=VALUE",
         help="a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
     )
-    #: Number of exported columns: with one, the present filter; with more, the first parameter
-    #: varies over its range.
+    #: Number of exported columns. A single column is the present filter; for several, the first
+    #: parameter varies over its range.
     count: int = parameter(1, Whole(1, MOST_COLUMNS))
-    #: Whether that range is determined by the spectrum or given by `low` and `high`.
+    #: Whether the spectrum determines the range of the first parameter.
     automatic: bool = parameter(
         True, Flag(), text="Automatic, from the spectrum", tip="Of the first parameter"
     )
@@ -122,16 +122,16 @@ class Filters(BankFamily):
 
     @property
     def formula(self) -> Formula:
-        """The filter."""
+        """The parsed formula."""
         return _formula(self.text)
 
     @property
     def first(self) -> str:
-        """The first parameter, which steps vary; "" if there is none."""
+        """Name of the first parameter, which steps vary; "" if there is none."""
         return next(iter(self.formula.parameters), "")
 
     def span(self, name: str, spectrum: Eigenpairs) -> tuple[float, float]:
-        """Return the meaningful range of a parameter for these pairs."""
+        """Return the meaningful range of a parameter for a spectrum."""
         power = self.formula.powers[name]
         zeros = first_nonzero(spectrum)
         if not power or zeros >= len(spectrum):
@@ -165,11 +165,11 @@ class Filters(BankFamily):
         return {name: self.value(name, spectrum) for name in self.formula.parameters}
 
     def with_values(self, **values: float) -> Self:
-        """Choose some parameters."""
+        """Set values of parameters."""
         return replace(self, values=tuple({**dict(self.values), **values}.items()))
 
     def with_text(self, text: str) -> Self:
-        """Change the formula; chosen values are kept if it has the same parameters."""
+        """Change the formula; keep the values if the parameters are the same."""
         same = Formula(text).powers == self.formula.powers
         values = self.values if same else ()
         return replace(self, text=text, values=values, automatic=True, low=None, high=None)
@@ -216,7 +216,7 @@ class Filters(BankFamily):
         weights = self.weights(spectrum)
         if table is None or spectrum.small or not self.serves(spectrum, table):
             return Answer(summed(weights, spectrum.rows))
-        table.spectrum = spectrum  # faster comparison next time
+        table.spectrum = spectrum  # identical spectra are compared faster
         near: PairTable = table.content
         return near.answer(weights, spectrum.rows)
 
@@ -238,7 +238,7 @@ class Filters(BankFamily):
     # -- plots --------------------------------------------------------------------------------
 
     def edges(self, spectrum: Eigenpairs) -> tuple[tuple[str, float], ...]:
-        """Return the parameters that are eigenvalues, in the order of their values."""
+        """Return names and values of the parameters that are eigenvalues, by ascending value."""
         found = [
             (name, self.value(name, spectrum))
             for name, power in self.formula.powers.items()
@@ -248,12 +248,12 @@ class Filters(BankFamily):
 
     def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response:
         legend, edges = html.escape(self.text), self.edges(spectrum)
-        # samples on both sides of an edge, so that a sharp one is drawn vertically
+        # samples on both sides of an edge, so that sharp edges are drawn vertically
         at_edges = [edge * side for _, edge in edges for side in (1.0 - 1e-9, 1.0 + 1e-9)]
         along = np.sort(np.concatenate([along, at_edges]))
         heights = self.formula.sampled(along, self.all_values(spectrum))
         highest = float(np.max(heights, initial=0.0, where=np.isfinite(heights)))
-        if highest > 1.0:  # the end of the axis
+        if highest > 1.0:  # the axis ends at 1
             heights, legend = heights / highest, f"{legend}, ÷ {format_number(highest)}"
         curve = along, np.where(np.isfinite(heights), np.maximum(heights, 0.0), np.nan)
         if len(edges) == 2:
@@ -262,7 +262,7 @@ class Filters(BankFamily):
         return Response(curve, self._held(spectrum), legend)
 
     def _held(self, spectrum: Eigenpairs) -> float | None:
-        """Return the eigenvalue of the first parameter that is not dimensionless."""
+        """Return the eigenvalue that corresponds to the first parameter with a unit, or None."""
         for name, power in self.formula.powers.items():
             if power:
                 return float(self.value(name, spectrum) ** (-2.0 / power))
@@ -301,7 +301,7 @@ class Filters(BankFamily):
         return Samples(np.log10(places), bank(spectrum.eigenvalues))
 
     def _columns(self, spectrum: Eigenpairs, count: int) -> FloatArray:
-        """Return the values of the first parameter in a number of columns."""
+        """Return the values of the first parameter, one for each column."""
         if count == 1:
             return np.array([self.value(self.first, spectrum)])
         return np.geomspace(*self.range(spectrum), count)
@@ -325,7 +325,7 @@ class Filters(BankFamily):
 
     @classmethod
     def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
-        """Create a filter; of `values` each is ``name=value`` or, once, ``name=low:high``."""
+        """Create a filter; `values` are texts ``name=value``, or ``name=low:high`` for `first`."""
         family = cls(chosen.get("text", cls.text), count=1 if n_columns is None else n_columns)
         values: dict[str, float] = {}
         for given in chosen.get("values", ()):
@@ -386,7 +386,7 @@ class Filters(BankFamily):
         ]
 
     def _script(self, columns: str = "") -> str:
-        """Return the expression of the bank, with `columns` as values of the first parameter."""
+        """Return the expression of the bank, with `columns` for the first parameter."""
         values = {name: repr(value) for name, value in self.values}
         if columns:
             values[self.first] = columns
@@ -400,7 +400,7 @@ class Filters(BankFamily):
 
 
 def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> list[float]:
-    """Parse the values of a parameter on the command line: one, or the ends of a range."""
+    """Parse the value of a parameter on the command line, or the two ends of its range."""
     try:
         ends = [parse_quantity(end, power) for end in text.split(":")]
     except InputError as fault:
@@ -411,9 +411,9 @@ def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> lis
 
 
 def _bank_name(text: str, edges: Sequence[float]) -> str:
-    """Return the function of a predefined bank, with known truncation error, or `formula_bank`.
+    """Return the name of the function of a bank; predefined banks have a known truncation error.
 
-    `edges` are its values if each is one number.
+    `edges` are the parameters, empty unless each is a single number.
     """
     if text == READY["Gaussian"]:
         return "gaussian_pyramid_bank"

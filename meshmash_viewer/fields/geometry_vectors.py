@@ -19,13 +19,13 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, format_eigenvalue
 from meshmash_viewer.spectral.weyl import Target, format_wavelength, weyl_eigenvalue
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
-#: Samples on the support of one band.
+#: Number of samples on the support of a band.
 _SAMPLES = 33
 
 
 @dataclass(frozen=True)
 class GeometryVectors(BankColumns):
-    """Bands of the spectrum (Litman & Bronstein 2014)."""
+    """One band of the spectrum (Litman & Bronstein 2014)."""
 
     name = "band"
     label = "Geometry vectors"
@@ -59,7 +59,7 @@ class GeometryVectors(BankColumns):
     )
 
     def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
-        """Return smallest and largest eigenvalue of the bands, in inverse squared length units."""
+        """Return the ends of the range of bands, in inverse squared length units."""
         return self._ends(float(spectrum.eigenvalues[-1]))
 
     def _ends(self, top: float) -> tuple[float, float]:
@@ -88,7 +88,7 @@ class GeometryVectors(BankColumns):
         center = float(self.centers(spectrum)[self.column])
         start, end = self.support(spectrum)
         first, last = np.searchsorted(spectrum.eigenvalues, [start, end])
-        like = float(spectrum.eigenvalues[-1])  # as every λ of this spectrum
+        like = float(spectrum.eigenvalues[-1])  # one unit for every λ of a spectrum
         facts = (
             format_eigenvalue(center, spectrum, unit),
             format_wavelength(center, unit),
@@ -136,7 +136,7 @@ class GeometryVectors(BankColumns):
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        """Return bands from zero to the threshold, if any, as in `compute_geometry_vectors`."""
+        """Return the bands, if `automatic` from zero to `bound` or to the largest eigenvalue."""
         top = float(eigenvalues[-1]) if bound is None else bound
         if not top > 0.0 and area is not None:
             top = weyl_eigenvalue(area, len(eigenvalues))
@@ -163,9 +163,9 @@ def _support(low: float, high: float, count: int, band: int) -> tuple[float, flo
 def _bands(
     low: float, high: float, count: int
 ) -> tuple[FloatArray, tuple[tuple[FloatArray, FloatArray], ...]]:
-    """Return the centres of bands, shape (count,), and the curve of each on its support.
+    """Return the centres of bands, shape (count,), and the curve of each band on its support.
 
-    They are kept, as every tick from one band to another needs them: 2 to 3 ms for 32 bands.
+    Cached, since every step to another band needs them: they take 2 to 3 ms for 32 bands.
     """
     bank = bspline_bank(low, high, count)
     assert isinstance(bank.response, SplineResponse)

@@ -34,7 +34,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
-#: Number of times of the curve of a profile; the exported ones are dots.
+#: Number of times of the curve of a profile; the exported times are dots.
 _FINE = 96
 
 
@@ -57,7 +57,7 @@ class HeatKernelSignature(BankFamily):
     interval = 50
     logarithmic = (True, True, True)
 
-    #: In squared length units; None is the middle of the range in log scale.
+    #: Diffusion time in squared length units; None is the middle of the range in log scale.
     time: float | None = parameter(None, Number(ABOVE_ZERO), power=2)
     #: Whether the range is chosen from the spectrum (Sun et al. 2009), not by `t_min` and `t_max`.
     automatic: bool = parameter(
@@ -129,7 +129,7 @@ class HeatKernelSignature(BankFamily):
         return Description(f"{self._written(spectrum, unit)} (√t = {length})", self.label)
 
     def _written(self, spectrum: Eigenpairs, unit: str) -> str:
-        """Write the time in the unit of the slider, which suits the middle of the range."""
+        """Format the time, in a unit that suits the middle of the range."""
         like = math.prod(self.range(spectrum)) ** 0.5
         return f"t = {format_quantity(self.time_in(spectrum), unit, 2, like=like)}"
 
@@ -137,7 +137,7 @@ class HeatKernelSignature(BankFamily):
         time, (low, high) = self.time_in(spectrum), self.range(spectrum)
         title, facts = self._written(spectrum, unit), (format_quantity(time**0.5, unit),)
         unresolved, mesh = self.unresolved(spectrum), spectrum.mesh
-        alone = time < resolved_from(spectrum)  # it may be outside the range
+        alone = time < resolved_from(spectrum)  # the time may be outside the range
         if mesh is None or (unresolved is None and not alone):
             return Reading(title, facts)
         start, end = unresolved or (0.0, 0.0)
@@ -187,7 +187,7 @@ class HeatKernelSignature(BankFamily):
         return Response((along, np.exp(-along * time)), 1.0 / time, "exp(−λt), ╌ λ = 1/t")
 
     def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
-        """Select the inverse of the eigenvalue as time."""
+        """Set the time to the inverse of an eigenvalue."""
         if not value > 0.0:
             return self
         low, high = self.range(spectrum)
@@ -257,9 +257,9 @@ class HeatKernelSignature(BankFamily):
 
 
 def resolved_from(spectrum: Eigenpairs) -> float:
-    """Return the time from which the known pairs give HKS within 1 %; 0 if all pairs are known.
+    """Return the shortest time at which computed pairs give HKS within 1 %; 0 with all pairs.
 
-    See `meshmash_viewer.spectral.weyl.resolved_time`. The automatic range begins above it.
+    See `meshmash_viewer.spectral.weyl.resolved_time`. The automatic range begins above this time.
     """
     if 0 < spectrum.n_vertices <= len(spectrum):
         return 0.0

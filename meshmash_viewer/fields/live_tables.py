@@ -1,18 +1,18 @@
 """Tables for fast computation of fields while a control moves.
 
-`PairTable` approximates the field of any filter from a few stored columns and a few pairs. A smooth
-filter is approximated by the few functions that span all heat kernels, any other one by a piecewise
-linear function of λ with nodes at chosen eigenvalues. Its columns are the sums up to each node, so
-that columns of constant pieces need not be read; the few pairs with the largest remainder are added
-one by one. A sharp edge has a large remainder only at the pairs next to it.
+`PairTable` approximates the field of any filter from a few stored columns and a few pairs. Smooth
+filters are approximated by a few functions that span all heat kernels, other filters by a piecewise
+linear function of λ with nodes at chosen eigenvalues. The columns of this function are sums from
+each node on, so that columns of constant pieces are not read. The few pairs with the largest
+remainder, such as the pairs next to a sharp edge, are added one by one.
 
 `HeatTable` interpolates the heat kernel signature in time. The signature of a vertex is a smooth
 function of log t, so it is interpolated between nodes evenly spaced in log t. Polynomials would be
 inaccurate where ``exp(-λ t)`` decreases steeply; instead the six nodes around a time are combined
-with the weights of a least-squares fit of ``exp(-λ_k t)`` over the spectrum, with an error of at
-most 1e-4 of its sum.
+with the weights of a least-squares fit of ``exp(-λ_k t)`` over the spectrum. The error is at most
+1e-4 of the sum of ``exp(-λ_k t)``.
 
-Spectra, means and sums of the maps of a mesh are cached.
+Spectra, means and sums of maps are cached, too.
 """
 
 from __future__ import annotations
@@ -37,37 +37,37 @@ from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.units import format_quantity
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-#: Number of columns of smooth filters, and of nodes of the piecewise linear function.
+#: Number of smooth functions, and of nodes of the piecewise linear function.
 _SMOOTH, _BENDS = 12, 40
 #: Maximum number of stored columns.
 MOST_COLUMNS = _SMOOTH + _BENDS
-#: Maximum number of pairs read in addition to columns, or alone. Reading one, in double precision,
-#: takes as long as four columns; all together take less than a frame at a million vertices.
+#: Maximum number of pairs read with columns, and without columns. Reading a pair, in double
+#: precision, takes as long as four columns; a field of a million vertices takes less than a frame.
 _MOST_PAIRS, _MOST_ALONE = 2, 10
 #: Number of vertices up to which one thread is faster than two.
 _FEW = 1 << 18
-#: Shares of the sum of a filter: minimum of a visible pair or remainder, maximum of an accepted
-#: remainder, and minimum of a column that is read.
+#: Shares of the sum of absolute weights: smallest visible pair or remainder, largest accepted
+#: remainder, and smallest column that is read.
 _SEEN, _LEFT, _NOTHING = 5e-4, 2e-3, 5e-5
 
 
 @dataclass(eq=False)
 class PairTable:
-    """Stored columns, and their filters."""
+    """Stored columns, and the filter of each."""
 
     #: Shape (s, k): Smooth filters at the eigenvalues, orthonormal.
     smooth: FloatArray
     #: Shape (m, k): For each node the function that is 1 there, 0 at the other nodes, and linear
     #: between.
     hats: FloatArray
-    #: Shape (m,): Pairs at whose eigenvalues the nodes are.
+    #: Shape (m,): Indices of the pairs whose eigenvalues are the nodes.
     bends: npt.NDArray[np.int64]
     #: Shape (s + m, n): ``Σ_k b_k φ_k²``, or with coefficients ``Σ_k b_k c_k φ_k``, where b is a
-    #: row of `basis`: one of the smooth filters, or the sum of all hats from one on.
+    #: row of `basis`: a smooth filter, or the sum of the hats from one node on.
     columns: ColumnArray
-    #: Shape (k,): Coefficients of a filtered map.
+    #: Shape (k,): Coefficients c of a filtered map; None for φ².
     coefficients: FloatArray | None = None
-    #: Shapes (k,) and (n,): The weights of the last filter summed over all pairs, and that sum.
+    #: Shapes (k,) and (n,): Weights of the last exact sum over all pairs, and the sum.
     resting: tuple[FloatArray, ColumnArray] | None = None
 
     def rests(self, weights: FloatArray) -> bool:
@@ -148,15 +148,14 @@ class PairTable:
     def _fit_line(
         self, weights: FloatArray, seen: float
     ) -> tuple[FloatArray, npt.NDArray[np.int64], float]:
-        """Return values at the nodes, pairs with the largest remainder, and that of the others."""
+        """Return values at the nodes, pairs with large remainders, and the sum of the others."""
         line = weights[self.bends]
         left = weights - line @ self.hats
         apart = np.sort(np.argsort(np.abs(left))[-_MOST_PAIRS:])
         apart = apart[np.abs(left[apart]) > seen]
         others = np.delete(np.arange(len(weights)), apart)
         if np.abs(left[others]).sum() > seen:
-            # least squares over the other pairs instead of interpolation, for the nodes near those
-            # with a remainder
+            # least squares instead of interpolation, at nodes near other pairs with a remainder
             near = np.flatnonzero(self.hats[:, others] @ np.abs(left[others]) > seen / len(line))
             hats = self.hats[near][:, others]
             line = line.copy()
@@ -171,7 +170,7 @@ def summed(
     coefficients: FloatArray | None = None,
     cancel: CancelCallback | None = None,
 ) -> ColumnArray:
-    """Compute the sum that `PairTable.at` approximates, over all pairs."""
+    """Compute the exact sum over all pairs, which `PairTable.at` approximates."""
     if coefficients is None:
         return np.asarray(sum_squares(rows, weights[None], cancel=cancel)[0])
     last = int(np.max(np.flatnonzero(weights), initial=-1)) + 1
@@ -183,7 +182,7 @@ def build_pair_table(
     cancel: CancelCallback | None = None,
     coefficients: FloatArray | None = None,
 ) -> PairTable:
-    """Compute the columns for a spectrum, or for a map with these coefficients on it."""
+    """Compute the table of a spectrum, or of a map with coefficients of shape (k,)."""
     values, count = spectrum.eigenvalues, len(spectrum)
     # nodes are closer at the low end, where filters depend on the logarithm of λ
     places = np.arange(count)
@@ -203,7 +202,7 @@ def build_pair_table(
 
 def _smooth_filters(spectrum: Eigenpairs) -> FloatArray:
     """Return orthonormal functions that span heat kernels of all times, (at most 12, k)."""
-    values = np.maximum(spectrum.eigenvalues, 0.0)  # negative rounding errors would grow
+    values = np.maximum(spectrum.eigenvalues, 0.0)  # exp would amplify negative rounding errors
     lowest, highest = values[min(first_nonzero(spectrum), len(values) - 1)], values[-1]
     times = 1.0 / np.geomspace(max(lowest / 12.0, 1e-300), max(3.0 * highest, 1e-300), 80)
     kernels = np.exp(-np.outer(np.append(times, 0.0), values))
@@ -214,7 +213,7 @@ def _smooth_filters(spectrum: Eigenpairs) -> FloatArray:
 
 #: Number of nodes combined for one time, and their distance in log t.
 _STENCIL, _STEP = 6, 0.27
-#: Share of the largest singular value below which others are neglected in a fit.
+#: Singular values of a fit below this share of the largest one are neglected.
 _ROUNDING = 1e-7
 
 
@@ -228,19 +227,19 @@ class HeatTable:
     rates: FloatArray
     #: Shape (m, n): The signature at the nodes without the null space, divided by the heat trace.
     columns: ColumnArray
-    #: Shape (6, k): For each first node: matrix from the normalised decay of the pairs to weights.
+    #: Shape (6, k) for each group of six nodes: Matrix from decays of the pairs to weights.
     fits: list[FloatArray]
     #: Shape (n,): Contribution of the null space, constant in time and possibly much larger than
     #: the rest.
     base: ColumnArray
 
     def covers(self, time: float, last: float | None = None) -> bool:
-        """Whether a time, or a range of times, is within that of the table."""
+        """Whether a time, or the range from `time` to `last`, is within the table."""
         rounding = 1.0 + 1e-9
         return self.times[0] <= time * rounding and (last or time) <= self.times[1] * rounding
 
     def at(self, time: float) -> ColumnArray:
-        """Interpolate the signature at one time that the table `covers`, shape (n,), 1 / area."""
+        """Interpolate the signature at a time within the table, shape (n,), in 1 / area."""
         start = int(math.log(max(time / self.times[0], 1.0)) / _STEP)
         start = min(start, len(self.fits) - 1)
         weights = self.fits[start] @ _shares(self.rates, np.array([time]))[0]
@@ -257,7 +256,7 @@ def build_heat_table(
     n_zero = first_nonzero(spectrum)
     rates = spectrum.eigenvalues[n_zero:]
     n_fits = max(math.ceil(math.log(times[1] / times[0]) / _STEP), 1)
-    # As many nodes below a time as above it.
+    # The same number of nodes below and above a time.
     places = np.arange(n_fits + _STENCIL - 1) - (_STENCIL // 2 - 1)
     shares = _shares(rates, times[0] * np.exp(_STEP * places))
     coefficients = np.zeros((1 + len(shares), len(spectrum)))
@@ -270,53 +269,53 @@ def build_heat_table(
 
 
 def _shares(rates: FloatArray, times: FloatArray) -> FloatArray:
-    """Compute the decay of each pair divided by the sum, without underflow, (times, k)."""
+    """Compute ``exp(-λ_k t)`` divided by its sum over k, without underflow, (times, k)."""
     decay = np.exp(-np.outer(times, rates - rates[:1]))
     return np.asarray(decay / np.maximum(decay.sum(axis=1, keepdims=True), 1e-300))
 
 
 #: Key of the means of maps in `Mesh.derived`.
 MEANS = "means of maps"
-#: Key of the spectra of maps in `Mesh.derived`, with their pairs.
+#: Key of the spectra of maps, with eigenpairs, in `Mesh.derived`.
 _PROJECTED = "spectra of maps"
 
 
 def projected(
     spectrum: Eigenpairs,
 ) -> WeakKeyDictionary[VertexMap, tuple[Eigenpairs, MapSpectrum]]:
-    """Return spectra by map: written in the computing thread, read in the main thread."""
+    """Return spectra by map; the computing thread writes, the main thread reads."""
     return WeakKeyDictionary() if spectrum.mesh is None else kept_by_map(spectrum.mesh, _PROJECTED)
 
 
 def kept_by_map(mesh: Mesh, name: str) -> WeakKeyDictionary[VertexMap, Any]:
-    """Return a cache by map.
+    """Return a cache with maps as keys.
 
-    It is stored with the mesh, since entries refer to pairs, these to the mesh, and the mesh to the
-    maps: in an object that outlives the mesh, entries would never be freed.
+    It is stored in `Mesh.derived`: its values refer to eigenpairs, eigenpairs to the mesh, and the
+    mesh to the maps, so entries of a cache that outlives the mesh would never be freed.
     """
     known: WeakKeyDictionary[VertexMap, Any] = mesh.derived.setdefault(name, WeakKeyDictionary())
     return known
 
 
 def mean_over(mesh: Mesh, values: FloatArray) -> float:
-    """Compute the mean over the surface where there are values."""
+    """Compute the area-weighted mean of finite values; NaN without any."""
     weights = mesh.vertex_areas * np.isfinite(values)
     total = weights.sum()
     return float(weights @ np.nan_to_num(values) / total) if total > 0.0 else np.nan
 
 
 class MapSums:
-    """The spectrum of a map, and its sum over the lowest pairs, updated from the last one."""
+    """Spectrum of a map, and its sums over the lowest pairs, updated incrementally."""
 
     def __init__(self, spectrum: MapSpectrum, bands: ColumnArray | None) -> None:
         self.spectrum = spectrum
         self.bands = bands
         self._last: tuple[int, FloatArray | None] = 0, None
-        #: Table of approximate filtered sums, once one has been requested.
+        #: Table of approximate filtered sums; None until a sum is requested.
         self.near: PairTable | None = None
 
     def up_to(self, count: int, rows: Any) -> ColumnArray:
-        """Compute the sum over a number of pairs by adding or subtracting the difference."""
+        """Compute the sum over the lowest `count` pairs from the previous sum."""
         known, total = self._last
         if total is None or abs(count - known) > count:
             known, total = 0, np.zeros(rows.shape[1])
@@ -334,7 +333,7 @@ class MapSums:
 
 
 def band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:
-    """Return a label for each band, with its wavelengths, from yellow (long) to violet."""
+    """Return a label for each band, with wavelengths, from yellow (long) to violet."""
     from matplotlib import colormaps
 
     edges = [wavelength(float(edge)) for edge in band_edges(eigenvalues)]

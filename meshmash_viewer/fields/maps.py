@@ -1,4 +1,4 @@
-"""Family of maps: those of the mesh and its curvatures, and their expansion in eigenpairs."""
+"""Family of maps: values per vertex, curvatures, and their expansion in eigenpairs."""
 
 from __future__ import annotations
 
@@ -83,9 +83,9 @@ _SAID = 1e-3
 SUMS = ("pairs", "residual")
 
 
-@lru_cache(maxsize=16)  # a tick asks several times
+@lru_cache(maxsize=16)  # called several times per slider step
 def _passed(chosen: Filters, last: float) -> float:
-    """Return the supremum of a resolved filter beyond an eigenvalue; up to 0.7 ms."""
+    """Return the supremum of a resolved filter beyond an eigenvalue, in up to 0.7 ms."""
     response = chosen.bank(np.array([last])).response
     assert isinstance(response, TailedResponse)
     return float(response.supremum(last)[0])
@@ -93,7 +93,7 @@ def _passed(chosen: Filters, last: float) -> float:
 
 @dataclass(frozen=True)
 class OwnMaps(Family):
-    """One of the maps of the mesh, or its expansion in eigenpairs."""
+    """One map of the mesh, or its expansion in eigenpairs."""
 
     name = "map"
     label = "Own maps"
@@ -117,8 +117,8 @@ class OwnMaps(Family):
         metavar="NAME",
         help="name of a map of the mesh or of a file, or of a curvature",
     )
-    #: A key of `VIEWS`: the map, its sum over the lowest pairs, the map filtered with that of
-    #: `Filters`, or the strongest band at each vertex.
+    #: A key of `VIEWS`: the map, its sum over the lowest pairs, the residual, the sum with the
+    #: filter of `Filters`, or the strongest band at each vertex.
     view: str = parameter(
         "map",
         Choice(VIEWS),
@@ -129,16 +129,16 @@ class OwnMaps(Family):
     )
     #: Number of the lowest pairs.
     pairs: int = parameter(30, Whole(1, MOST_INDEX))
-    #: Automatic limits of kept maps by name, copied from the field that each was kept from: both
-    #: ends, and 1 for logarithmic limits and for signed values.
+    #: Automatic limits, by name, of maps that are copies of fields: low, high, 1 if logarithmic,
+    #: and 1 if signed.
     colors: tuple[tuple[str, tuple[float, ...]], ...] = parameter(
         (), Named(Listing(Number(), 4, 4, tuple), MOST_INDEX)
     )
-    #: The map once resolved; None for a curvature, which is computed on demand.
+    #: The map, set by `resolved`; None for a curvature, which is computed on demand.
     shown: VertexMap | None = None
-    #: The filter, once resolved.
+    #: The filter of a filtered map, set by `resolved`.
     filter: Filters | None = None
-    #: Whether the mean of the map is not part of the values, once resolved.
+    #: Whether the values exclude the mean of the map, set by `resolved`.
     centred: bool = False
 
     # -- choices ------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ class OwnMaps(Family):
         return self.chosen in CURVATURES if self.shown is None else self.shown.signed
 
     def limits_of(self, spectrum: Eigenpairs) -> tuple[ColumnArray, bool] | None:
-        """Return the values of the map: all its views except the bands have its limits."""
+        """Return the values of the map, which determine the limits of all views except bands."""
         shown = self.vertex_map(spectrum) if self.view in (*SUMS, "filter") else None
         return None if shown is None else (shown.shown, self._map_signed)
 
@@ -195,7 +195,7 @@ class OwnMaps(Family):
         names = [*maps, *CURVATURES]
         name = self.chosen if self.chosen in names else names[0]
         shown = maps.get(name)
-        # a spectrum needs values, not labels, and pairs
+        # other views need pairs, and values instead of labels
         view = self.view if len(spectrum) and not (shown and shown.labels) else "map"
         pairs = self.within(spectrum).pairs if view in SUMS else 1
         passed = chosen.get(Filters.name) if view == "filter" else None
@@ -218,7 +218,7 @@ class OwnMaps(Family):
         return replace(self, pairs=min(max(self.pairs, 1), max(len(spectrum), 1)))
 
     def step(self, spectrum: Eigenpairs, steps: int) -> Self:
-        """Step through the number of pairs in the sum; otherwise through maps."""
+        """Change the number of pairs of a sum; in other views, select another map."""
         if self.view in SUMS and len(spectrum):
             return replace(self, pairs=self.within(spectrum).pairs + steps).within(spectrum)
         own = () if spectrum.mesh is None else spectrum.mesh.maps
@@ -279,7 +279,7 @@ class OwnMaps(Family):
             return None
         content: MapSums = table.content
         if ready:
-            table.spectrum = spectrum  # faster comparison next time
+            table.spectrum = spectrum  # identical spectra are compared faster
         if self.view == "band":
             assert content.bands is not None
             return Answer(content.bands, not ready)
@@ -319,7 +319,7 @@ class OwnMaps(Family):
         return self._resting(Table(spectrum, self.at_rest(), MapSums(found, bands)), cancel)
 
     def _resting(self, table: Table, cancel: Cancel) -> Table:
-        """Add the exact sum for the present filter, and the table of approximations."""
+        """Add to a table the exact sum of the present filter, and a `PairTable`."""
         if self.filter is not None and not table.spectrum.small:
             content, spectrum = table.content, table.spectrum
             near = content.near or build_pair_table(spectrum, cancel, content.spectrum.coefficients)
@@ -337,31 +337,31 @@ class OwnMaps(Family):
         return self.shown is not None and bool(self.shown.labels)
 
     def vertex_map(self, spectrum: Eigenpairs) -> VertexMap | None:
-        """Return the map if it is known; a curvature has to be computed first."""
+        """Return the map; None for a curvature that has not been computed."""
         resolved = self if self.shown is not None else self.resolved(spectrum, {})
         if resolved.shown is not None or spectrum.mesh is None:
             return resolved.shown
         return spectrum.mesh.derived.get((resolved.chosen, spectrum.mesh.unit))
 
     def map_spectrum(self, spectrum: Eigenpairs) -> MapSpectrum | None:
-        """Return the coefficients of the map on these pairs, once they have been computed."""
+        """Return the coefficients of the map for a spectrum; None until they are computed."""
         shown = self.vertex_map(spectrum)
         found = None if shown is None else projected(spectrum).get(shown)
         if shown is None or found is None or not same_pairs(found[0], spectrum):
             return None
-        projected(spectrum)[shown] = spectrum, found[1]  # faster comparison next time
+        projected(spectrum)[shown] = spectrum, found[1]  # identical spectra are compared faster
         return found[1]
 
     def missing(self, spectrum: Eigenpairs) -> tuple[float, float]:
-        """Return bounds of the part of a filtered map f beyond its K pairs.
+        """Return bounds of the part of a filtered map f beyond the K computed pairs.
 
         Returns
         -------
         passed : float
             The supremum of the filter |h| beyond the last eigenvalue.
         share : float
-            Squared norm relative to that of the map without its mean: with f_K the sum over the
-            pairs, ``‖h(L) (f - f_K)‖ <= passed ‖f - f_K‖``. NaN before the map was shown once.
+            Bound of its squared norm, relative to the map without its mean: with f_K the sum over
+            the pairs, ``‖h(L) (f - f_K)‖ <= passed ‖f - f_K‖``. Both are NaN without coefficients.
         """
         known = self.map_spectrum(spectrum)
         if known is None or self.filter is None:
@@ -372,7 +372,7 @@ class OwnMaps(Family):
     def mean(self, spectrum: Eigenpairs) -> float:
         """Return the area-weighted mean of the map where it has values.
 
-        NaN before the map has been shown once, for labels, and without values on the surface.
+        NaN before the map is first shown, for labels, and without values on the surface.
         """
         shown, mesh = self.vertex_map(spectrum), spectrum.mesh
         if shown is None or mesh is None:
@@ -380,10 +380,10 @@ class OwnMaps(Family):
         return float(kept_by_map(mesh, MEANS).get(shown, np.nan))
 
     def _shown_map(self, spectrum: Eigenpairs) -> VertexMap:
-        """Return the map; compute it if it is a curvature that is not known yet."""
+        """Return the map; a curvature is computed on first use."""
         known, mesh = self.vertex_map(spectrum), spectrum.mesh
         if known is None:
-            from meshmash_viewer.surface import curvature  # which loads SciPy
+            from meshmash_viewer.surface import curvature  # loads SciPy
 
             assert mesh is not None
             power, function, _ = CURVATURES[self.chosen]

@@ -6,8 +6,8 @@ A declaration is the default of a field of a frozen dataclass::
         None, Number(ABOVE_ZERO), power=2, option="time", help="diffusion time (unit²)"
     )
 
-The check of a session entry, the option of the command line, and the control in the window are made
-from it.
+The check of a session entry, the option of the command line and the control in the window are made
+from the declaration.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _SHOWN = 40
 
 
 class Refused(ValueError):
-    """A value that is not valid, with a description of valid ones: "a whole number from 1 to 1024".
+    """Error for an invalid value, with a description of valid values: "a number from 1 to 4".
 
-    `place` is its path within the checked value: ".limits.low".
+    `place` is the path of the invalid value within the checked value: ".limits.low".
     """
 
     def __init__(self, expected: str, value: object, place: str = "") -> None:
@@ -49,7 +49,7 @@ class Refused(ValueError):
 def checked_entry(check: Callable[[object], Any], value: object, path: Path, entry: str) -> Any:
     """Convert an entry of a file.
 
-    `InputError` is raised if it is not valid; the message names the file, the entry and its value.
+    `InputError` is raised for an invalid value; the message names file, entry and value.
     """
     try:
         return check(value)
@@ -82,7 +82,7 @@ class Kind:
         raise NotImplementedError
 
     def plain(self, value: Any) -> Any:
-        """Return a value as JSON has it."""
+        """Convert a value to JSON types."""
         return value
 
 
@@ -164,7 +164,7 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class Listing(Kind):
-    """A list of `least` to `most` values, converted to `into`; `different` refuses equal ones."""
+    """A list of `least` to `most` values, all `different` if requested, converted to `into`."""
 
     kind: Callable[[object], Any]
     most: int
@@ -188,7 +188,7 @@ class Listing(Kind):
 
 @dataclass(frozen=True)
 class Named(Kind):
-    """An object with values of any name, as pairs of name and value."""
+    """A JSON object with any names, converted to pairs of name and value."""
 
     kind: Kind
     most: int
@@ -204,7 +204,7 @@ class Named(Kind):
 
 @dataclass(frozen=True)
 class Record(Kind):
-    """An object; missing entries are left out unless they are `required`, unknown ones ignored."""
+    """A JSON object; entries may be missing unless `required`, unknown entries are ignored."""
 
     kinds: Mapping[str, Callable[[object], Any]]
     required: bool = False
@@ -220,7 +220,7 @@ class Record(Kind):
 
 
 def in_order(taken: Mapping[str, Any], low: str, high: str, value: object) -> None:
-    """Raise `Refused` unless one entry is below another one."""
+    """Raise `Refused` if the entry `low` is not less than the entry `high`."""
     first, second = taken.get(low), taken.get(high)
     if first is not None and second is not None and not first < second:
         raise Refused(f"an object with {low} below {high}", value)
@@ -246,13 +246,13 @@ class Parameter:
 
     #: Type and range.
     kind: Kind
-    #: Whether it may be None, for a value chosen from the spectrum.
+    #: Whether the value may be None, to be determined by the spectrum.
     optional: bool = False
     #: Unit as a power of length.
     power: int = 0
-    #: Whether it is a vertex, or several.
+    #: Whether the value is a vertex or several vertices.
     vertex: bool = False
-    #: Whether it is an entry of a session.
+    #: Whether session files contain the parameter.
     saved: bool = True
     #: Option of the command line, with underscores; "t_min" is given as ``--t-min``. Families may
     #: share an option. Empty for none.
@@ -271,7 +271,7 @@ class Parameter:
 
     @property
     def flag(self) -> str:
-        """The option as typed."""
+        """The option as typed on the command line."""
         return f"--{self.option.replace('_', '-')}"
 
     @property
@@ -307,7 +307,7 @@ class Parameter:
 
 
 def parameter(default: Any, kind: Kind, **about: Any) -> Any:
-    """Declare a parameter, as the default of a field; `about` goes to `Parameter`."""
+    """Declare a parameter as the default of a field; `about` are fields of `Parameter`."""
     declared = Parameter(kind, optional=default is None, **about)
     if callable(default):
         return field(default_factory=default, metadata={"parameter": declared})
@@ -315,7 +315,7 @@ def parameter(default: Any, kind: Kind, **about: Any) -> Any:
 
 
 class Parameters:
-    """Base of the frozen dataclasses whose fields are parameters."""
+    """Base class of frozen dataclasses whose fields are parameters."""
 
     @classmethod
     def declared(cls) -> dict[str, Parameter]:
@@ -328,11 +328,11 @@ class Parameters:
 
     @classmethod
     def entries(cls) -> Record:
-        """Return the check of a JSON object, of which missing parameters are left out."""
+        """Return the check of a JSON object of saved parameters, any of which may be missing."""
         return Record({name: each.check for name, each in cls.declared().items() if each.saved})
 
     def plain(self) -> dict[str, Any]:
-        """Return the saved parameters as JSON has them."""
+        """Convert the saved parameters to JSON types."""
         return {
             name: None if getattr(self, name) is None else each.kind.plain(getattr(self, name))
             for name, each in self.declared().items()
@@ -340,7 +340,7 @@ class Parameters:
         }
 
     def at_vertices(self, vertex: Callable[[int], int | None]) -> Self:
-        """Replace vertices by a function, which may return None."""
+        """Replace each vertex by the result of a function; None removes the vertex."""
 
         def moved(at: Any) -> Any:
             if isinstance(at, tuple):

@@ -21,11 +21,11 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
 
-#: Period of the first frequency in ln t: 24 octaves of time, as in the paper.
+#: Period of the first frequency in ln t: 24 octaves of time (Bronstein & Kokkinos 2010).
 _PERIOD = 24.0 * math.log(2.0)
-#: Times from and to which the signature is constant: λ t of the highest and the lowest pair.
+#: First and last time, as λt of the highest and of the lowest pair; HKS is constant outside.
 _BEFORE, _AFTER = 1e-5, 40.0
-#: Vertices at a time, whose signatures at all times are in memory.
+#: Number of vertices whose signatures at all times are in memory together.
 _BLOCK = 1 << 15
 
 
@@ -34,12 +34,12 @@ def invariant_columns(
 ) -> FloatArray:
     """Compute ``|∫ d ln HKS / d ln t · exp(-iω ln t) d ln t|``, shape (count, n).
 
-    A mesh that is larger by a factor has its signature at later times, divided by a constant: the
-    derivative of the logarithm removes the constant, the absolute value of the Fourier transform
-    the shift. Frequencies are ``ω = 2π j / (24 ln 2)`` for j from 0. Rows have shape (>= k, n).
+    Scaling a mesh shifts HKS in ln t and multiplies it by a constant. The derivative of the
+    logarithm removes the constant, the absolute value of the Fourier transform removes the shift.
+    Frequencies are ``ω = 2π j / (24 ln 2)`` for j from 0. Rows have shape (>= k, n).
     `InputError` is raised if all eigenvalues are zero.
     """
-    # at least three samples in a period of the highest frequency, so that sums are integrals
+    # at least three samples per period of the highest frequency, so that sums approximate integrals
     step = math.log(2.0) * min(0.5, 8.0 / count)
     first, last = first_nonzero_eigenvalue(eigenvalues), float(eigenvalues[-1])
     n_times = math.ceil(math.log(_AFTER / first / (_BEFORE / last)) / step) + 1
@@ -56,7 +56,7 @@ def invariant_columns(
 
 
 def scale_invariant_hks(pairs: Eigenpairs, count: int) -> Features:
-    """Compute the scale-invariant heat kernel signature, dimensionless: `invariant_columns`."""
+    """Compute the scale-invariant heat kernel signature, dimensionless."""
     values = invariant_columns(pairs.eigenvalues, pairs.rows, count).T
     names = tuple(f"sihks_{at}" for at in range(count))
     return Features(values, names, kind="sihks", meta={"frequencies_per": "24 octaves of time"})
@@ -123,7 +123,7 @@ class ScaleInvariantHKS(Columns):
 
 @dataclass(frozen=True, eq=False)
 class _AtVertex(Samples):
-    """The signature from the eigenfunctions at a vertex; `coefficients` are the eigenvalues."""
+    """Samples of the signature; `coefficients` are the eigenvalues, shape (k,)."""
 
     def values(self, at_vertex: FloatArray) -> tuple[FloatArray, FloatArray]:
         rows: FloatArray = np.asarray(at_vertex, dtype=np.float64)[:, np.newaxis]

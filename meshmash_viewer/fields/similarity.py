@@ -16,9 +16,9 @@ from meshmash_viewer.fields.family import Answer, Cancel, Description, Family, T
 from meshmash_viewer.fields.parameter import Choice, Whole, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew
 
-#: Neglected share of the variance: its error of 2e-3 is half a step of colour.
+#: Neglected share of the variance: the relative error of 2e-3 is half a step of colour.
 _VARIANCE = 4e-6
-#: Distance from the median, in spreads, to which vertices are limited.
+#: Maximum deviation from the medians, root mean square over columns, in spreads.
 _FAR = 3.0
 
 
@@ -41,7 +41,7 @@ class Similarity(Family):
     vertex: int | None = parameter(None, Whole(), vertex=True)
     #: Name of the family whose exported columns are the features.
     basis: str = parameter("hks", Choice(FEATURES))
-    #: That family with its parameters, once resolved.
+    #: Family of the features, set by `resolved`.
     features: BankFamily | None = None
 
     @property
@@ -66,12 +66,12 @@ class Similarity(Family):
         return Description(quantity, f"Distance in {self._features().label.lower()}", power=0)
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
-        """Compute from the table; None without one."""
+        """Compute distances from the table; None without a table."""
         if table is None or self.vertex is None or not self.serves(spectrum, table):
             return None
         draft = not self.prepared(spectrum, table)
         if not draft:
-            table.spectrum = spectrum  # faster comparison next time
+            table.spectrum = spectrum  # identical spectra are compared faster
         return Answer(table.content.from_vertex(self.vertex), draft)
 
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
@@ -102,17 +102,17 @@ class Similarity(Family):
 
 @dataclass(frozen=True, eq=False)
 class SimilarityTable:
-    """Features whose Euclidean distance is that of `shape.feature_distance`.
+    """Features whose Euclidean distances are those of `shape.feature_distance`.
 
-    `coordinates`, shape (r, n), are along the principal directions. `error` is the relative error
-    of a typical distance: the root of the neglected share of the variance.
+    `coordinates`, shape (r, n), are components along principal directions. `error` is the relative
+    error of a typical distance: the root of the neglected share of the variance.
     """
 
     coordinates: npt.NDArray[np.float32]
     error: float
 
     def from_vertex(self, vertex: int) -> npt.NDArray[np.float32]:
-        """Compute the distance of every vertex from one, shape (n,), dimensionless."""
+        """Compute the distance of every vertex from one vertex, shape (n,), dimensionless."""
         here = self.coordinates[:, vertex]
         distances: npt.NDArray[np.float32] = self.squares[vertex] + self.squares
 
@@ -122,7 +122,7 @@ class SimilarityTable:
             np.sqrt(np.maximum(there, 0.0, out=there), out=there)
 
         fill_in_parts(len(distances), fill)
-        distances[vertex] *= 0.0  # apart from rounding; NaN where there are no features
+        distances[vertex] *= 0.0  # removes rounding errors, keeps NaN
         return distances
 
     @cached_property
@@ -138,9 +138,9 @@ def build_similarity_table(
 ) -> SimilarityTable:
     """Compute features, standardise them, and rotate them to their principal directions.
 
-    `response` is that of a filter bank, ``(k,) -> (f, k)``.
+    `response` evaluates a filter bank, ``(k,) -> (f, k)``.
     """
-    from meshmash_viewer.features.shape import column_spread  # which loads SciPy
+    from meshmash_viewer.features.shape import column_spread  # loads SciPy
 
     sums = sum_squares(spectrum.rows, response(spectrum.eigenvalues), np.float64, cancel)
     features = np.asarray(sums, dtype=np.float64)
@@ -148,8 +148,8 @@ def build_similarity_table(
     features -= np.median(features[:, used], axis=1, keepdims=True)
     features /= column_spread(features[:, used].T)[:, None]
     standard = features[:, used]
-    # Small components of a neuron are thousands of times farther out than the rest, and would
-    # determine which directions are kept: their distance is limited.
+    # Small components of a neuron are thousands of times farther from the medians than the rest.
+    # Their distance is limited, since they would determine the principal directions.
     far = _FAR * np.sqrt(len(standard))
     standard /= np.maximum(np.linalg.norm(standard, axis=0) / far, 1.0)
     variances, directions = np.linalg.eigh(standard @ standard.T)

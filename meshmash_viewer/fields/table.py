@@ -1,8 +1,8 @@
 """Table of families of fields, and sequences of their positions for galleries and movies.
 
-Window, export, command line, sessions and the copied script use this table; none of them refers to
-a family by name. To add a family, add its file to this folder and a line below; its controls are
-made from its parameters. Other packages add families by entry points.
+Window, export, command line, session files and the copied script use this table. To add a family,
+add its module to this folder and its class to `_LISTED`; its controls are made from its parameters.
+Other packages add families by entry points.
 """
 
 from __future__ import annotations
@@ -78,11 +78,11 @@ EXPORTS: dict[str, type[Family]] = {each.export: each for each in _WRITTEN if ea
 SWEPT: dict[str, type[Family]] = {
     name: family for name, family in FAMILIES.items() if family.position
 }
-#: More steps than any family has.
+#: Number of steps that reaches the end of any family.
 FAR = 1_000_000_000
-#: Maximum number of columns, for families without an end.
+#: Maximum number of columns, for families whose steps have no end.
 _MOST = 1 << 20
-#: Milliseconds of a column in a movie of a family without `interval`.
+#: Milliseconds per column in movies of families without `interval`.
 _PAUSE = 250
 #: Maximum number of frames of a movie, more than an hour.
 _MOST_FRAMES = 100_000
@@ -102,8 +102,8 @@ def n_columns(family: Family, spectrum: Eigenpairs) -> int:
 def chosen_columns(text: str, most: int) -> range:
     """Parse "START:STOP:STEP" as in Python, for `most` columns; each part may be left out.
 
-    `InputError` is raised if the syntax is wrong, or no column or one that does not exist is
-    selected.
+    `InputError` is raised if the syntax is wrong, no column is selected, or a selected column does
+    not exist.
     """
     parts = text.split(":")
     try:
@@ -137,7 +137,7 @@ def evenly(most: int, count: int) -> range:
 def sweep(
     family: Family, spectrum: Eigenpairs, columns: range, frames: int | None = None
 ) -> list[Family]:
-    """Return the family at some of its columns, or at `frames` positions between their ends.
+    """Return the family at the given columns, or at `frames` positions from first to last column.
 
     `InputError` is raised if there are more frames than different fields.
     """
@@ -164,11 +164,11 @@ def film(
     rate: float | None = None,
     seconds: float | None = None,
 ) -> tuple[list[Family], float]:
-    """Return the fields of the frames of a movie, and the number of frames a second.
+    """Return the fields of the frames of a movie, and the number of frames per second.
 
-    Without a rate, it is that at which the family is played, or a lower one if its columns are too
-    few for `seconds`; without `seconds` every column is shown once. `InputError` is raised if there
-    are more frames than different fields.
+    The default rate follows from `Family.interval`, and is lower if there are too few columns for
+    `seconds`. Without `seconds`, every column is shown once. `InputError` is raised if there are
+    more frames than different fields.
     """
     usual = 1000.0 / (family.interval or _PAUSE)
     if seconds is None:
@@ -184,7 +184,7 @@ def film(
 def n_frames(rate: float, seconds: float) -> int:
     """Return the number of frames of a movie.
 
-    `InputError` is raised if there are none, or too many.
+    `InputError` is raised for invalid numbers and for too many frames.
     """
     frames = rate * seconds
     if not (rate > 0.0 and seconds > 0.0 and frames <= _MOST_FRAMES):

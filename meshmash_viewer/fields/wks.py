@@ -19,7 +19,7 @@ from meshmash_viewer.units import format_number, format_range, named_quantity, p
 
 @dataclass(frozen=True)
 class WaveKernelSignature(BankColumns):
-    """Gaussian bands of log λ, each with unit sum (Aubry et al. 2011)."""
+    """One Gaussian band of log λ, with unit sum (Aubry et al. 2011)."""
 
     name = "wks"
     label = "Wave kernel signature"
@@ -64,7 +64,7 @@ class WaveKernelSignature(BankColumns):
         return "Σ h(λ) φ² / Σ h(λ), h = exp(−(e − ln λ)² / 2σ²)"
 
     def bands(self, spectrum: Eigenpairs) -> LogGaussianResponse:
-        """Return the bands without normalisation, with their energies and width in ln λ."""
+        """Return the bands without normalisation, with energies and a width in ln λ."""
         return wave_response(spectrum.eigenvalues, self.count)
 
     def places(self, spectrum: Eigenpairs) -> FloatArray:
@@ -73,7 +73,7 @@ class WaveKernelSignature(BankColumns):
     def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response | None:
         known = spectrum.eigenvalues[first_nonzero(spectrum) :]
         if not len(known) or not np.log(known[-1]) > np.log(known[0]):
-            return None  # no energies
+            return None  # no range of energies
         bands = self.bands(spectrum)
         others = tuple((along, each) for each in bands(along))
         energy = float(bands.energies[self.column])
@@ -84,7 +84,7 @@ class WaveKernelSignature(BankColumns):
         return self.at_place(spectrum, np.log(value)) if value > 0.0 else replace(self, index=0)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        # a logarithm has no unit: name that of λ
+        # a logarithm has no unit: state the unit of λ
         energy = f"Energy ln λ, λ in {power_unit(unit, -2)}" if unit else "Energy ln λ"
         return energy, named_quantity("WKS", unit, -2)
 
