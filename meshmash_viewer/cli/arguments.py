@@ -1,4 +1,4 @@
-"""Types of arguments of the commands, and the objects that options describe."""
+"""Types of command-line arguments, and objects created from options."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def number(unit: str = "", *, share: bool = False) -> Callable[[str], float]:
 
 
 def quantity(power: int) -> Callable[[str], Quantity]:
-    """Return a parser of powers of a length, in any unit or in that of each mesh."""
+    """Return a parser of lengths to a power, by default in the unit of each mesh."""
     return option_type(lambda text: parse_quantity(text, power))
 
 
@@ -79,9 +79,9 @@ class TargetQuantity:
 
 
 def in_unit(options: Namespace, unit: str | None = None) -> Namespace:
-    """Convert all quantities of the options to the unit of a mesh; `mesh_unit` is that unit.
+    """Convert all quantities of the options to the unit of a mesh, and add it as `mesh_unit`.
 
-    Without a unit, quantities that have one become None, so that the others can be checked.
+    If `unit` is None, quantities with a unit become None, so that other options can be checked.
     """
     found = {name: _in_unit(value, unit) for name, value in vars(options).items()}
     return Namespace(**{**found, "mesh_unit": unit})
@@ -104,13 +104,13 @@ NO_FIELD = "none"
 
 
 def usual_count(family: type[Family], least: int = 1) -> int:
-    """Return the default number of columns of a family; 32 if that is below `least`."""
+    """Return the default number of columns of a family; 32 if the default is below `least`."""
     count = getattr(family(), family.counted)
     return count if count >= least else 32
 
 
 def usual_counts(table: Mapping[str, type[Family]], least: int = 1) -> str:
-    """Describe the default numbers of columns: the most frequent one, and kinds with others."""
+    """Describe default numbers of columns: the most frequent number, and kinds that differ."""
     counts = {kind: usual_count(each, least) for kind, each in table.items() if each.counted}
     usual = mode(counts.values())
     others = (f"; {count} of --kind {kind}" for kind, count in counts.items() if count != usual)
@@ -123,7 +123,7 @@ def options_of(family: type[Family]) -> dict[str, Parameter]:
 
 
 def mesh_argument(text: str) -> Path | str:
-    """Return a path, or a link as text, because a path would not keep its two slashes."""
+    """Return a path, or a link as text, since `Path` would merge its two slashes."""
     return text if is_link(text) else Path(text)
 
 
@@ -135,7 +135,7 @@ def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
 
 
 def made_with(options: argparse.Namespace, kind: str, target: Target, proof: str) -> dict[str, Any]:
-    """Return `export_options` for a result of a kind."""
+    """Return the `export_options` of a result."""
     from meshmash_viewer.io.provenance import export_options
 
     return export_options(
@@ -147,7 +147,7 @@ def made_with(options: argparse.Namespace, kind: str, target: Target, proof: str
 def refuse_others(
     options: argparse.Namespace, table: Mapping[str, type[Family]], own: Collection[str]
 ) -> None:
-    """Raise `InputError` if an option of a family is given that is not in `own`."""
+    """Raise `InputError` for a given option of a family that is not in `own`."""
     for kind, family in table.items():
         for each in options_of(family).values():
             if each.option not in own and getattr(options, each.option) is not None:
@@ -157,14 +157,14 @@ def refuse_others(
 def chosen_family(
     options: argparse.Namespace, table: Mapping[str, type[Family]], least: int = 1
 ) -> Family:
-    """Return `family_of` for the requested family of a table; options of others are refused."""
+    """Create the requested family; raise `InputError` for options of other families."""
     chosen = table[options.kind]
     refuse_others(options, table, [each.option for each in options_of(chosen).values()])
     return family_of(options, chosen, least)
 
 
 def family_of(options: argparse.Namespace, chosen: type[Family], least: int = 1) -> Family:
-    """Return a family with the parameters in the options, a result of `in_unit`, and check them.
+    """Create a family from options, as returned by `in_unit`, and check its parameters.
 
     For `least` see `usual_count`.
     """

@@ -36,11 +36,11 @@ from meshmash_viewer.units import counted, format_quantity
 
 #: Result for a mesh: entries for JSON, and text.
 Report: TypeAlias = tuple[dict[str, Any], str]
-#: Called with a mesh, its index among the meshes of the command, and the options in its unit.
+#: Function of a mesh, its index in the command, and the options in its unit.
 Work: TypeAlias = Callable[[Mesh, int, Namespace], Report]
 
 _DEFECT = 1
-#: Of many meshes, the worst status is that of the command.
+#: Exit statuses in order; a command has the most severe status of its meshes.
 _SEVERITY = (0, FAULT, _DEFECT)
 
 
@@ -55,7 +55,7 @@ def say_fault(fault: Exception) -> int:
 
 
 def described_fault(fault: Exception, subject: str = "") -> tuple[int, str]:
-    """Return the exit status for a fault of `subject`, by default the command, and its message."""
+    """Return exit status and message for a fault of `subject`, by default of the command."""
     failure = failure_of(fault)
     if not failure.correctable:
         return _DEFECT, f"{subject or 'The command'} failed by {report_defect(fault)}"
@@ -99,7 +99,7 @@ def pairs_report(pairs: Eigenpairs, mesh: Mesh) -> dict[str, Any]:
 
 
 def finite(value: float) -> float | None:
-    """Return the value for JSON: None if it is infinite, as the wavelength of a constant is."""
+    """Return a value for JSON: None for infinity, the wavelength of a constant."""
     return value if math.isfinite(value) else None
 
 
@@ -116,7 +116,7 @@ def more_pairs(t_min: float | None = None) -> str:
 def linked(options: Namespace) -> list[Path]:
     """Return the meshes of the options; each link is replaced by the files of its segments.
 
-    `InputError` is raised if a link is invalid, or if --segment or --lod is without a link.
+    `InputError` is raised if a link is invalid, or --segment or --lod is given without a link.
     """
     links = [each for each in options.mesh if is_link(each)]
     if not links and (options.segment or options.lod is not None):
@@ -166,13 +166,13 @@ class Batch:
 
     options: Namespace
     work: Work
-    #: Whether `work` is called with the repaired mesh; otherwise with the mesh as read.
+    #: Whether `work` is called with the repaired mesh, not with the mesh as read.
     repaired: bool
-    #: Content of meshes, by index, that are skipped if it has not changed.
+    #: Contents of finished meshes, by index; meshes with the same content are skipped.
     finished: dict[int, Content] = field(default_factory=dict)
 
     def outcome(self, number: int) -> Outcome:
-        """Do the work for one mesh."""
+        """Process one mesh."""
         path, content = self.options.mesh[number], None
         try:
             mesh = read(path, self.options)
@@ -197,7 +197,7 @@ class Batch:
         return Outcome(number, content=content, status=status, fault=text)
 
     def outcomes(self, client: Any = None) -> Iterator[list[Outcome]]:
-        """Yield outcomes: one mesh at a time, or of a cluster in batches and in any order."""
+        """Yield lists of outcomes: one mesh at a time, or batches of a cluster in any order."""
         numbers = range(len(self.options.mesh))
         if client is None:
             yield from ([self.outcome(number)] for number in numbers)
@@ -233,7 +233,7 @@ def for_each(
     with contextlib.ExitStack() as stack:
         bar, client = None, None if scheduler is None else stack.enter_context(connected(scheduler))
         if client and len(options.mesh) == 1 and getattr(options, "pieces", None):
-            options.client, client = client, None  # each piece is a task
+            options.client, client = client, None  # the tasks are the pieces of the mesh
         elif client:
             options.jobs = options.jobs or 1  # each worker has cores of its own
             bar = stack.enter_context(progress_bar("meshes"))
@@ -288,7 +288,7 @@ def read(path: Path, options: Namespace) -> Mesh:
     bar = progress_bar(path.stem) if path.suffix == LINK_ENDING else contextlib.nullcontext()
     with bar as progress:
         mesh = read_mesh(path, options.unit, progress=progress)
-    structure = getattr(options, "structure", None)  # of the commands that write files
+    structure = getattr(options, "structure", None)  # only commands that write files
     return replace(mesh, structure=structure) if structure else mesh
 
 
@@ -322,7 +322,7 @@ def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
 
 
 def progress_bar(of: Mesh | str) -> contextlib.AbstractContextManager[ProgressBar | None]:
-    """Return a progress bar with a title if stderr is a terminal, else None."""
+    """Return the context of a progress bar, or of None if stderr is no terminal."""
     if sys.stderr.isatty():
         return ProgressBar(of if isinstance(of, str) else of.name, leave=False)
     return contextlib.nullcontext()
@@ -350,7 +350,7 @@ def watched(mesh: Mesh) -> Iterator[dict[str, Any]]:
             return
         try:
             yield {"progress": bar, "cancel": lambda: interrupted}
-            if interrupted:  # after the last call of `cancel`
+            if interrupted:  # Ctrl-C after the last call of `cancel`
                 raise KeyboardInterrupt
         finally:
             signal.signal(signal.SIGINT, before)

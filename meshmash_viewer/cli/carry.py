@@ -1,4 +1,4 @@
-"""The command carry: maps and label sets of one mesh carried to others."""
+"""The command carry: transfer of maps and label sets from one mesh to others."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 
 def carry(options: Namespace) -> int:
-    """Carry maps and label sets of the first mesh to the others, and write them."""
+    """Transfer maps and label sets of the first mesh to the others, and write them."""
     if len(options.mesh) < 2:
         raise InputError("carry takes the mesh of the maps, and after it those that get them.")
     outputs = output_paths(options.mesh[1:], options.output, "maps", f".{options.format}")
@@ -78,11 +78,11 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
         return report, said
 
     others = Namespace(**{**vars(options), "mesh": options.mesh[1:]})
-    return for_each(others, work, repaired=False)  # --whole-mesh needs both meshes
+    return for_each(others, work, repaired=False)  # --whole-mesh needs the mesh before repairs
 
 
 def _maps_of(mesh: Mesh, options: Namespace) -> tuple[VertexMap, ...]:
-    """Return the maps and labels that the options name; by default those of the mesh file."""
+    """Return the maps and labels named by the options, by default the maps of the mesh."""
     maps = with_maps(mesh, options.map).maps
     maps = maps[len(mesh.maps) :] if options.map or options.labels else maps
     if options.labels:

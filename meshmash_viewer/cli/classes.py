@@ -109,7 +109,7 @@ def _columns(mesh: Mesh, pairs: Eigenpairs, options: Namespace) -> ClassColumns:
 
 
 def _described(model: ClassModel, path: Path) -> str:
-    """Describe a model: its classes, its scores on data left out, and its best columns."""
+    """Describe a model: classes, scores on data left out, and most important columns."""
     n_labelled = sum(each["n_labelled"] for each in model.meshes)
     title = (
         f"{path}: {counted(len(model.classes), 'class')} from"
@@ -136,7 +136,7 @@ def _described(model: ClassModel, path: Path) -> str:
 
 
 def predict(options: Namespace) -> int:
-    """Predict the classes of meshes by a model, and write them with their probabilities."""
+    """Predict classes of vertices by a model, and write classes and probabilities."""
     model = _read_once(options.model)
     outputs = output_paths(options.mesh, options.output, "classes", f".{options.format}")
     operator = model.columns.operator
@@ -145,17 +145,17 @@ def predict(options: Namespace) -> int:
         check_map_outputs(outputs)
         return for_each(
             options,
-            # a worker reads the model, which may be large, once for all meshes
+            # a worker reads the model, which may be large, only once
             lambda mesh, at, own: _write_predicted(
                 mesh, at, outputs[at], _read_once(own.model), own
             ),
-            repaired=False,  # --whole-mesh needs both meshes
+            repaired=False,  # --whole-mesh needs the mesh before repairs
             outputs=outputs,
         )
 
 
 def _domains(mesh: Mesh, given: Path, mesh_file: Path) -> IntArray:
-    """Read the domain of each vertex from a file; in a folder the file has the mesh's name."""
+    """Read the domain of each vertex from a file, or from the file of the mesh in a folder."""
     path = given / f"{mesh_name(mesh_file)}.npz" if given.is_dir() else given
     labels = read_condensed_features(path)[1]
     if len(labels) == mesh.n_file_vertices:

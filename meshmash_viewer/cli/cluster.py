@@ -1,6 +1,6 @@
 """Tasks on a Dask scheduler: the connection, and results in the order of arrival.
 
-The scheduler repeats the task of a lost worker elsewhere.
+The scheduler repeats the task of a lost worker on another worker.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from meshmash_viewer.cli.streams import PROGRAM, say
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.units import counted
 
-#: Prefix of the name of a scheduler with processes of this machine, which ends with the command.
+#: Prefix of ``--scheduler`` for processes of this machine, which end with the command.
 LOCAL = "local:"
-#: Settings of that scheduler. Without the profiler and with fewer measurements, waiting processes
-#: take less than the default tenth of a core. A process that does not answer is computing, not
-#: lost. Dask's MALLOC_TRIM_THRESHOLD_ is not set: with it, memory is released and requested
-#: repeatedly.
+#: Settings for processes of this machine. Without the profiler and with fewer measurements, an idle
+#: process takes less than the default tenth of a core. Workers have no timeout, since they do not
+#: answer while they compute. Dask's MALLOC_TRIM_THRESHOLD_ is not set, since it causes memory to be
+#: released and requested repeatedly.
 _QUIET = {
     "distributed.scheduler.worker-ttl": None,
     "distributed.worker.profile.enabled": False,
@@ -38,16 +38,16 @@ _QUIET = {
         "OPENBLAS_NUM_THREADS": 1,
     },
 }
-#: Modules that its processes share: Dask, the program, and its compiled kernels.
+#: Modules imported once for all processes: Dask, the program, and compiled kernels.
 _PRELOADED = [
     "distributed",
     "meshmash_viewer.cli.features",
     "meshmash_viewer.spectral.engine.computation",
     "meshmash_viewer.spectral.engine.multifrontal",
 ]
-#: Timeout of a scheduler, in seconds.
+#: Timeout of the connection, in seconds.
 _ANSWER = 10.0
-#: Held while a mesh is computed: the working directory and standard error belong to the process.
+#: Lock of a task, which changes the working directory and standard error of its process.
 _ONE = threading.Lock()
 #: Index of a task, and its result or fault.
 Answer = tuple[int, Any]
@@ -55,7 +55,7 @@ Answer = tuple[int, Any]
 
 @contextlib.contextmanager
 def connected(scheduler: str) -> Iterator[Any]:
-    """Yield a client of the scheduler at an address, or of a new one for ``local:N``.
+    """Yield a client of the scheduler at an address, or of a new scheduler for ``local:N``.
 
     `InputError` is raised if no scheduler answers, or `distributed` is not installed.
     """
@@ -65,7 +65,7 @@ def connected(scheduler: str) -> Iterator[Any]:
         from distributed.comm.addressing import resolve_address
     except ModuleNotFoundError as fault:
         raise InputError(f"--scheduler needs {not_installed('distributed', 'cluster')}.") from fault
-    # this command reports faults; warnings on workers that are busy in C code are not useful
+    # the command reports faults; Dask would also warn about workers that run C code
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
         if scheduler.startswith(LOCAL):
@@ -91,7 +91,7 @@ def connected(scheduler: str) -> Iterator[Any]:
             place = scheduler
         try:
             if place is scheduler:
-                resolve_address(place)  # a client rejects an invalid address only after a while
+                resolve_address(place)  # an error at once; a client waits for a while
             client: Any = distributed.Client(place, timeout=_ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError) as fault:
             raise InputError(
@@ -111,19 +111,19 @@ def results_of_tasks(
 ) -> Iterator[list[Answer]]:
     """Call a function with each number in a task; yield results in batches as they arrive.
 
-    A fault is yielded in place of a result. The function runs in the folder of this command; its
-    output on standard error is printed here. `InputError` is raised if the connection ends.
+    A fault is yielded in place of a result. The function runs in the folder of this command, which
+    also prints its standard error. `InputError` is raised if the connection ends.
     """
     from distributed import as_completed
 
     from meshmash_viewer.split.stitching import fault_of_task
 
-    # as the result of a task the function is sent once to each worker, and recomputed if lost
+    # as a result of a task, the function is sent once to each worker, and recomputed if lost
     shared = client.submit(_same, function, pure=False)
     tasks = client.map(_in_worker, numbers, folder=os.getcwd(), function=shared, pure=False)
     asked = {task.key: number for task, number in zip(tasks, numbers, strict=True)}
     arriving = as_completed(tasks, loop=client.loop, with_results=True, raise_errors=False)
-    del tasks  # the scheduler frees results that have arrived
+    del tasks  # without references, results are freed after arrival
     for batch in arriving.batches():
         answers: list[Answer] = []
         for task, result in batch:

@@ -65,8 +65,8 @@ def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
     """Return health, size, and the part of the spectrum that a target selects.
 
     Lengths are in ``unit``, eigenvalues in its inverse square. Entries of ``weyl`` are estimates by
-    Weyl's law, except those listed in its ``exact``: the target itself, and values from stored
-    eigenpairs of the default Laplacian.
+    Weyl's law, except entries named in ``exact``: the target, and values from stored eigenpairs of
+    the default Laplacian.
     """
     health = mesh_health(mesh)
     low, high = mesh.bounds
@@ -142,7 +142,7 @@ def _described_facts(about: dict[str, Any]) -> str:
 
 
 def compare(options: Namespace) -> int:
-    """Compare two meshes, and write the match of each vertex of the first on the second."""
+    """Compare two meshes, and write the vertex of the second that matches each of the first."""
     if options.output is not None:
         check_output(options.output, "features")
     began, target = time.perf_counter(), options.target

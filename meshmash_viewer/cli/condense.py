@@ -19,7 +19,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.split.condensed import condensed_hks_pipeline, nm_of
 from meshmash_viewer.units import counted
 
-#: Arguments of the pipeline that are options, with the power of the unit of length of each.
+#: Arguments of the pipeline that are options, and the power of length in their units.
 _ARGUMENTS = {
     "n_components": 0, "t_min": 2, "t_max": 2, "max_eigenvalue": -2,
     "simplify_target_reduction": 0, "distance_threshold": 0, "min_vertex_threshold": 0,
@@ -28,7 +28,7 @@ _ARGUMENTS = {
 
 
 def condense(options: Namespace) -> int:
-    """Divide meshes into domains, and write the features and the graph of these."""
+    """Divide meshes into domains, and write the features and the graph of the domains."""
     require("fast_simplification", "sklearn", "pandas")
     outputs, graphs = (
         output_paths(options.mesh, given, kind, ".npz") if given is not None else []

@@ -61,12 +61,12 @@ def features(options: Namespace) -> int:
     with folder_of(options.output):
         for path in outputs:
             check_output(path, "features" if featured else "eigenpairs")
-        # --whole-mesh needs the mesh as read, and repaired
+        # --whole-mesh needs the mesh before repairs
         return for_each(options, write, repaired=False, outputs=outputs)
 
 
 def _check_combination(options: Namespace) -> None:
-    """Raise `InputError` for options that exclude one another."""
+    """Raise `InputError` for options that exclude each other."""
     if options.target is None and options.t_min is None:
         raise InputError(
             "--count auto takes as many eigenpairs as the shortest time of --kind hks needs: give"
@@ -160,7 +160,7 @@ def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> R
 
 
 def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: list[str]) -> Mesh:
-    """Return the mesh with the maps that become columns; a remark names the maps left out."""
+    """Return the mesh with the maps that become columns; add a remark on other maps."""
     if mesh.maps and not options.maps:
         names = ", ".join(each.name for each in mesh.maps)
         if family.makes_features():
@@ -172,7 +172,7 @@ def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: l
 def solved_target(
     mesh: Mesh, family: Family, options: Namespace, remarks: list[str]
 ) -> tuple[Eigenpairs | None, Target]:
-    """Return the eigenpairs of a mesh, None if the family needs none, and their target."""
+    """Return the eigenpairs of a mesh, None if the family needs none, and the target."""
     n, target, limit = mesh.n_vertices - len(mesh.unreferenced), options.target, ""
     if target is None:  # --count auto
         shortest, edge = options.t_min, median_edge_length(mesh)

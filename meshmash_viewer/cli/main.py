@@ -1,10 +1,10 @@
-"""The command ``meshmash-viewer``: the window, and commands without it.
+"""The program ``meshmash-viewer``: the window, and commands without a window.
 
-`parsed_command` reads the options. The command, a function in the module of its name or that in
-`_MODULES`, checks them and calls `for_each` (in ``batch``), which reads each mesh and prints its
-report. Large modules are imported after the arguments are checked. A fault that the user can
-correct is reported in one line on stderr with exit status 2. A defect of the program has status 1,
-and its message names a file with details. Neither stops the other meshes of a batch.
+`parsed_command` parses the options. A command is a function in the module of the same name, or in
+the module that `_MODULES` states. It checks the options and calls `batch.for_each`, which reads
+each mesh and prints its report. Large modules are imported after the arguments are checked. A fault
+that the user can correct is reported in one line on stderr with exit status 2. A defect of the
+program has status 1, and its message names a file with details. Neither stops the other meshes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from meshmash_viewer.spectral.engine.compiler import check_compiler, limit_accel
 from meshmash_viewer.work import closed_pipe_errors
 
 _INTERRUPTED = 130
-#: Modules of the commands that are not named as the command.
+#: Modules of commands, if their name is not that of the command.
 _MODULES = {
     **dict.fromkeys(("info", "compare", "reconstruct", "regions"), "commands"),
     **dict.fromkeys(("train", "predict"), "classes"),
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return _run(list(sys.argv[1:] if argv is None else argv))
             finally:
                 sys.stdout.flush()
-    except BrokenPipeError:  # the reader has closed the pipe
+    except BrokenPipeError:  # the receiver has closed the pipe
         drop(sys.stdout)
         return 0
     except OSError as fault:
@@ -83,7 +83,7 @@ def open_window() -> int:
 def _run(arguments: list[str]) -> int:
     """Run the command, print its fault if it fails, and return the exit status."""
     warnings.showwarning = lambda message, *_: say(str(message))
-    from meshmash_viewer.cli.batch import expanded, linked, say_fault  # a plug-in may warn
+    from meshmash_viewer.cli.batch import expanded, linked, say_fault  # plug-ins may warn
 
     try:
         if arguments and arguments[0] in COMMANDS:

@@ -28,7 +28,7 @@ COLUMNS = {
     "status": "string",  # DONE or FAILED
     "fault": "string",
     "hash": "string",  # of the mesh as read, as in its provenance
-    "maps_hash": "string",  # of its unit and maps
+    "maps_hash": "string",  # of its unit, voxel size and maps
     "options": "string",  # JSON
     "pairs": "int64",
     "max_eigenvalue": "float64",
@@ -36,10 +36,10 @@ COLUMNS = {
     "orthonormality": "float64",
     "complete": "bool",
     "proof": "string",
-    "truncation": "float64",  # largest estimated share that a column misses
+    "truncation": "float64",  # largest estimated missing share of a column
     "seconds": "float64",
     "bytes": "int64",  # of the output
-    "report": "string",  # what --json prints
+    "report": "string",  # as printed with --json
 }
 DONE, FAILED = "done", "failed"
 #: Seconds between attempts to lock the file.
@@ -53,13 +53,13 @@ _FREE = (
 )  # fmt: skip
 #: Options that name output files.
 _WRITTEN = ("graphs", "id_map")
-#: Hashes of a mesh: of vertices and faces, and of the rest.
+#: Hashes of a mesh: of vertices and faces, and of unit, voxel size and maps.
 Content: TypeAlias = tuple[str, str]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result or fault of a mesh; sent by workers of a cluster."""
+    """Result or fault of a mesh, also sent by workers of a cluster."""
 
     number: int
     report: dict[str, Any] = field(default_factory=dict)
@@ -68,12 +68,12 @@ class Outcome:
     content: Content | None = None
     status: int = 0
     fault: str = ""
-    #: Whether its result existed already.
+    #: Whether the result of an earlier run is kept.
     kept: bool = False
 
 
 class Manifest:
-    """Manifest of all runs that write to a folder; the last run of each output has a row."""
+    """Manifest of a command in a folder: one row for the last run of each output."""
 
     def __init__(self, outputs: Sequence[Path], others: Sequence[Path], options: Namespace) -> None:
         self.folder = Path(os.path.commonpath([path.absolute().parent for path in outputs]))
@@ -87,7 +87,7 @@ class Manifest:
         _table_in(self.path)  # an unreadable file is reported before the computation
 
     def finished(self) -> dict[int, Content]:
-        """Return the contents of meshes, by index, whose results exist with the same options."""
+        """Return the contents, by index, of meshes whose results exist with the same options."""
         rows = {row["output"]: row for row in _table_in(self.path).to_pylist()}
         return {
             number: (row["hash"], row["maps_hash"])
@@ -99,7 +99,7 @@ class Manifest:
         }
 
     def add(self, outcomes: Iterable[Outcome]) -> None:
-        """Add rows, which replace older rows of the same outputs, and write the file."""
+        """Add rows, replace older rows of the same outputs, and write the file."""
         import pyarrow
         import pyarrow.compute
         import pyarrow.parquet
@@ -154,7 +154,7 @@ def content_of(mesh: Mesh) -> Content:
 
 
 def _whole(mesh: Path) -> str:
-    """Return the absolute path of a mesh file, or the link that the file holds."""
+    """Return the absolute path of a mesh file, or the link in it."""
     shown = shown_path(mesh)
     return shown if shown != str(mesh) else str(mesh.absolute())
 
@@ -197,7 +197,7 @@ def _size(path: Path) -> int | None:
 
 
 def _table_in(path: Path) -> Any:
-    """Read a manifest; it is empty if there is no file."""
+    """Read a manifest; return an empty table if there is no file."""
     import pyarrow.parquet
 
     schema = pyarrow.schema(COLUMNS.items())

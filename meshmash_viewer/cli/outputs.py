@@ -1,4 +1,4 @@
-"""Output files of commands: their paths, and maps in every format."""
+"""Output files of commands: their paths, and maps in all formats."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
 
 
 def _names(meshes: list[Path]) -> list[str]:
-    """Return the names of meshes; equal names get the first folder whose names all differ."""
+    """Return the names of meshes; equal names are prefixed by the nearest folder that differs."""
     names = [mesh_name(mesh) for mesh in meshes]
     for name in {name for name in names if names.count(name) > 1}:
         alike = [at for at, each in enumerate(names) if each == name]
@@ -81,7 +81,7 @@ def folder_of(output: str) -> contextlib.AbstractContextManager[Any]:
 
 
 def check_map_outputs(paths: Sequence[Path]) -> None:
-    """Raise `InputError` if maps cannot be written to a file."""
+    """Raise `InputError` if maps cannot be written to one of the files."""
     for path in paths:
         check_output(path, "labels" if _of_labels(path) else "features")
 
@@ -89,9 +89,9 @@ def check_map_outputs(paths: Sequence[Path]) -> None:
 def write_maps(
     path: Path, maps: Sequence[VertexMap], mesh: Mesh, file_mesh: Mesh | None, about: dict[str, Any]
 ) -> None:
-    """Write maps as columns; a file of labels gets the first map that has labels.
+    """Write maps as columns, or the first map with labels to a file of labels.
 
-    With a `file_mesh`, the mesh before its repairs, maps have values at all its vertices.
+    If `file_mesh`, the mesh before repairs, is given, values are written at all its vertices.
     """
     if not _of_labels(path):
         write_results(
@@ -105,11 +105,11 @@ def write_maps(
 
 
 def output_remarks(path: Path, mesh: Mesh) -> list[str]:
-    """Return remarks on what an output file lacks for other programs."""
+    """Return a remark if other programs need a brain structure that is not stated."""
     structure = unstated_structure(path.name, mesh.structure)
     return [f"{structure}: give --structure."] if structure else []
 
 
 def _of_labels(path: Path) -> bool:
-    """Whether the format of a file holds labels only."""
+    """Whether the format of a file is only for labels."""
     return path.name.lower().endswith((".label.gii", ".annot"))

@@ -1,4 +1,4 @@
-"""Parsers of the command ``meshmash-viewer``, for the window and for its commands."""
+"""Argument parsers of ``meshmash-viewer``, for the window and for commands."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
 _MAP_FORMATS = (*_FORMATS, "label.gii", "annot")
 _DEFAULT_COUNT = 200
 
-#: Commands without a window: their arguments and result.
+#: Arguments and result of each command without a window.
 _COMMANDS = {
     "info": ("MESH...", "health, area, length of the spectrum"),
     "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
@@ -102,7 +102,7 @@ def command_parser() -> ArgumentParser:
             type=mesh_argument,
             help='mesh file, a pattern such as "*.ply", or a link to a layer of segments',
         )
-        # counted when patterns are expanded
+        # checked after patterns are expanded
         made.set_defaults(n_meshes=n_meshes)
         _add_shared(made, *_READING, "--repair", "--largest-component", "--mask")
         if name not in ("regions", "predict", "condense"):
@@ -245,7 +245,7 @@ def command_parser() -> ArgumentParser:
 
 
 def parsed_command(arguments: list[str]) -> argparse.Namespace:
-    """Parse the arguments of a command; meshes of train may also follow the labels of others."""
+    """Parse the arguments of a command; meshes of train may also follow its options."""
     parser = command_parser()
     options, others = parser.parse_known_args(arguments)
     if others and (options.command != "train" or any(each.startswith("-") for each in others)):
@@ -298,7 +298,7 @@ def _not_negative(text: str) -> float:
 def _target(
     kind: Literal["max_eigenvalue", "wavelength"], power: int
 ) -> Callable[[str], Target | TargetQuantity]:
-    """Return a parser of targets, which are checked at once if they have no unit."""
+    """Return a parser of targets; a target without a unit is checked at once."""
 
     def parse(text: str) -> Target | TargetQuantity:
         found = TargetQuantity(kind, parse_quantity(text, power))
@@ -393,7 +393,7 @@ def _switch(parser: argparse._ActionsContainer, flag: str, about: str) -> None:
 
 
 def _add_families(parser: ArgumentParser, table: Mapping[str, type[Family]], about: str) -> None:
-    """Add the number of columns and the options of families; each names the kinds that have it."""
+    """Add options for the number of columns and the parameters of families."""
     _value(parser, *_COLUMNS, about)
     kinds: dict[str, list[str]] = {}
     known: dict[str, Parameter] = {}
@@ -433,7 +433,7 @@ def _add_output(
 
 
 def _add_outputs(parser: ArgumentParser, formats: tuple[str, ...] = _FORMATS) -> None:
-    """Add the options for one output file a mesh."""
+    """Add the options for one output file per mesh."""
     endings = " ".join(f".{name}" for name in formats)
     about = f"file whose ending is the format ({endings}), a folder, or a template such as"
     about += ' "{name}_{kind}.csv"'
@@ -458,7 +458,7 @@ def _add_points(parser: ArgumentParser, *, required: bool = True) -> None:
 
 
 def _add_target(parser: ArgumentParser, *, automatic: bool) -> None:
-    """Add the options of `target`, which is None for as many pairs as the shortest time needs."""
+    """Add the options for `target`; None is as many pairs as the shortest time needs."""
     from meshmash_viewer.spectral.weyl import Target
 
     def count(text: str) -> Target | None:

@@ -1,4 +1,4 @@
-"""The commands render, gallery and movie, which draw without a window."""
+"""The commands render, gallery and movie, which write pictures without a window."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ from meshmash_viewer.spectral.cost import written_bytes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 
-#: Default number of pictures of a gallery, and the least number of columns of a family.
+#: Default number of pictures of a gallery, and least default number of columns of a family.
 _PICTURES, _LEAST = 24, 2
-#: Frames from which the size of a movie is estimated.
+#: Number of frames from which the size of a movie is estimated.
 _MEASURED = 6
 _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
@@ -66,7 +66,7 @@ _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
 
 def render(options: Namespace) -> int:
-    """Draw a picture of a mesh."""
+    """Draw a picture of each mesh."""
     check_output(options.output, "figure")
     if options.kind is None:
         options.kind = OwnMaps.name if options.map or options.map_name else HeatKernelSignature.name
@@ -84,7 +84,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
     report["field"] = options.kind
     values, shown = None, dict[str, Any]()
     mesh, own = with_maps(mesh, options.map), len(mesh.maps)
-    if options.map and not options.map_name:  # the first of the file
+    if options.map and not options.map_name:  # by default the first map of the file
         options.map_name = mesh.maps[own].name
     family = _drawn(options)
     if family is not None:
@@ -137,7 +137,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
 
 
 def _drawn(options: Namespace) -> Family | None:
-    """Return the requested family, None for the mesh without a field; check its parameters."""
+    """Check the options; return the requested family, None for a mesh without a field."""
     _policy(options)
     if options.kind == NO_FIELD:
         return None
@@ -286,7 +286,7 @@ def _chosen_swept(options: Namespace) -> Family:
 def _swept(
     mesh: Mesh, family: Family, options: Namespace
 ) -> tuple[Mesh, Family, Eigenpairs, dict[str, Any]]:
-    """Return a mesh with maps, the family for it, its eigenpairs, and the report."""
+    """Return the mesh with maps, the family for this mesh, eigenpairs, and the report."""
     mesh = with_maps(mesh, options.map)
     family = family.at_vertices(mesh.vertex_of)
     report: dict[str, Any] = {"mesh": mesh.name, "output": str(options.output), "kind": family.name}
@@ -294,7 +294,7 @@ def _swept(
 
 
 def _solved(mesh: Mesh, family: Family, options: Namespace, report: dict[str, Any]) -> Eigenpairs:
-    """Return the eigenpairs, if the family needs any, and complete the report."""
+    """Return the eigenpairs that the family needs, and complete the report."""
     family.check_mesh(mesh)
     if not family.of_pairs:
         return Eigenpairs.without_pairs(mesh)
@@ -303,7 +303,7 @@ def _solved(mesh: Mesh, family: Family, options: Namespace, report: dict[str, An
     return replace(pairs, mesh=mesh)
 
 
-# Shared by all pictures -----------------------------------------------------------------------
+# shared by the commands ------------------------------------------------------------------------
 
 
 def _policy(options: Namespace) -> LockedLimits | None:

@@ -1,4 +1,4 @@
-"""The command points: the nearest vertices of points, with labels and features there."""
+"""The command points: nearest vertices of points, and their labels and features."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 
 def projected(mesh: Mesh, options: Namespace) -> ProjectedPoints:
-    """Read the table of points that the options name, and project it onto a mesh."""
+    """Read the points named by the options, and project them onto a mesh."""
     unit = options.points_unit
     if options.voxel is not None:
         if not mesh.unit:
@@ -83,7 +83,7 @@ def _write(mesh: Mesh, options: Namespace) -> Report:
 
 
 def _features(mesh: Mesh, kind: str, options: Namespace, remarks: list[str]) -> Features:
-    """Compute the features of a kind, and add its remarks."""
+    """Compute the features of a kind, and append remarks on them."""
     family = family_of(options, EXPORTS[kind]).at_vertices(mesh.vertex_of)
     family.check_mesh(mesh)
     said: list[str] = []

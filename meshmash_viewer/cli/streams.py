@@ -1,8 +1,8 @@
 """Standard output and error in any encoding, also if they are missing or closed.
 
 Windows redirects output in the code page of the country, a terminal over ssh may be ASCII, and a
-program without a console has no streams. An error handler of the streams spells characters that the
-encoding lacks in ASCII: λ as "lambda", ≈ as "~".
+program without a console has no streams. An error handler of the streams replaces characters that
+the encoding lacks by ASCII: λ by "lambda", ≈ by "~".
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from meshmash_viewer.work import closed_pipe_errors
 
 PROGRAM = "meshmash-viewer"
 
-#: Name of the error handler, as ``errors=`` of any stream or `str.encode` takes it.
+#: Name of the error handler, for ``errors`` of streams and `str.encode`.
 SPELLED = "meshmash-spelled"
 
 #: ASCII for characters that Unicode's tables do not decompose.
@@ -48,10 +48,10 @@ _GREEK_WORD = 3
 
 
 def prepare_streams() -> None:
-    """Make standard output and error accept every character, and replace missing ones."""
+    """Make standard streams accept every character, and replace missing streams."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is None:  # a program without a console, or one whose streams were closed
+        if stream is None:  # no console, or closed streams
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=SPELLED)
@@ -88,7 +88,7 @@ def drop(stream: TextIO) -> None:
 
 
 def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
-    """Spell the characters that an encoding lacks; an error handler for `codecs`."""
+    """Replace characters that an encoding lacks by ASCII; an error handler for `codecs`."""
     if not isinstance(fault, UnicodeEncodeError):
         raise fault
     text, start, end = fault.object, fault.start, fault.end
@@ -96,7 +96,7 @@ def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
         # an undecodable byte of a file name is written unchanged
         return bytes([ord(text[start]) & 0xFF]), start + 1
     for marks in (_RAISED, _LOWERED):
-        # spell the whole exponent, even if the encoding has some of its digits: nm⁻² is nm^-2
+        # replace the whole exponent, even if the encoding contains some digits: nm⁻² is nm^-2
         while text[end - 1] in marks and text[end : end + 1] and text[end] in marks:
             end += 1
     spelled, at = "", start
