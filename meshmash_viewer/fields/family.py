@@ -182,7 +182,7 @@ class Family(Parameters):
     counted: ClassVar[str] = ""
     #: Parameters that select one of the fields that share a table.
     position: ClassVar[tuple[str, ...]] = ()
-    #: Parameters that refer to data which other meshes may lack, such as a map.
+    #: Parameters that refer to data of the mesh, such as a map, which others may lack.
     own: ClassVar[tuple[str, ...]] = ()
     #: Two parameters, the first less than the second.
     ordered: ClassVar[tuple[str, str] | None] = None
@@ -311,7 +311,7 @@ class Family(Parameters):
         raise NotImplementedError
 
     def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
-        """Select the field nearest to a position on this axis."""
+        """Select the field nearest to a position on the bottom axis."""
         raise NotImplementedError
 
     def step(self, spectrum: Eigenpairs, steps: int) -> Self:
@@ -357,7 +357,7 @@ class Family(Parameters):
         return None
 
     def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
-        """Compute values at every vertex, with the table if possible; None if it is missing."""
+        """Compute values at every vertex; None without a table, if the family requires one."""
         raise NotImplementedError
 
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:

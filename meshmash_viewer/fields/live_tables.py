@@ -148,7 +148,7 @@ class PairTable:
     def _fit_line(
         self, weights: FloatArray, seen: float
     ) -> tuple[FloatArray, npt.NDArray[np.int64], float]:
-        """Return values at the nodes, pairs with large remainders, and the sum of the others."""
+        """Return values at the nodes, pairs with large remainders, and the remaining error."""
         line = weights[self.bends]
         left = weights - line @ self.hats
         apart = np.sort(np.argsort(np.abs(left))[-_MOST_PAIRS:])
