@@ -28,7 +28,7 @@ from meshmash_viewer.spectral.engine.compiler import check_compiler, limit_accel
 from meshmash_viewer.work import closed_pipe_errors
 
 _INTERRUPTED = 130
-#: Modules of commands, if their name is not that of the command.
+#: Modules of commands that have no module of the same name.
 _MODULES = {
     **dict.fromkeys(("info", "compare", "reconstruct", "regions"), "commands"),
     **dict.fromkeys(("train", "predict"), "classes"),
