@@ -113,7 +113,7 @@ def usual_counts(table: Mapping[str, type[Family]], least: int = 1) -> str:
     """Describe default numbers of columns: the most frequent number, and kinds that differ."""
     counts = {kind: usual_count(each, least) for kind, each in table.items() if each.counted}
     usual = mode(counts.values())
-    others = (f"; {count} of --kind {kind}" for kind, count in counts.items() if count != usual)
+    others = (f"; {count} for --kind {kind}" for kind, count in counts.items() if count != usual)
     return f"default {usual}{''.join(others)}"
 
 

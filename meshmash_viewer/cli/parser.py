@@ -40,19 +40,19 @@ _DEFAULT_COUNT = 200
 
 #: Arguments and result of each command without a window.
 _COMMANDS = {
-    "info": ("MESH...", "health, area, length of the spectrum"),
+    "info": ("MESH...", "size, health, area, number of eigenpairs"),
     "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
     "condense": ("MESH... -o OUT [--graphs DIR/]", "domains of similar HKS, and their graph"),
     "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
     "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
-    "regions": ("MESH --labels L -o OUT", "connected parts of labels, measured"),
-    "points": ("MESH --points FILE -o OUT", "vertex and features of synapses, counts"),
-    "carry": ("A B... --labels L -o OUT", "labels and maps of A at the vertices of others"),
+    "regions": ("MESH --labels L -o OUT", "measures of the connected parts of labels"),
+    "points": ("MESH --points FILE -o OUT", "vertices, features and counts of synapses"),
+    "carry": ("A B... --labels L -o OUT", "labels and maps of A, carried to other meshes"),
     "train": ("MESH --labels L ... -o OUT.skops", "a model of classes from labels"),
     "predict": ("MESH... --model M -o OUT", "classes by a model"),
     "render": ("MESH -o OUT.png", "a picture"),
-    "gallery": ("MESH -o OUT.png", "many fields side by side"),
-    "movie": ("MESH -o OUT.mp4", "a sweep through fields, or a turn"),
+    "gallery": ("MESH -o OUT.png", "a picture of many fields"),
+    "movie": ("MESH -o OUT.mp4", "a sweep through fields, or a turntable"),
 }
 COMMANDS = tuple(_COMMANDS)
 
@@ -79,7 +79,7 @@ def window_parser() -> ArgumentParser:
     parser.add_argument("mesh", nargs="*", type=mesh_argument, help="mesh file, session, or link")
     _add_shared(parser, *_READING, "--map")
     _switch(parser, "--fresh", "ignore stored settings")
-    about = "say what a report of a fault needs: versions, memory, graphics, stored eigenpairs"
+    about = "print versions, memory, graphics and stored eigenpairs, for a report of a fault"
     _switch(parser, "--info", about)
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     return parser
@@ -112,7 +112,7 @@ def command_parser() -> ArgumentParser:
             _add_shared(made, *operator, "--no-cache", "--jobs")
         return made
 
-    command("info", "say what a mesh is like", None)
+    command("info", "print size, health and area of meshes", None)
 
     features = command("features", "compute features of meshes", None)
     features.add_argument(
@@ -125,13 +125,13 @@ def command_parser() -> ArgumentParser:
     features.add_argument(
         "--tail",
         choices=("weyl",),
-        help="of --kind hks: add what Weyl's law expects of the eigenpairs that are not computed",
+        help="for --kind hks: add the contribution of higher eigenpairs expected by Weyl's law",
     )
-    about = "a last column with the connected component of each vertex, from 0"
+    about = "add a last column, the connected component of each vertex, from 0"
     _switch(features, "--component-column", about)
     about = "compute in about N overlapping pieces, for a mesh too large to be solved whole"
     _value(features, "--pieces", whole(1), "N", about)
-    about = "the values per vertex that a mesh file has, as more columns"
+    about = "add the values per vertex of the mesh file as columns"
     _switch(features, "--maps", about)
     _add_outputs(features)
     _add_shared(features, "--whole-mesh", "--map", "--drop-first", "--structure", *_CLUSTER)
@@ -156,11 +156,11 @@ def command_parser() -> ArgumentParser:
     _add_shared(rebuilt, "--structure")
 
     measured = command("regions", "measure the connected parts of labels")
-    about = "labels of vertices, with names or numbers; after a colon which map of several"
+    about = "file of labels, with names or numbers; MAP selects one of several maps"
     _value(measured, *_LABELS, about, required=True)
-    about = "the first eigenvalue above zero of each region with a free border"
+    about = "add the first nonzero eigenvalue of each region, with a free boundary"
     _switch(measured, "--lambda2", about)
-    about = "one row a label, not one a connected part; without neck and λ₂"
+    about = "one row for each label, not for each connected part; without neck width and λ₂"
     _switch(measured, "--whole-labels", about)
     _add_points(measured, required=False)
     _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
@@ -173,26 +173,30 @@ def command_parser() -> ArgumentParser:
         action="append",
         choices=tuple(kind for kind, family in EXPORTS.items() if family().makes_features()),
         default=[],
-        help="features at each point; may be given many times",
+        help="features at each point; may be given several times",
     )
     _add_families(placed, EXPORTS, f"number of columns, {usual_counts(EXPORTS)}")
-    _value(placed, *_LABELS, "the label at each point, and counts of each label")
-    about = "id and vertex of each point, as meshmash reads them: id_to_mesh_map"
+    _value(
+        placed,
+        *_LABELS,
+        "file of labels: add the label at each point, and print the number of points of each label",
+    )
+    about = "file for id and vertex of each point, in meshmash's format (id_to_mesh_map)"
     _value(placed, "--id-map", Path, "OUT.npz", about)
     placed.set_defaults(tail=None, component_column=False)
     _add_output(placed, "OUT", "table to write: .csv .parquet")
     _add_shared(placed, "--map", "--drop-first", *_CLUSTER)
 
     carried = command("carry", "carry labels and maps of the first mesh to the others", None)
-    _value(carried, *_LABELS, "labels of the first mesh; after a colon which map of several")
+    _value(carried, *_LABELS, "file of labels of the first mesh; MAP selects one of several maps")
     _add_outputs(carried, _MAP_FORMATS)
     _add_shared(carried, "--map", "--whole-mesh", "--structure")
 
     _add_training(command("train", "learn classes of vertices from labels", None))
     predicted = command("predict", "predict classes of vertices by a model", None)
-    about = "a .skops file that train wrote"
+    about = "model written by train, a .skops file"
     _value(predicted, "--model", Path, "FILE", about, required=True)
-    about = "condensed features of the mesh, or the folder of them: one class for each domain"
+    about = "file or folder of condensed features: predict one class for each domain"
     _value(predicted, "--domains", str, "FILE", about)
     _add_outputs(predicted, _MAP_FORMATS)
     _add_shared(predicted, *_CLUSTER, "--whole-mesh", "--structure")
@@ -205,39 +209,41 @@ def command_parser() -> ArgumentParser:
         choices=(*SWEPT, NO_FIELD),
         help="default: hks, or the first map if one is given",
     )
-    _value(render, "--index", whole(), "I", "which eigenfunction, band or column, from 0")
+    _value(render, "--index", whole(), "I", "index of the eigenfunction, band or column, from 0")
     _add_families(render, SWEPT, f"number of columns, {usual_counts(SWEPT, least=2)}")
-    _add_output(render, "OUT.png", "a .pdf or .svg is a figure")
+    _add_output(
+        render, "OUT.png", "file to write, such as .png; .pdf and .svg are figures with vector text"
+    )
     _add_looks(render, (1600, 1200))
     _add_shared(render, "--map", "--transparent")
-    about = "of a figure for a paper, in place of --size: white unless --transparent"
+    about = "of a figure for a paper, in place of --size; white background unless --transparent"
     _value(render, "--width-mm", number(), "MM", f"width {about}")
     _value(render, "--dpi", whole(1), "N", "pixels per inch of a figure", default=300)
-    _value(render, "--font-size", number(), "PT", "of a figure, in points", default=7.0)
+    _value(render, "--font-size", number(), "PT", "font size of a figure in points", default=7.0)
 
     gallery = command("gallery", "draw many fields of a mesh side by side")
-    movie = command("movie", "draw a sweep through fields, or a turn")
+    movie = command("movie", "draw a sweep through fields, or a turntable")
     for drawn in (gallery, movie):
         kind = next(iter(SWEPT))
         drawn.add_argument("--kind", choices=tuple(SWEPT), default=kind, help=f"default: {kind}")
         about = "number of columns of the kinds that have any number"
         _add_families(drawn, SWEPT, f"{about}, {usual_counts(SWEPT, least=2)}")
         _add_shared(drawn, "--map")
-    about = "which, from 0 and without STOP, as in Python; default two dozen, evenly spread"
+    about = "columns to draw, from 0 and without STOP as in Python; default 24, evenly spread"
     _value(gallery, "--columns", str, "START:STOP:STEP", about)
     _add_output(gallery, "OUT.png")
     _add_looks(gallery, (2400, 1800))
     _add_shared(gallery, "--transparent")
     moves = movie.add_mutually_exclusive_group(required=True)
-    about = "through these columns, from 0 and without STOP, as in Python; : is all of them"
+    about = "sweep through columns, from 0 and without STOP as in Python; : for all columns"
     _value(moves, "--sweep", str, "START:STOP:STEP", about)
-    _switch(moves, "--turntable", "once around the mesh, which shows one column")
-    _value(movie, "--column", whole(), "I", "which, on the turntable")
-    about = "frames a second; default as the window plays these fields, 25 on the turntable"
+    _switch(moves, "--turntable", "turn the mesh once around, with one column displayed")
+    _value(movie, "--column", whole(), "I", "column displayed on the turntable, from 0")
+    about = "frames per second; default: as in the window, 25 on the turntable"
     _value(movie, "--rate", number(), "FPS", about)
-    about = "how long; default every column once, 6 on the turntable"
+    about = "duration; default: every column once, 6 s on the turntable"
     _value(movie, "--seconds", number("s"), "S", about)
-    _add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
+    _add_output(movie, "OUT", "file to write: .mp4, .gif, .webp or .apng")
     _add_looks(movie, (1280, 720))
     for each in commands.choices.values():
         _switch(each, "--json", "one line of JSON for each mesh")
@@ -326,36 +332,38 @@ def _takes(
 _MANY: dict[str, Any] = {"action": "append", "default": []}
 #: Options of several commands with the same help.
 _SHARED: dict[str, dict[str, Any]] = {
-    "--unit": _takes(option_type(_unit), "U", f"of coordinates: {UNIT_FORMS}"),
+    "--unit": _takes(option_type(_unit), "U", f"length unit of the coordinates: {UNIT_FORMS}"),
     "--segment": _takes(
-        str, "ID", "of a link: the segment to read; may be given many times", **_MANY
+        str, "ID", "id of the segment to read from a link; may be given several times", **_MANY
     ),
     "--lod": _takes(
-        int, "N", "of a link: the level of detail, 0 for the finest (default, unless it is too"
-        " large)",
+        int, "N", "level of detail of a segment, 0 for the finest (default, unless the mesh is"
+        " too large)",
     ),
     "--repair": _takes(
-        option_type(_repair), "NAME", "repair the mesh first, in the order given; `info` counts"
-        " what each would correct", **_MANY,
+        option_type(_repair), "NAME", "repair the mesh first; may be given several times, in"
+        " order. `info` counts the faults that each repair corrects", **_MANY,
     ),
     "--largest-component": {
         "dest": "repair", "action": "append_const", "const": "keep_largest_component",
         "help": "leave out all but the largest connected component",
     },
     "--mask": _takes(
-        str, "FILE[:LABEL]", "solve on these vertices only, NaN elsewhere: those of a label, of all"
-        " others after - (lh.aparc.annot:-unknown), with a value but zero, or that meet a condition"
-        " ('lh.thickness>0.5', in quotes)",
+        str, "FILE[:LABEL]", "solve on a part of the vertices; results are NaN elsewhere. The part"
+        " is a label, all labels but one (lh.aparc.annot:-unknown), all vertices with a nonzero"
+        " value, or a condition ('lh.thickness>0.5', in quotes)",
     ),
-    "--mollify-factor": {"type": option_type(_not_negative), "default": 1e-5, "metavar": "F"},
-    "--jobs": _takes(whole(1), "J", "processes; default: as many as fit"),
+    "--mollify-factor": _takes(
+        option_type(_not_negative), "F", "mollification of the robust Laplacian, a share of the"
+        " mean edge length, default 1e-5", default=1e-5,
+    ),
+    "--jobs": _takes(whole(1), "J", "number of processes; default: as many as fit into memory"),
     "--map": _takes(
-        Path, "FILE", "values per vertex of the mesh, from a file; may be given many times", **_MANY
+        Path, "FILE", "file of values per vertex; may be given several times", **_MANY
     ),
     "--structure": _takes(
-        option_type(named_structure), "NAME", "of a brain: left, right, or a name such as"
-        " CortexLeft, which GIFTI files then state; default: what the mesh file states, or its"
-        " name: lh.pial",
+        option_type(named_structure), "NAME", "brain structure in GIFTI files: left, right, or a"
+        " name such as CortexLeft; default: that of the mesh file, or of its name (lh.pial)",
     ),
     "--scheduler": _takes(
         _scheduler, "ADDRESS", "compute on the workers of this Dask scheduler, one task a mesh (the"
@@ -367,13 +375,13 @@ _SHARED |= {
     flag: {"action": "store_true", "help": about}
     for flag, about in {
         "--no-robust": "plain cotangent Laplacian, for clean manifolds",
-        "--no-cache": "neither use nor keep stored eigenpairs",
+        "--no-cache": "do not read or store eigenpairs",
         "--drop-first": "leave out the first eigenpair",
-        "--whole-mesh": "after repairs: write results at all vertices of the file, NaN where one is"
-        " left out",
-        "--resume": "leave out meshes whose results exist, by the manifest of an earlier run: the"
-        " same content and options",
-        "--transparent": "leave the background out",
+        "--whole-mesh": "after repairs: write results at all vertices of the file, NaN at removed"
+        " vertices",
+        "--resume": "skip meshes with results of the same content and options in the manifest of an"
+        " earlier run",
+        "--transparent": "transparent background",
     }.items()
 }
 
@@ -408,22 +416,22 @@ def _add_families(parser: ArgumentParser, table: Mapping[str, type[Family]], abo
             choices=each.choices,
             metavar=each.metavar,
             action="append" if each.many else "store",
-            help=f"of --kind {', '.join(kinds[name])}: {each.help}",
+            help=f"for --kind {', '.join(kinds[name])}: {each.help}",
         )
 
 
 def _add_looks(parser: ArgumentParser, size: tuple[int, int]) -> None:
-    about = f"in pixels, default {size[0]}x{size[1]}"
+    about = f"size in pixels, default {size[0]}x{size[1]}"
     _value(parser, "--size", _size, "WIDTHxHEIGHT", about, default=size)
-    _value(parser, "--colormap", str, "NAME", "one of matplotlib's")
-    parser.add_argument("--limits", type=number(), nargs=2, metavar=("LOW", "HIGH"))
+    _value(parser, "--colormap", str, "NAME", "name of a matplotlib colour map")
+    _value(parser, "--limits", number(), ("LOW", "HIGH"), "limits of the colours", nargs=2)
     parser.add_argument(
         "--color-scale",
         choices=("automatic", "linear", "log"),
         default="automatic",
-        help="automatic is log where values are positive and span more than two decades",
+        help="automatic: log if the values are positive and span more than two decades",
     )
-    _switch(parser, "--dark", "light text on a dark ground")
+    _switch(parser, "--dark", "light text on a dark background")
 
 
 def _add_output(
@@ -435,25 +443,28 @@ def _add_output(
 def _add_outputs(parser: ArgumentParser, formats: tuple[str, ...] = _FORMATS) -> None:
     """Add the options for one output file per mesh."""
     endings = " ".join(f".{name}" for name in formats)
-    about = f"file whose ending is the format ({endings}), a folder, or a template such as"
+    about = f"file with the ending of a format ({endings}), a folder, or a template such as"
     about += ' "{name}_{kind}.csv"'
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
     parser.add_argument(
-        "--format", choices=formats, default="npz", help="of the files in a folder, default npz"
+        "--format",
+        choices=formats,
+        default="npz",
+        help="format of the files in a folder, default npz",
     )
 
 
 def _add_points(parser: ArgumentParser, *, required: bool = True) -> None:
     about = "table of points, such as synapses: CSV, Parquet or Feather"
     _value(parser, "--points", Path, "FILE", about, required=required)
-    about = "which position, where a row has several: pre_pt, ctr_pt_position"
+    about = "name of the position if rows have several, such as pre_pt or ctr_pt_position"
     _value(parser, "--position", str, "NAME", about, default="")
     unit = parser.add_mutually_exclusive_group()
-    about = f"of the points: {UNIT_FORMS}; default: that of the mesh"
+    about = f"length unit of the points: {UNIT_FORMS}; default: that of the mesh"
     _value(unit, "--points-unit", option_type(_unit), "U", about, default="")
-    about = "size of the voxels that the points count, in the unit of the mesh"
+    about = "voxel size of points given in voxels, in the unit of the mesh"
     _value(unit, "--voxel", number(), ("X", "Y", "Z"), about, nargs=3)
-    about = "from a vertex (unit); default a hundredth of the diagonal of the mesh"
+    about = "largest distance to a vertex (unit); default: 1/100 of the diagonal of the mesh"
     _value(parser, "--max-distance", quantity(1), "L", about)
 
 
@@ -471,7 +482,7 @@ def _add_target(parser: ArgumentParser, *, automatic: bool) -> None:
 
     parser.set_defaults(target=Target("count", _DEFAULT_COUNT))
     about = f"number of eigenpairs, default {_DEFAULT_COUNT}"
-    about += "; auto: as many as --t-min needs" if automatic else ""
+    about += "; auto: the number needed by --t-min" if automatic else ""
     group = parser.add_mutually_exclusive_group()
     _value(group, "--count", count, "K", about, dest="target")
     about, kind = "all eigenvalues up to X (per unit²)", _target("max_eigenvalue", -2)
@@ -485,7 +496,13 @@ def _add_condensing(parser: ArgumentParser) -> None:
     about = 'an .npz file, a folder, or a template such as "features/{name}.npz"; header.txt next'
     about += " to it names the columns"
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help=about)
-    _value(parser, "--graphs", str, "OUT", "likewise for the graph of domains of each mesh")
+    _value(
+        parser,
+        "--graphs",
+        str,
+        "OUT",
+        "file, folder or template of the graph of domains of each mesh",
+    )
     for flag, power, about in (
         ("--t-min", 2, "shortest diffusion time (unit²), default 50,000 nm²"),
         ("--t-max", 2, "longest diffusion time (unit²), default 2e7 nm²"),
@@ -494,26 +511,29 @@ def _add_condensing(parser: ArgumentParser) -> None:
         _value(parser, flag, quantity(power), "X", about)
     _value(parser, *_COLUMNS, "number of times, default 32")
     share, dest = number(share=True), "simplify_target_reduction"
-    about = "of the faces to remove before, default 0.7"
+    about = "share of the faces that decimation removes first, default 0.7"
     _value(parser, "--reduction", share, "SHARE", about, dest=dest)
-    about = "Ward distance of log-HKS from which domains are separate, default 3"
+    about = "Ward distance of log-HKS at which clustering stops, default 3"
     _value(parser, "--distance-threshold", number(), "D", about)
-    about, dest = "smaller components are in no domain, default 200", "min_vertex_threshold"
+    about, dest = (
+        "components with fewer vertices are in no domain, default 200",
+        "min_vertex_threshold",
+    )
     _value(parser, "--min-vertices", whole(), "N", about, dest=dest)
-    about = "position of the nucleus in the unit of the mesh; its distance is one more column"
+    about = "position of the nucleus in the unit of the mesh; adds a column of distances to it"
     xyz = {"nargs": 3, "dest": "nuc_point"}
     _value(parser, "--nucleus", number(), ("X", "Y", "Z"), about, **xyz)
     _add_shared(parser, *_CLUSTER, "--jobs")
 
 
 def _add_training(parser: ArgumentParser) -> None:
-    about = "labels of a mesh, with names or numbers; once for each mesh, in the same order"
+    about = "file of labels, with names or numbers; once for each mesh, in the same order"
     _value(parser, *_LABELS, about, required=True, action="append")
     parser.add_argument(
         "--kind",
         action="append",
         choices=tuple(KINDS),
-        help=f"columns to learn from, default hks; may be given many times. {_listed(KINDS)}",
+        help=f"columns to learn from, default hks; may be given several times. {_listed(KINDS)}",
     )
     for flag, end in (("--t-min", "shortest"), ("--t-max", "longest")):
         about = f"{end} diffusion time (unit²); default: from the spectrum of the first mesh"
@@ -525,7 +545,7 @@ def _add_training(parser: ArgumentParser) -> None:
         default="ensemble",
         help=f"default ensemble; {_listed(CLASSIFIERS)}",
     )
-    about = "length over which probabilities are smoothed (unit), default 0"
+    about = "length over which probabilities are smoothed along the surface (unit), default 0"
     _value(parser, "--smoothing", quantity(1), "L", about, default=0.0)
     _add_output(parser, "OUT.skops", "the model to write")
     _add_shared(parser, "--drop-first")

@@ -98,7 +98,7 @@ class Filters(BankFamily):
         READY["Low-pass"],
         Text(MOST_CHARACTERS, Formula),
         option="formula",
-        help='"exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"',
+        help='formula in x, which is λ, such as "exp(-t*x) * (x > 1e-8)"; default "x < c"',
     )
     #: Chosen values of parameters; the spectrum determines the others.
     values: Values = parameter(
@@ -106,7 +106,7 @@ class Filters(BankFamily):
         Named(Number(), _MOST_VALUES),
         option="set",
         metavar="NAME=VALUE",
-        help="a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
+        help="value of a parameter of the formula; NAME=LOW:HIGH spreads the columns over a range",
     )
     #: Number of exported columns. A single column is the present filter; for several, the first
     #: parameter varies over its range.

@@ -124,8 +124,8 @@ class OwnMaps(Family):
         Choice(VIEWS),
         option="view",
         offered=("map", "pairs", "band"),
-        help="the map itself, and each is a column; its sum over the lowest pairs, with a column"
-        " for each number of them; or the band that is strongest at each vertex",
+        help="map: the map itself, each map is a column; pairs: its sum over the lowest pairs, a"
+        " column for each number of pairs; band: the dominant band at each vertex",
     )
     #: Number of the lowest pairs.
     pairs: int = parameter(30, Whole(1, MOST_INDEX))
