@@ -243,7 +243,7 @@ class Commands:
     def copy_script(self) -> None:
         script = reproduction_script(self._document, self._opening.pair, self._exported)
         QGuiApplication.clipboard().setText(script)
-        text = "Copied a Python script that makes what is on screen again"
+        text = "Copied a Python script that reproduces what is on screen"
         if output := script_output(self._document):
             text += f" and writes {output}, or the next free name where there is such a file"
         self._document.notices.say(f"{text}.")

@@ -45,7 +45,7 @@ def close(dialog: QDialog) -> None:
 
 
 WORDS = {
-    "rotate": "Turn", "pan": "Shift", "save image": "Save picture", "theme": "Dark",
+    "turn": "Rotate", "shift": "Pan", "save image": "Save picture", "theme": "Dark",
     "screenshot": "Save picture", "video": "Save movie", "shortcuts": "Help", "load": "Open mesh",
     "hks": "heat kernel", "stop": "Cancel", "colour map": "Colour map",
     "number of eig": "eigenpairs", "smooth": "Own maps", "smoothing": "Filter",

@@ -109,7 +109,10 @@ def test_zero_modes_and_multiplets_are_said(panel: FieldPanel, document) -> None
     assert "constant" in part(panel, "multiplet_label").text()
     document.display.change(Eigenfunctions, index=14)
     said = part(panel, "multiplet_label").text()
-    assert said == "λ₁₂…λ₁₅ within 1×10⁻⁶: any rotation of these is as good."
+    assert (
+        said
+        == "λ₁₂…λ₁₅ within 1×10⁻⁶: any orthogonal combination of these is an eigenfunction too."
+    )
     document.display.change(Eigenfunctions, index=20)
     assert part(panel, "multiplet_label").isHidden()
 

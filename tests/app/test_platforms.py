@@ -46,7 +46,7 @@ def macos(monkeypatch: pytest.MonkeyPatch) -> None:
         ("Shift + drag, or right button", "⇧ + drag, or right button"),
         ("Ctrl + Shift + drag", "⌘ + ⇧ + drag"),
         ("Ctrl + wheel or PgDn: ten", "⌘ + wheel or ⇟: ten"),
-        ("Shift", "Shift"),  # what a drag does to the mesh
+        ("Shift", "Shift"),  # alone, not with another key
         ("Altitude, Escher", "Altitude, Escher"),
         ("", ""),
     ],

@@ -259,7 +259,7 @@ SYNONYMS = {
     "system_report": "bug versions debug",
 }
 #: Other words that find gestures, by their effects in `actions.MOUSE_HELP`.
-_GESTURES = {"Turn": "rotate orbit spin", "Shift": "pan move translate drag", "Roll": "rotate tilt"}
+_GESTURES = {"Rotate": "turn orbit spin", "Pan": "shift move translate drag", "Roll": "rotate tilt"}
 #: Other words that find panels, by their titles.
 _PANELS = {
     "Mesh": "panel health defects repair decomposition information",

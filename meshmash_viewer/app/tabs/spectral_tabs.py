@@ -50,7 +50,7 @@ class EigenfunctionTab(FamilyTab):
             "flip_button",
             "Draw the eigenfunction with the other sign",
             self._document.flip,
-            tip="Draw it with the other sign, which is as good (F)",
+            tip="Draw it with the opposite sign, which is equally valid (F)",
             checkable=True,
         )
         self.facts = Facts(_FACTS)
@@ -159,15 +159,15 @@ def _multiplet(spectrum: Eigenpairs, index: int, zeros: int) -> str:
             return "Zero mode: constant over the surface, which is in one piece."
         return (
             f"λ₀…λ{subscript(zeros - 1)} are zero: one constant function for each of "
-            f"{counted(zeros, 'component')}; any mixture of them is as good."
+            f"{counted(zeros, 'component')}; any combination of them is an eigenfunction too."
         )
     found = spectrum.multiplet(index)
     if found is None:
         return ""
     return (
         f"λ{subscript(found.first)}…λ{subscript(found.last)} within {format_number(found.gap, 1)}: "
-        "any rotation of these is as good."
-    ).replace("e-0", "e-")
+        "any orthogonal combination of these is an eigenfunction too."
+    )
 
 
 #: Entry of the list for a filter that is none of the ready ones.
