@@ -1,1 +1,1 @@
-"""One module a mesh format; each turns a file into a `RawMesh` or raises `InputError`."""
+"""Readers of mesh formats, which return the content of a file as a `RawMesh`."""

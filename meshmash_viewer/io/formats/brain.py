@@ -1,4 +1,4 @@
-"""Surfaces of brains in millimetres, with values and labels of vertices: FreeSurfer and GIFTI."""
+"""Readers of FreeSurfer and GIFTI: brain surfaces in millimetres, and their values and labels."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, numbered_labels
 
-#: Endings of usual surfaces of FreeSurfer, after "lh" or "rh"; other surfaces are recognized by
-#: their first bytes.
+#: Endings of common FreeSurfer surfaces, after "lh" or "rh"; other surfaces are recognized by their
+#: first bytes.
 FREESURFER_ENDINGS = (
     ".pial",
     ".white",
@@ -33,18 +33,18 @@ FREESURFER_ENDINGS = (
 )
 #: First bytes of FreeSurfer surfaces of triangles, and of two kinds of quadrangles.
 _TRIANGLES, _QUADS, _SHORT_QUADS = b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff"
-#: Units of files of one number per vertex, by ending.
+#: Units of files with one number per vertex, by ending.
 _UNITS = {".thickness": "mm", ".curv": "mm⁻¹", ".area": "mm²", ".volume": "mm³"}
-#: Smallest extent of a surface that is taken for a brain in metres; that of a mouse is 0.015.
+#: Smallest extent of a surface that is read in metres; a mouse brain has 0.015 m.
 _SMALLEST_IN_METRES = 0.005
 #: Colour of the label of a ``.label`` file.
 _INSIDE = "#d55e00"
-#: Version of label tables with a number for each label.
+#: Version of colour tables in which each label has a number.
 _NUMBERED = -2
 
 
 def freesurfer_values(path: Path) -> RawMesh:
-    """Read a FreeSurfer file of one number a vertex, such as ``lh.curv`` or ``lh.thickness``."""
+    """Read a FreeSurfer file with one number per vertex: ``lh.curv``, ``lh.thickness`` etc."""
     from nibabel.freesurfer.io import read_morph_data
 
     if freesurfer_kind(path) != "values":
@@ -67,10 +67,10 @@ def freesurfer_label(path: Path) -> RawMesh:
 
 
 def mgh_maps(path: Path) -> RawMesh:
-    """Read a surface's values from MGH or MGZ, one map a frame.
+    """Read values of a surface from an MGH or MGZ file, one map per frame.
 
-    The vertices may be along any axis, or over several, the first running fastest, as FreeSurfer
-    does for large surfaces.
+    The vertices may be along any axis, or for large surfaces along several axes, with the index of
+    the first axis running fastest, as FreeSurfer writes them.
     """
     from nibabel.freesurfer.mghformat import MGHImage
 
@@ -93,7 +93,7 @@ def mgh_maps(path: Path) -> RawMesh:
 def read_freesurfer(path: Path) -> RawMesh:
     """Read a FreeSurfer surface (triangle or quadrangle file).
 
-    `InputError` is raised if the file is of another kind, or shorter than its header states.
+    `InputError` is raised if the file is no surface, or is shorter than its header states.
     """
     from nibabel.freesurfer.io import read_geometry
 
@@ -131,7 +131,7 @@ def read_freesurfer(path: Path) -> RawMesh:
 
 
 def _unit(vertices: FloatArray) -> tuple[str, str]:
-    """Return the unit of the coordinates of a brain, and a remark if it is not mm."""
+    """Return the unit of a brain by its extent, "mm" or "m", and a remark on "m"."""
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
     if not _SMALLEST_IN_METRES < extent < 1.0:
         return "mm", ""
@@ -142,14 +142,14 @@ def _unit(vertices: FloatArray) -> tuple[str, str]:
 
 
 def freesurfer_kind(path: Path) -> str:
-    """Return "surface", "values" or "patch" (a part of a surface) by the first bytes, else ""."""
+    """Return "surface", "values" or "patch", a part of a surface, by the first bytes; else ""."""
     with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
         header, size = file.read(15), path.stat().st_size
     magic, n_vertices, _, n_values = struct.unpack(">3siii", header.ljust(15, b"\0"))
     if header.startswith(b"\xff\xff\xff\xff"):
         (n_placed,) = struct.unpack(">i", header[4:8].ljust(4, b"\0"))
         return "patch" if size == 8 + 16 * n_placed else "surface"
-    is_old = size == 6 + 2 * int.from_bytes(header[:3]) > 6  # FreeSurfer's first format of values
+    is_old = size == 6 + 2 * int.from_bytes(header[:3]) > 6  # old format of values
     if is_old or (magic == _SHORT_QUADS and size == 15 + 4 * n_vertices * n_values):
         return "values"
     return "surface" if magic in (_TRIANGLES, _QUADS, _SHORT_QUADS) else ""
@@ -158,13 +158,12 @@ def freesurfer_kind(path: Path) -> str:
 def freesurfer_annotation(path: Path) -> RawMesh:
     """Read a parcellation with its names and colours (``.annot``).
 
-    The annotation of a vertex is the packed colour of its label. nibabel is not used: it ignores
-    the vertex indices, gives vertices without a label another one, and fails on tables whose
-    numbers have gaps, such as FreeSurfer's own of 1,266 labels with numbers up to 14,175.
+    The file has the packed colour of a label for each vertex, and a table of names and colours.
+    Without a table, labels are named after their numbers. nibabel is not used: it ignores the
+    vertex indices, assigns a label to vertices without one, and fails on tables with gaps in the
+    numbers, such as FreeSurfer's table of 1,266 labels with numbers up to 14,175.
 
-    Without a table of names and colours, the labels are named after their numbers.
-
-    `InputError` is raised if the file is cut short, or does not name each vertex once.
+    `InputError` is raised if the file is cut short, or does not contain each vertex once.
     """
     content, place = path.read_bytes(), 0
 
@@ -186,7 +185,7 @@ def freesurfer_annotation(path: Path) -> RawMesh:
     if not len(pairs) or not np.array_equal(pairs[order, 0], np.arange(len(pairs))):
         raise InputError("has an annotation not once for each vertex from 0")
     if place == len(content) or numbers(1) == [0]:
-        values = np.maximum(pairs[order, 1], 0)  # a negative number is no label either
+        values = np.maximum(pairs[order, 1], 0)  # negative numbers are no labels
         if not values.any():
             raise InputError("has no vertex with a label")
         return maps_alone([RawMap("", values, _numbered(values))])
@@ -199,14 +198,14 @@ def freesurfer_annotation(path: Path) -> RawMesh:
 
 
 def _labels(take: Callable[[int], bytes], numbers: Callable[[int], list[int]]) -> tuple[Label, ...]:
-    """Return the labels in the order of the file; their keys are their numbers or places."""
+    """Return the labels in the order of the file; keys are numbers in the file or positions."""
     (count,) = numbers(1)
     numbered = count == _NUMBERED
     if count < 0 and not numbered:
         raise InputError(f"has a table of names and colours of the unknown version {-count}")
     if numbered:
-        numbers(1)  # the largest number
-    take(*numbers(1))  # the name of the table's own file
+        numbers(1)  # largest number
+    take(*numbers(1))  # name of the original file of the table
     if numbered:
         (count,) = numbers(1)
     labels = []
@@ -224,7 +223,7 @@ def _labels(take: Callable[[int], bytes], numbers: Callable[[int], list[int]]) -
 def read_gifti(path: Path) -> RawMesh:
     """Read the point set and triangles of a GIFTI surface.
 
-    `InputError` is raised if one of the two is missing, or the data do not match the attributes.
+    `InputError` is raised if either is missing or given twice, or its arrays are invalid.
     """
     image = _gifti(path)
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
@@ -248,7 +247,7 @@ def read_gifti(path: Path) -> RawMesh:
         raise InputError("has triangles whose vertex indices are no whole numbers")
     said = _said(image)
     vertices = np.asarray(vertices, dtype=np.float64)
-    stated = stated_mesh(said)[0]  # that of the exported mesh; our own files are in mm
+    stated = stated_mesh(said)[0]  # unit before an export in mm
     unit, remark = _unit(vertices) if stated is None else ("mm" if stated else "", "")
     return RawMesh(
         vertices,
@@ -270,7 +269,7 @@ def _structure(described: Any) -> str:
 
 
 def gifti_maps(path: Path) -> RawMesh:
-    """Read the arrays of a GIFTI file with one number per vertex, labels with their table."""
+    """Read the arrays of a GIFTI file with one number per vertex, and the table of labels."""
     image = _gifti(path)
     found = _gifti_maps(image, path.name)
     return maps_alone(found, meta=_said(image), structure=_structure(image))
@@ -282,12 +281,12 @@ def _gifti(path: Path) -> Any:
     from nibabel.gifti import parse_gifti_fast
 
     content = path.read_bytes()
-    if many := re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", content):  # nibabel parses each
+    if many := re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", content):  # slow in nibabel
         raise InputError(f"has an array of {printable(many[1].decode(), 20)} dimensions")
     untyped: Any = parse_gifti_fast
     parser = untyped.GiftiImageParser()
     try:
-        with path.open("rb") as file:  # nibabel finds external data by its name
+        with path.open("rb") as file:  # external data are found by its name
             parser.parse(fptr=file)
     except ExpatError as fault:
         raise InputError(f"is not the XML of a GIFTI file ({printable(fault)})") from fault
@@ -297,13 +296,13 @@ def _gifti(path: Path) -> Any:
 
 
 def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
-    """Yield the arrays other than points and triangles; those without a name are numbered."""
+    """Yield all arrays except points, triangles and indices; arrays without name are numbered."""
     from nibabel.nifti1 import intent_codes
 
     table = tuple(
         Label(int(each.key), str(getattr(each, "label", "")), _hexadecimal(each.rgba))
         for each in image.labeltable.labels
-        if each.key != 0 or each.alpha != 0.0  # a transparent 0 is no label in Connectome Workbench
+        if each.key != 0 or each.alpha != 0.0  # transparent 0 is "no label" in Workbench
     )
     others = ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE", "NIFTI_INTENT_NODE_INDEX")
     indices = image.get_arrays_from_intent("NIFTI_INTENT_NODE_INDEX")
@@ -333,13 +332,13 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
 
 
 def _numbered(column: npt.NDArray[Any]) -> tuple[Label, ...]:
-    """Return labels named after their numbers, for files without a table; none if too many."""
+    """Return labels named after the numbers in a column; empty if there are too many."""
     whole = column.dtype.kind in "iu" or np.array_equal(column, np.rint(column))
     labels = numbered_labels(column) if whole else ()
     return labels if len(labels) <= MOST_LABELS else ()
 
 
 def _hexadecimal(rgba: Any) -> str:
-    """Return "#rrggbb" of red, green and blue from 0 to 1; a missing one is 0.5."""
+    """Return "#rrggbb" for red, green and blue from 0 to 1; None counts as 0.5."""
     shares = [0.5 if share is None else min(max(float(share), 0.0), 1.0) for share in rgba[:3]]
     return "#" + "".join(f"{round(255 * share):02x}" for share in shares)

@@ -1,4 +1,4 @@
-"""Draco files, and mesh fragments of Neuroglancer in the same format."""
+"""Reader of Draco files, and of mesh fragments of Neuroglancer in the same format."""
 
 from __future__ import annotations
 
@@ -40,6 +40,6 @@ def decode_draco(data: bytes) -> RawMesh:
     except (ValueError, DracoPy.FileTypeException) as fault:
         raise InputError("is a Draco file that is cut short or damaged") from fault
     vertices = np.asarray(content.points, dtype=np.float64).reshape(-1, 3)
-    # a point cloud has no attribute faces
+    # decoded point clouds have no attribute `faces`
     faces = np.asarray(getattr(content, "faces", ()), dtype=np.int64).reshape(-1, 3)
     return RawMesh(vertices, faces)

@@ -1,4 +1,4 @@
-"""Reader of glTF and GLB scenes: all triangles with the transforms of their nodes, as one mesh."""
+"""Reader of glTF and GLB scenes, as one mesh of all triangles with transforms applied."""
 
 from __future__ import annotations
 
@@ -20,20 +20,19 @@ from meshmash_viewer.triangulation import fan_triangles, strip_triangles
 from meshmash_viewer.units import counted
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-#: Attributes with the joints of a vertex and their weights, four in a set.
+#: Prefixes of attributes with the joints of a vertex and their weights, four per attribute.
 _SKIN = "JOINTS_", "WEIGHTS_"
 #: Modes of primitives without triangles.
 _NO_TRIANGLES = {0: "of points", 1: "of lines", 2: "of lines", 3: "of lines"}
 
 
 def read_gltf(path: Path) -> RawMesh:
-    """Read all triangle meshes of a scene, placed by its transforms, as one mesh.
+    """Read all triangle meshes of a scene, with transforms applied, as one mesh.
 
-    The format repeats a vertex wherever its normal, texture coordinate or material changes;
-    vertices of one mesh at the same place are therefore joined, before it is placed.
-
-    `InputError` is raised if the file is no glTF, requires what is not understood, or shows no
-    triangle.
+    The format repeats a vertex wherever its normal, texture coordinate or material changes.
+    Coincident vertices of each mesh are therefore joined, before its transforms are applied.
+    `InputError` is raised if the file is no glTF, requires an unsupported extension, or its scene
+    has no triangle.
     """
     return _Scene(GltfFile(path)).mesh()
 
@@ -41,7 +40,7 @@ def read_gltf(path: Path) -> RawMesh:
 def gltf_limits(path: Path) -> ReadLimits:
     """Return the limits for a scene.
 
-    One array can be named by a thousand meshes, and one mesh placed by a thousand nodes.
+    A small file can use one array in a thousand meshes, or one mesh in a thousand nodes.
     """
     file = GltfFile(path)
     return ReadLimits.of(file.size, unpacked=file.unpacked_size)
@@ -49,7 +48,7 @@ def gltf_limits(path: Path) -> ReadLimits:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Triangles of a primitive or mesh in local coordinates."""
+    """Triangles of a primitive, mesh or scene."""
 
     vertices: FloatArray
     faces: IntArray
@@ -58,13 +57,13 @@ class _Part:
 
 
 class _Scene:
-    """Reads the nodes of a scene, and counts the content that is left out."""
+    """Conversion of the nodes of a scene to a mesh, with counts of the content left out."""
 
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._parts: dict[tuple[object, ...], _Part] = {}
         self._shown: set[object] = set()
-        #: Number of things that were left out, by their noun and kind.
+        #: Number of items left out, by noun and description, such as ("primitive", "of lines").
         self._left_out: Counter[tuple[str, str]] = Counter()
         self._matrices: dict[int, FloatArray] = {}
 
@@ -80,7 +79,7 @@ class _Scene:
         if not placed:
             raise InputError(self._nothing())
         whole = _concatenated(placed)
-        # standard attributes have names without an underscore
+        # only names of custom attributes begin with an underscore
         maps = [
             RawMap(name[1:], values[:, 0])
             for name, values in whole.values.items()
@@ -98,7 +97,7 @@ class _Scene:
                 yield f"holds {counted(count, noun)} {which}, which {verb} left out"
 
     def _nothing(self) -> str:
-        """Return the error for a file without triangles."""
+        """Return the error message for a scene without triangles."""
         kinds = sorted(which for (_, which), count in self._left_out.items() if count)
         named = " and ".join(which.removeprefix("of ") for which in kinds)
         if kinds == ["of points"]:
@@ -111,7 +110,7 @@ class _Scene:
     # -- nodes --------------------------------------------------------------------------------
 
     def _nodes(self) -> Iterator[tuple[int, Entry, FloatArray]]:
-        """Yield the nodes of the scene with index and transform to scene coordinates."""
+        """Yield index, node, and transform to scene coordinates of each node of the scene."""
         seen: set[object] = set()
         left = [(root, np.eye(4)) for root in reversed(self._roots())]
         while left:
@@ -128,7 +127,7 @@ class _Scene:
         """Return the root nodes of the scene; without a scene, all nodes without a parent."""
         description = self._file.description
         nodes = description.setdefault("nodes", [])
-        if not nodes:  # a library of meshes
+        if not nodes:  # a collection of meshes without a scene
             nodes += [{"mesh": at} for at in range(len(description.get("meshes") or []))]
             return list(range(len(nodes)))
         if description.get("scenes"):
@@ -156,7 +155,7 @@ class _Scene:
                 yield _copies(part, matrices[sized], values)
 
     def _instances(self, node: Entry) -> tuple[FloatArray, dict[str, npt.NDArray[Any]]]:
-        """Return the transform of each instance of a node, shape (k, 4, 4), and its values."""
+        """Return the transforms of instances of a node, shape (k, 4, 4), and columns of values."""
         extension = (node.get("extensions") or {}).get(INSTANCING)
         if not extension:
             return np.eye(4)[None], {}
@@ -169,7 +168,7 @@ class _Scene:
         return _placements(arrays), _columns(arrays)
 
     def _posed(self, part: _Part, index: object) -> _Part:
-        """Return a mesh deformed by a skin, in the pose of the nodes."""
+        """Return a mesh deformed by a skin, with the joints at the transforms of their nodes."""
         skin = self._file.entry("skins", index)
         joints = skin["joints"]
         if any(joint not in self._matrices for joint in joints):
@@ -191,7 +190,7 @@ class _Scene:
     # -- meshes -------------------------------------------------------------------------------
 
     def _part(self, index: object, weights: list[float]) -> _Part:
-        """Return a mesh in local coordinates, with equal vertices merged; it is cached."""
+        """Return a mesh in local coordinates with coincident vertices joined; cached."""
         key = (index, *weights)
         if key not in self._parts:
             primitives = self._file.entry("meshes", index)["primitives"]
@@ -255,7 +254,7 @@ class _Scene:
     def _unpacked(
         self, packed: Entry, wanted: Entry
     ) -> tuple[dict[str, npt.NDArray[Any]], IntArray]:
-        """Return the attributes and triangles of a primitive packed by Draco."""
+        """Return the attributes and triangles of a primitive compressed by Draco."""
         try:
             import DracoPy
         except ImportError:
@@ -282,7 +281,7 @@ class _Scene:
 
 
 def _concatenated(parts: list[_Part]) -> _Part:
-    """Concatenate parts; missing values become NaN, and missing joints get weight 0."""
+    """Concatenate parts; missing values become NaN, missing joints and weights 0."""
     starts = np.cumsum([0, *(len(each.vertices) for each in parts)]).tolist()
     values: dict[str, npt.NDArray[Any]] = {}
     for part, start in zip(parts, starts, strict=False):
@@ -313,7 +312,7 @@ def _copies(part: _Part, matrices: FloatArray, values: dict[str, npt.NDArray[Any
     linear, shift = matrices[:, :3, :3], matrices[:, :3, 3]
     vertices = part.vertices @ linear.transpose(0, 2, 1) + shift[:, None]
     faces = np.repeat(part.faces[None], len(matrices), axis=0)
-    mirrored = np.linalg.det(linear) < 0.0  # a mirror turns triangles inside out
+    mirrored = np.linalg.det(linear) < 0.0  # a reflection reverses orientation
     faces[mirrored] = faces[mirrored][:, :, ::-1]
     count = len(part.vertices)
     faces += (np.arange(len(matrices)) * count)[:, None, None]

@@ -1,4 +1,4 @@
-"""Content of a glTF file: its JSON description, buffers and arrays."""
+"""Access to the content of glTF files: JSON description, buffers and arrays."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 
-#: One object of the description, such as a node.
+#: An object of the description, such as a node.
 Entry: TypeAlias = dict[str, Any]
 
 DRACO = "KHR_draco_mesh_compression"
 INSTANCING = "EXT_mesh_gpu_instancing"
 #: Supported extensions that change the geometry.
 _UNDERSTOOD = (DRACO, INSTANCING, "KHR_mesh_quantization", "KHR_accessor_float64")
-#: First parts of the names of extensions that only change the appearance.
+#: Prefixes of the names of extensions that only change the appearance.
 _APPEARANCE = (
     *("KHR_materials_", "EXT_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_"),
     *("KHR_lights_", "EXT_lights_", "KHR_animation_", "KHR_xmp", "KHR_techniques_webgl"),
 )
-#: Extensions that compress a part of a buffer; the uncompressed part must be ignored.
+#: Extensions that compress a part of a buffer, which may then be missing in uncompressed form.
 _PACKED_VIEWS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 _COMPONENTS = {
@@ -44,8 +44,8 @@ _JSON, _BIN = b"JSON", b"BIN\0"
 class GltfFile:
     """Content of a ``.gltf`` or ``.glb`` file.
 
-    `InputError` is raised if it is no glTF 2.0, requires an extension that is not understood, or
-    names a file that does not exist.
+    `InputError` is raised if the file is not glTF 2.0, requires an unsupported extension, or refers
+    to a file that does not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,9 +77,9 @@ class GltfFile:
         return sum(8 * _whole(each, "count", 0) for each in self.description.get("accessors") or [])
 
     def entry(self, kind: str, index: object) -> Entry:
-        """Return an entry of a list in the description.
+        """Return an entry of the list `kind` in the description, such as "nodes".
 
-        `InputError` is raised if there is none of this index.
+        `InputError` is raised if the index is out of range.
         """
         entries = self.description.get(kind) or []
         if not isinstance(index, int) or not 0 <= index < len(entries):
@@ -91,9 +91,9 @@ class GltfFile:
         return found
 
     def array(self, accessor: object) -> npt.NDArray[Any]:
-        """Return an array of shape (count, width); normalized integers become float64.
+        """Return the array of an accessor, shape (count, width); normalized integers as float64.
 
-        `InputError` is raised if it is not an array, or is not within its buffer.
+        `InputError` is raised if the accessor is invalid, or the array ends beyond its buffer.
         """
         entry = self.entry("accessors", accessor)
         dtype, count = _dtype(entry), _whole(entry, "count")
@@ -105,7 +105,7 @@ class GltfFile:
             offset = _whole(entry, "byteOffset", 0)
             values = self._rows(entry["bufferView"], offset, count, width, dtype)
         else:
-            values = np.zeros((count, width), dtype)  # as the format specifies
+            values = np.zeros((count, width), dtype)  # as specified
         if "sparse" in entry:
             values = self._replaced(values, entry["sparse"])
         return scaled(values) if entry.get("normalized") else values
@@ -113,8 +113,8 @@ class GltfFile:
     def view(self, index: object) -> memoryview:
         """Return the bytes of a buffer view.
 
-        `InputError` is raised if the buffer is shorter, or the part is packed in a way that is not
-        understood.
+        `InputError` is raised if the view ends beyond its buffer, or its buffer has no data, as for
+        unsupported compression.
         """
         entry = self.entry("bufferViews", index)
         start, length = _whole(entry, "byteOffset", 0), _whole(entry, "byteLength")
@@ -136,7 +136,7 @@ class GltfFile:
         return np.ndarray((count, width), dtype, data, offset if count else 0, strides)
 
     def _replaced(self, values: npt.NDArray[Any], sparse: Entry) -> npt.NDArray[Any]:
-        """Return values with the rows of a sparse accessor replaced."""
+        """Return values with the rows given by a sparse accessor replaced."""
         count, indices, given = _whole(sparse, "count"), sparse["indices"], sparse["values"]
         kind, width = _dtype(indices), values.shape[1]
         at = self._rows(indices["bufferView"], _whole(indices, "byteOffset", 0), count, 1, kind)
@@ -205,7 +205,7 @@ def _shorter() -> InputError:
 
 
 def _whole(entry: Entry, key: str, default: int | None = None) -> int:
-    """Return a count, offset or index; `InputError` is raised if it is no whole number from 0."""
+    """Return a count, offset or index; `InputError` is raised unless it is an integer from 0 on."""
     value = entry.get(key, default)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise InputError(f"has an entry whose {key} is {printable(value, 30)}, not a whole number")
@@ -220,7 +220,7 @@ def _dtype(entry: Entry) -> np.dtype[Any]:
 
 
 def _content(path: Path) -> tuple[bytes, memoryview | None]:
-    """Return the text of the description, and the buffer that a GLB holds."""
+    """Return the text of the description, and the buffer in a GLB file, if any."""
     data = path.read_bytes()
     if not data.startswith(b"glTF"):
         if path.suffix.lower() == ".glb":

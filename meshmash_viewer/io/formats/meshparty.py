@@ -1,4 +1,4 @@
-"""HDF5 files of MeshParty."""
+"""Reader of HDF5 files of MeshParty."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from meshmash_viewer.units import counted
 def read_meshparty(path: Path) -> RawMesh:
     """Read vertices and faces, or a mesh compressed by Draco.
 
-    A node mask of the vertices becomes the map "node_mask". Link edges, which belong to no surface,
-    and a node mask of another length are left out with a remark.
+    A node mask of the vertices becomes the map "node_mask". Link edges, which are not edges of the
+    surface, and a node mask of another length are left out with a remark.
     """
     try:
         import h5py
@@ -49,12 +49,12 @@ _KNOWN = ("vertices", "faces", "draco", "link_edges", "node_mask")
 
 
 def _is_array(entry: Any) -> bool:
-    """Whether an entry of the file is an array, not a group or missing."""
+    """Whether an entry of the file is an array, neither a group nor missing."""
     return hasattr(entry, "shape") and entry.shape is not None
 
 
 def _rows(values: Any, name: str) -> Any:
-    """Return rows of three numbers; some files store faces as one row."""
+    """Return values as rows of three numbers; some files store faces in a flat array."""
     if values.dtype.kind not in "fiu" or values.size % 3 or values.shape[1:] not in ((), (3,)):
         raise InputError(f"has {name} that are not rows of three numbers")
     kind = np.float64 if name == "vertices" else np.int64

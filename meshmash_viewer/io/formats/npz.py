@@ -1,4 +1,4 @@
-"""NumPy files: meshes as archives with ``vertices`` and ``faces``, and maps."""
+"""Readers of NumPy files: NPZ archives of meshes or maps, and NPY arrays of maps."""
 
 from __future__ import annotations
 
@@ -26,25 +26,23 @@ from meshmash_viewer.io.raw import (
 from meshmash_viewer.triangulation import triangulate
 from meshmash_viewer.vertex_map import Label
 
-#: Arrays of our own exports that have one entry per eigenpair.
+#: Arrays with one entry per eigenpair in exports of this program.
 _NOT_READ = ("eigenvalues", "eigenvectors", "residuals")
-#: Names of the arrays of a mesh in files of other programs, preferred ones first.
+#: Names of the arrays of a mesh, in this order of preference; most are of other programs.
 _VERTICES = ("vertices", "verts", "points", "coords", "coordinates", "positions", "pos", "xyz", "V")
 _FACES = ("faces", "triangles", "tris", "simplices", "cells", "face", "F")
-#: Arrays of our own exports with the labels of the array ``labels``.
+#: Arrays that describe the label numbers in the array ``labels`` in exports of this program.
 _LABELS = ("label_numbers", "label_names", "label_colors")
 
 
 def read_npz(path: Path) -> RawMesh:
     """Read ``vertices`` (n, 3) and ``faces`` (m, 3 or more corners) from an NPZ file.
 
-    Usual other names of the two arrays are accepted, and both may be transposed. Faces may also be
-    as pyvista has them, ``[3, a, b, c]`` in rows or one after the other. Other arrays with a number
-    a vertex are maps, and so are the columns of ``features`` under the names in ``columns``, which
-    our own exports have. The unit is taken from the JSON text ``meta``, where our own exports state
-    it.
-
-    `InputError` is raised if the file is no NPZ archive, or the arrays are absent or misshapen.
+    Other common names of the two arrays are accepted, and both arrays may be transposed. Faces may
+    also be in the form of pyvista, ``[3, a, b, c]`` in rows or concatenated. Other arrays with one
+    number per vertex become maps. Exports of this program also contain ``features`` with the names
+    of its columns in ``columns``, and the unit in the JSON text ``meta``. `InputError` is raised if
+    the file is no NPZ archive, or the arrays are missing or have wrong shapes.
     """
     with _mesh_archive(path) as archive:
         names = _mesh_names(archive.files)
@@ -68,7 +66,7 @@ def read_npz(path: Path) -> RawMesh:
 
 
 def _mesh_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the arrays of vertices and faces among those of an archive, if both."""
+    """Return the names of the arrays of vertices and of faces; empty unless both are present."""
     known = set(names)
     found = (next((name for name in each if name in known), "") for each in (_VERTICES, _FACES))
     both = tuple(found)
@@ -76,7 +74,7 @@ def _mesh_names(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def npz_limits(path: Path) -> ReadLimits | None:
-    """Return the limits for an archive that unpacks to much; None for others."""
+    """Return the limits for an archive; None if its unpacked size needs no limits."""
     with _mesh_archive(path) as archive:
         held = archive.zip.infolist()
     unpacked = sum(member.file_size for member in held if member.filename[:-4] not in _NOT_READ)
@@ -87,10 +85,10 @@ def npz_limits(path: Path) -> ReadLimits | None:
 
 
 def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
-    """Return the corners of all faces, and the number of corners of each.
+    """Return the corners of all faces, and the number of corners of each face.
 
-    A face is a row of corners; or its number of corners and then these, as pyvista and VTK write
-    them: ``[3, a, b, c]``, in rows or one after the other.
+    A face in the file is a row of corners; or the number of corners followed by the corners, as in
+    pyvista and VTK: ``[3, a, b, c]``, in rows or concatenated.
     """
     if faces.ndim == 1:
         return _listed_polygons(faces)
@@ -100,7 +98,8 @@ def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
     counts = np.full(len(faces), width + 1, dtype=np.int64)
     if width < 3 or not np.all(faces[:, 0] == width):
         return faces.ravel(), counts
-    if width >= n_vertices or np.any(faces[:, 1:] == width):  # no face has a corner twice
+    # the first number is no corner if it is out of range, or is again in the same face
+    if width >= n_vertices or np.any(faces[:, 1:] == width):
         return faces[:, 1:].ravel(), counts - 1
     if len(faces) > 1:
         raise InputError(
@@ -137,7 +136,7 @@ def npy_maps(path: Path) -> RawMesh:
         return maps_alone(RawMap(name, values[name].copy()) for name in values.dtype.names)
     if values.ndim == 1:
         return maps_alone([RawMap("", values)])
-    if values.shape[1] > MOST_MAPS >= len(values):  # no mesh has so few vertices and so many maps
+    if values.shape[1] > MOST_MAPS >= len(values):  # rows are maps, as no mesh has so few vertices
         values = values.T
     count = values.shape[1]
     if count > MOST_MAPS:
@@ -169,7 +168,7 @@ def npz_maps(path: Path) -> RawMesh:
 
 
 def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) -> Iterator[RawMap]:
-    """Yield a map of the domain of each vertex, and one of each column of condensed features."""
+    """Yield a map of the domain numbers, and a map per column of condensed features."""
     names = condensed_columns(path, values, labels)
     domains = labels.astype(np.float64)
     yield RawMap(DOMAINS, np.where(domains < 0.0, np.nan, domains))
@@ -178,7 +177,7 @@ def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) 
 
 
 def _said(archive: Any) -> str:
-    """Return the provenance text of our own exports; "" for other archives."""
+    """Return the provenance text in exports of this program; "" for other archives."""
     try:
         return str(_array(archive, "meta"))
     except InputError:
@@ -195,10 +194,10 @@ def holds_a_mesh(path: Path) -> bool:
 
 
 def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
-    """Yield a map of each column of the arrays, which have any length, or that of n vertices.
+    """Yield a map per column of the arrays with `n_vertices` rows; with None, of any length.
 
-    Our own exports after a repair have an array ``vertex``: the index in the mesh file of each row.
-    It is used if maps alone are read.
+    Exports of this program after a repair have an array ``vertex`` with the index in the mesh file
+    of each row. It is used if `n_vertices` is None, that is, if no mesh is read.
     """
     rows = _rows(archive)
     passed = {*_mesh_names(archive.files), "vertices", "faces", "meta", "columns", *_NOT_READ}
@@ -229,7 +228,7 @@ def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
 
 
 def _labels(archive: Any) -> tuple[Label, ...]:
-    """Return the labels of the array ``labels``, none if their names or colours are missing."""
+    """Return the labels of the array ``labels``; empty if names or colours are missing."""
     if not {"labels", *_LABELS} <= set(archive.files):
         return ()
     numbers, names, colors = (np.ravel(_array(archive, name)).tolist() for name in _LABELS)
@@ -268,13 +267,13 @@ def _opened(path: Path) -> Any:
 def _array(archive: Any, name: str) -> npt.NDArray[Any]:
     try:
         return np.asarray(archive[name])
-    except Exception as fault:  # raised by zip or the parser of a header
+    except Exception as fault:  # the parsers raise various types
         damaged = InputError(f"has an array {name} that is damaged or cut short")
         raise _of_objects(f"an array {name}", fault) or damaged from fault
 
 
 def _of_objects(array: str, fault: Exception) -> InputError | None:
-    """Return the error for an array of Python objects, None for another fault of NumPy."""
+    """Return the error for an array of Python objects; None for other errors of NumPy."""
     if "Object arrays" not in str(fault):
         return None
     return InputError(f"has {array} of Python objects")

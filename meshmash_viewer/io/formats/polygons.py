@@ -1,8 +1,8 @@
-"""OFF, OBJ, STL and PLY: vertices and polygons, as text or binary.
+"""Readers of OFF, OBJ, STL and PLY files, with vertices and polygons as text or binary.
 
 Colours, normals and texture coordinates are not read. An OBJ corner ``v/vt/vn`` is vertex ``v``, so
 that texture seams do not cut the surface. Equal vertices of STL triangles are merged. PLY files may
-have polygons or triangle strips, as text or binary in either byte order.
+have polygons or triangle strips; they may be text, or binary in either byte order.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from meshmash_viewer.io.text import (
 from meshmash_viewer.triangulation import strip_triangles, triangulate
 from meshmash_viewer.units import counted
 
-#: First word of an OFF file with its prefixes; a number may follow without a blank.
+#: First word of an OFF file with its prefixes; a number may follow without a space.
 _OFF_HEADER = re.compile(rb"\s*((?:ST|C|N|4)*OFF)(?=[\s\d]|$)\s*(BINARY\b)?", re.IGNORECASE)
 
 
 def read_off(path: Path) -> RawMesh:
     """Read the vertices and polygons of a text OFF file.
 
-    `InputError` is raised if the header is missing or unsupported, or its counts do not
-    match the content.
+    `InputError` is raised if the header is missing or unsupported, or its counts do not match the
+    content.
     """
     data = read_text(path)
     if b"#" in data:
@@ -71,7 +71,7 @@ def read_off(path: Path) -> RawMesh:
     counts = counts[counts > 0]
     if len(numbers) < 2:
         raise InputError("does not state how many vertices and faces it holds")
-    # the third number, of edges, is ignored, and some programs omit it
+    # the third number, of edges, is ignored; some programs omit it
     stated = 2 if counts[0] == 2 else 3
     promised = numbers[:2]
     rest = np.diff(np.maximum(np.cumsum(counts) - stated, 0), prepend=0)
@@ -101,22 +101,20 @@ def read_off(path: Path) -> RawMesh:
 
 # -- OBJ ----------------------------------------------------------------------------------------
 
-#: Comments, and the texture and normal indices of a corner.
+#: Comments, and texture and normal indices of corners, which are removed.
 _OBJ_NOT_READ = re.compile(rb"#[^\n\v]*|/\S*")
 
 
 def read_obj(path: Path) -> RawMesh:
     """Read the vertices (``v``) and faces (``f``) of an OBJ file.
 
-    Polygons become triangles; negative indices count back from the vertices read so far; objects
-    and groups become one mesh. Coordinates after the third of a vertex (weight or colour) are
-    ignored.
-
-    `InputError` is raised if a vertex or face is malformed, or an index is out of range; the
-    message names the line.
+    Polygons become triangles. Negative indices count back from the last vertex before the face.
+    Objects and groups become one mesh. Numbers after the third of a vertex (weight or colour) are
+    ignored. `InputError` is raised if a vertex or face is malformed, or an index is out of range;
+    the message names the line.
     """
     text = read_text(path)
-    if b"\\" in text:  # a line that ends with a backslash continues in the next
+    if b"\\" in text:  # a backslash continues a line
         text = re.sub(rb"\\[ \t]*\n", rb" \v", text)
     lines = Lines(_OBJ_NOT_READ.sub(b"", text))
     vertex_lines, face_lines = lines.beginning_with(b"v"), lines.beginning_with(b"f")
@@ -145,7 +143,7 @@ def _obj_vertices(lines: Lines, which: IntArray) -> FloatArray:
 def _obj_faces(
     lines: Lines, which: IntArray, vertices_before: IntArray, n_vertices: int
 ) -> tuple[IntArray, IntArray]:
-    """Return the corners of all faces, counted from 0, and the number of corners of each."""
+    """Return the corners of all faces, counted from 0, and the number of corners of each face."""
     given, counts = lines.rows(which, b"f", np.int64)
     if not counts.all():
         raise lines.fault("has a face line without corners", which[counts.argmin()])
@@ -171,11 +169,11 @@ def _obj_faces(
 
 _STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_HEADER_BYTES = 80
-#: Numbers of triangles in the header of files that were written without knowing it.
+#: Numbers of triangles in headers that mean "unknown", from programs that write sequentially.
 _UNKNOWN_COUNTS = (0, 0xFFFFFFFF)
-#: Longest header, in bytes, that is tried if the file does not fit one of 80 bytes.
+#: Longest header, in bytes, that is tried if the file size does not fit a header of 80 bytes.
 _LONGEST_STL_HEADER = 256
-#: Blanks before a keyword within a line, for files with several statements in a line.
+#: Spaces before a keyword within a line, for files with several statements per line.
 _WITHIN_LINE = re.compile(
     rb"(?<=\S)[ \t]+"
     rb"(?=(?:facet\s+normal|outer\s+loop|vertex\s+[-+.\d]|end\s*(?:loop|facet|solid))\b)",
@@ -184,12 +182,10 @@ _WITHIN_LINE = re.compile(
 
 
 def read_stl(path: Path) -> RawMesh:
-    """Read an STL file and join the corners with equal coordinates.
+    """Read a text or binary STL file, and join corners with equal coordinates.
 
     Triangles that collapse to a line or a point by joining are dropped.
-
-    `InputError` is raised if the file is neither kind of STL, was cut short, or has no triangle
-    left.
+    `InputError` is raised if the file is no STL, was cut short, or has no triangle left.
     """
     data = path.read_bytes()
     text = None if _is_whole_stl(data, _STL_HEADER_BYTES) else _as_text(data)
@@ -206,7 +202,7 @@ def read_stl(path: Path) -> RawMesh:
 
 
 def _is_whole_stl(data: bytes, header: int) -> bool:
-    """Whether the size of a binary file fits its number of triangles and a header length."""
+    """Whether the size of a binary file fits its number of triangles and `header` bytes before."""
     return header + 4 + _stated_count(data, header) * _STL_RECORD.itemsize == len(data)
 
 
@@ -215,7 +211,7 @@ def _stated_count(data: bytes, header: int) -> int:
 
 
 def _as_text(data: bytes) -> bytes | None:
-    """Return the text of a text file, else None; binary files may begin with "solid", too."""
+    """Return the text of a text file, None for a binary file, which may also begin with "solid"."""
     text = unmarked(data)
     begins = text[:100_000]
     is_text = b"\0" not in begins[:1_000] and re.search(
@@ -254,7 +250,7 @@ def _binary_corners(data: bytes) -> FloatArray:
 
 
 def _are_near(others: FloatArray, corners: FloatArray) -> bool:
-    """Whether the data after the last triangle are triangles: near the others, not degenerate."""
+    """Whether data after the last triangle are more triangles: near `corners`, not degenerate."""
     lowest, highest = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     margin = (highest - lowest).max()
     is_near = (others >= lowest - margin) & (others <= highest + margin)
@@ -262,7 +258,7 @@ def _are_near(others: FloatArray, corners: FloatArray) -> bool:
 
 
 def _text_corners(text: bytes) -> tuple[FloatArray, IntArray]:
-    """Return the corners of all facets, and the number of corners of each."""
+    """Return the corners of all facets, and the number of corners of each facet."""
     try:
         return _corners_by_lines(text)
     except InputError:
@@ -273,7 +269,7 @@ def _text_corners(text: bytes) -> tuple[FloatArray, IntArray]:
 
 
 def _corners_by_lines(text: bytes) -> tuple[FloatArray, IntArray]:
-    # names after "solid" and lines with other keywords may contain any word
+    # only lines within facets count, as names and other lines may begin with any word
     lines = Lines(text)
     lines.drop_until(int(lines.beginning_with(b"solid")[:1].max(initial=0)))
     begun, ended = lines.beginning_with(b"facet"), lines.beginning_with(b"end", b"facet")
@@ -324,9 +320,8 @@ _NO_MAPS = re.compile(r"[xyz]|n[xyz]|(diffuse_)?(red|green|blue|alpha)|[stuv]|te
 def read_ply(path: Path) -> RawMesh:
     """Read elements ``vertex`` (x, y, z) and ``face`` or ``tristrips`` of a PLY file.
 
-    The unit is taken from the comment in which our own exports state it.
-
-    `InputError` is raised if the header is no PLY header, or the file is shorter than it states.
+    In exports of this program, the unit is read from the provenance in comments. `InputError` is
+    raised if the header is no PLY header, or the file is shorter than its header states.
     """
     data = unmarked(path.read_bytes())
     is_text, elements, start = _ply_parse_header(data)
@@ -379,7 +374,7 @@ def _binary_body(elements: list[Element], data: bytes, start: int) -> list[Colum
 
 
 def _ply_corners(columns: Columns) -> tuple[IntArray, IntArray]:
-    """Return the corners of all faces, and the number of corners of each."""
+    """Return the corners of all faces, and the number of corners of each face."""
     corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
     if not isinstance(corners, tuple):
         raise InputError("has faces without a list of vertex indices")
@@ -390,7 +385,7 @@ def _ply_corners(columns: Columns) -> tuple[IntArray, IntArray]:
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
-    """Split strips at indices of -1, which separate strips."""
+    """Split strips at indices -1; return the other indices, and the length of each strip."""
     is_break = indices == -1
     strip = np.repeat(np.arange(len(counts)), counts) + np.cumsum(is_break)
     return indices[~is_break], np.bincount(strip[~is_break])
@@ -444,6 +439,6 @@ def _ply_parse_header(data: bytes) -> tuple[bool, list[Element], int]:
 
 
 def _number_type(order: str, name: str) -> np.dtype[Any]:
-    """Return the type of a property in a body of a byte order; text is read as 64-bit floats."""
+    """Return the type of a property in a byte order "<" or ">"; float64 for "", text."""
     code = _PLY_TYPES[name]
     return np.dtype(order + code if order else "f8")

@@ -1,4 +1,4 @@
-"""Tables of values per vertex: CSV and Parquet, by pyarrow."""
+"""Readers of tables of values per vertex, CSV and Parquet, by pyarrow."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ from meshmash_viewer.vertex_map import COLOR, Label
 if TYPE_CHECKING:
     import pyarrow
 
-#: Texts for a missing number, in addition to those of pyarrow.
+#: Texts that stand for a missing number, in addition to those of pyarrow.
 _MISSING = (
     "None", "none", "NONE", "Null", "<NA>", "Nan", "nAn", "-", ".", "?", "NaT", "missing",
     "#DIV/0!", "#NUM!", "#VALUE!", "#REF!",
 )  # fmt: skip
-#: Names that pandas gives to a column of row numbers.
+#: Names of columns of row numbers in files of pandas.
 ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
-#: Columns that describe the one called "label".
+#: Columns with the names and colours of labels in the column "label".
 _TEXTS = ("name", "color", "colour")
-#: Bytes that are read to find the separators of a table.
+#: Number of bytes that are read to find the separator of columns.
 _BEGINNING = 1_000_000
-#: The line in which Excel states the sign between columns.
+#: Line of Excel that states the separator of columns.
 _SEPARATOR_LINE = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE)
-#: A line with one number and a decimal comma, or with two whole numbers.
+#: Line with a number with a decimal comma, or with two integers separated by a comma.
 _ONE_DECIMAL = re.compile(r"\s*[-+]?\d+,\d+\s*")
 _LARGEST_BLOCK = 2**31 - 1
 
 
 def csv_maps(path: Path) -> RawMesh:
-    """Read the columns of numbers of a table, with or without a first line of names.
+    """Read the columns of numbers of a text table, with or without a first line of names.
 
-    Columns are separated by a comma, semicolon, tab or spaces; decimals are written with a point
-    or, where commas do not separate columns, a comma. Lines in front that begin with "#" are
-    comments, the last of which may hold the names. Where a number is missing, a field is empty or
-    holds "None", "NA", "NaN", "null" or the like.
+    Columns are separated by a comma, semicolon, tab or spaces. The decimal sign is a point, or a
+    comma if commas do not separate columns. The first lines may be comments that begin with "#",
+    and column names may be in the last comment. A missing number is an empty field or a text such
+    as "None", "NA", "NaN" or "null".
     """
     return replace(_maps(text_table(path)), meta=second_file(path))
 
 
 def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
-    """Read a table of text; with `most`, only the lines within so many bytes."""
+    """Read a text table; with `most`, only the complete lines in the first `most` bytes."""
     import pyarrow
     import pyarrow.csv
 
     layout, separator, decimal = text_layout(path)
-    # in one block, as pyarrow infers the type of a column from the first block
+    # a single block, as pyarrow infers the types of columns from the first block
     block = min(path.stat().st_size * 4 + 1000, _LARGEST_BLOCK)
     read = pyarrow.csv.ReadOptions(use_threads=False, block_size=block, **layout)
     convert = pyarrow.csv.ConvertOptions(decimal_point=decimal, strings_can_be_null=True)
@@ -86,7 +86,7 @@ def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
     named = zip(found.column_names, found.columns, strict=True)
     if wide := [name for name, column in named if _is_wide(column)]:
         convert.column_types = {**convert.column_types, **dict.fromkeys(wide, pyarrow.uint64())}
-        with contextlib.suppress(pyarrow.ArrowInvalid):  # not whole numbers
+        with contextlib.suppress(pyarrow.ArrowInvalid):  # not integers
             found = table()
     if read.autogenerate_column_names and len(found.column_names) == 1:
         found = found.rename_columns([""])
@@ -103,7 +103,7 @@ def parquet_maps(path: Path) -> RawMesh:
 
 
 def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
-    """Return reading options of pyarrow, the separator of columns, and the decimal sign."""
+    """Return reading options of pyarrow, the column separator, and the decimal sign."""
     with path.open("rb") as file:
         beginning = file.read(_BEGINNING)
     encoding = _encoding(beginning)
@@ -129,9 +129,9 @@ def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
 
 
 def _signs(first: str, rows: list[str], separator: str) -> tuple[str, str]:
-    """Return the sign between columns, unless it is known, and the decimal sign.
+    """Return the column separator, which is guessed if `separator` is "", and the decimal sign.
 
-    `first` is the first line, which may hold names; `rows` are some lines after it.
+    `first` is the first line, which may have names; `rows` are some lines after it.
     """
     separator = separator or next((sign for sign in "\t;," if sign in first), "")
     words = (rows or [first])[0].split()
@@ -141,8 +141,8 @@ def _signs(first: str, rows: list[str], separator: str) -> tuple[str, str]:
     if separator not in ("", ","):
         return separator, "," if re.search(r"\d,\d", text) else "."
     if all(map(_ONE_DECIMAL.fullmatch, [first, *rows])) and re.search(r",0\d", text):
-        return ";", ","  # no integer begins with 0
-    # three digits after a comma may be thousands
+        return ";", ","  # digits after the comma are decimals, as integers do not begin with 0
+    # three digits after a comma may be decimals or thousands
     quote = '"' if separator else ""
     found = re.search(rf"{quote}[-+]?(0,\d|\d+,(?!\d{{3}}\b)\d)", text)
     return separator or (";" if found else ","), "," if found else "."
@@ -158,7 +158,7 @@ def _is_wide(column: pyarrow.ChunkedArray) -> bool:
 
 
 def text_rows(path: Path) -> tuple[list[list[str]], str]:
-    """Return the rows that are not empty, names first, and the decimal sign."""
+    """Return the rows that are not empty, column names first if any, and the decimal sign."""
     layout, separator, decimal = text_layout(path)
     lines = path.read_text(encoding=layout["encoding"], errors="replace").removeprefix("\ufeff")
     reader = csv.reader(
@@ -171,7 +171,7 @@ def text_rows(path: Path) -> tuple[list[list[str]], str]:
 
 
 def _encoding(beginning: bytes) -> str:
-    """Return UTF-16 if it has its mark, UTF-8 if it can be decoded as such, else cp1252."""
+    """Return "utf-16" for text with a mark of UTF-16, "utf-8" if valid, else "cp1252"."""
     if beginning.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     try:
@@ -186,7 +186,7 @@ def _words(line: str, separator: str) -> list[str]:
 
 
 def _is_number(word: str) -> bool:
-    """Whether a field holds a number or a text for a missing one."""
+    """Whether a field is a number or a text for a missing number."""
     try:
         float(word)
     except ValueError:
@@ -200,9 +200,9 @@ def is_missing(word: str) -> bool:
 
 
 def _maps(table: pyarrow.Table) -> RawMesh:
-    """Return a map of each column of numbers; a column "vertex" has the vertex of each row.
+    """Return a map per column of numbers; a column "vertex" has the vertex index of each row.
 
-    A column "label" is a label set if it is text, or there is a column "name" or "color".
+    A column "label" becomes a label set if it is text, or there is a column "name" or "color".
     """
     numbers, labels = _label_set(table)
     columns: list[tuple[str, npt.NDArray[Any]]] = [("label", numbers)] if labels else []
@@ -243,9 +243,9 @@ def is_label_set(names: Iterable[str]) -> bool:
 
 
 def _label_set(table: pyarrow.Table) -> tuple[npt.NDArray[Any], tuple[Label, ...]]:
-    """Return the label number of each row, and the labels; none if the table has no label set.
+    """Return the label number of each row, and the labels; empty if the table has no label set.
 
-    Missing numbers, and numbers with neither name nor colour, are no labels.
+    A number with neither name nor colour, and a missing number, is not a label.
     """
     from pyarrow import types
 
@@ -281,7 +281,7 @@ def _label_set(table: pyarrow.Table) -> tuple[npt.NDArray[Any], tuple[Label, ...
 def _one_of_each(
     column: pyarrow.ChunkedArray, part: str, numbers: npt.NDArray[Any], first: npt.NDArray[Any]
 ) -> list[str | None]:
-    """Return the text of each label number; `InputError` is raised if its rows differ."""
+    """Return the text of each label number; `InputError` is raised if rows of a label differ."""
     coded = column.combine_chunks().dictionary_encode()
     codes = coded.indices.fill_null(-1).to_numpy()
     places = np.searchsorted(numbers[first], numbers)
@@ -301,13 +301,13 @@ def _one_of_each(
 
 
 def _spread_color(place: int) -> str:
-    """Return a colour for the label at a place; consecutive places have distant hues."""
+    """Return a colour for the label with index `place`; consecutive labels get distant hues."""
     shares = colorsys.hls_to_rgb(place * 0.618034 % 1.0, 0.55, 0.6)
     return "#" + "".join(f"{round(255 * share):02x}" for share in shares)
 
 
 def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
-    """Return the numbers of a column, NaN for missing ones."""
+    """Return the numbers of a column, NaN if missing; `InputError` is raised if it has none."""
     import pyarrow
     from pyarrow import types
 
@@ -329,7 +329,7 @@ def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
 def _rows(
     named: list[npt.NDArray[Any]],
 ) -> tuple[npt.NDArray[np.int64] | None, npt.NDArray[np.int64] | None]:
-    """Return the order of rows by ascending vertex, and the vertices if some are missing."""
+    """Return the row order by the column "vertex", if any, and the indices if some are missing."""
     if not named:
         return None, None
     if len(named) > 1:

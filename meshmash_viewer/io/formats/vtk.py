@@ -1,7 +1,7 @@
-"""VTP, VTU and legacy VTK files, by VTK's own readers.
+"""Readers of VTP, VTU and legacy VTK files, by VTK.
 
-On some broken files VTK crashes, loops forever or exhausts the memory; therefore
-`meshmash_viewer.io.read` calls these functions in a child process.
+On some broken files VTK crashes, loops forever or exhausts the memory. `meshmash_viewer.io.read`
+therefore calls these functions in a child process.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
 #: Largest number of values per byte of a compressed file; deflate compresses 1032-fold at most.
 _VALUES_PER_BYTE = 260
-#: Attributes of which VTK reads only the first by default.
+#: Kinds of arrays of which VTK reads only the first by default.
 _ATTRIBUTES = ("Scalars", "Vectors", "Normals", "ColorScalars", "TCoords", "Tensors", "Fields")
-#: Keywords of a legacy file that are followed by a count.
+#: Keywords before a count in legacy files.
 _LEGACY_COUNTS = (b"POINTS", b"POLYGONS", b"TRIANGLE_STRIPS", b"CELLS", b"CELL_TYPES", b"LINES")
-#: Entries of the default colour table of VTK, which has no colours of labels.
+#: Number of entries of VTK's default colour table, whose colours are not of labels.
 _RAMP = 256
-#: Names of arrays in a legacy file: of an attribute, and in a FIELD.
+#: Names of arrays in a legacy file, of attributes and within a FIELD.
 _ATTRIBUTE = re.compile(
     rb"(\n(?:SCALARS|VECTORS|NORMALS|TENSORS|COLOR_SCALARS|TEXTURE_COORDINATES)[ \t]+)(\S+)"
 )
@@ -84,7 +84,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
 
 
 def _surface(output: Any) -> Any:
-    """Return PolyData as it is, of an unstructured grid its surface."""
+    """Return PolyData, or the surface of an unstructured grid as PolyData."""
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
 
     if output is None:
@@ -100,7 +100,7 @@ def _surface(output: Any) -> Any:
 
 
 def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:
-    """Raise `InputError` for counts that the file is too small for, before VTK allocates memory."""
+    """Raise `InputError` for counts too large for the file, before VTK allocates memory."""
     count = re.compile(pattern)
     place = content.find(begin)
     while place >= 0:
@@ -123,7 +123,7 @@ def _output(reader: Any, path: Path) -> Any:
     reader.SetFileName(str(path))
     reader.Update()
     complaints = collector.GetOutput()
-    # VTK only warns if a file is cut short: "Error reading binary data!"
+    # VTK does not set an error code if a file is cut short, but warns "Error reading binary data!"
     if reader.GetErrorCode() or "error" in complaints.lower():
         clauses = [
             re.sub(r"^\w+ \(0x[0-9a-f]+\): ", "", line.strip()).rstrip(".!")
@@ -149,9 +149,9 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
 def _maps(
     output: Any, colors: dict[str, tuple[str, ...]]
 ) -> tuple[tuple[RawMap, ...], tuple[str, ...]]:
-    """Return a map of each component of the point arrays, and a clause on data that are left out.
+    """Return a map per component of the point arrays, and a clause on data that are left out.
 
-    `colors` are those of the labels 0, 1, ... in an array, by its name.
+    `colors` has the colours of labels 0, 1, ... by the name of the array.
     """
     data = output.GetPointData()
     maps: list[RawMap] = []
@@ -177,7 +177,7 @@ def _no_map(data: Any, array: Any) -> str:
     """Return the kind of an array that is not read as a map; "" for a map."""
     if array.IsA("vtkDataArray") == 0:
         return "texts"
-    if array is data.GetNormals():  # == compares the numbers
+    if array is data.GetNormals():  # == would compare the numbers
         return "normals"
     if array is data.GetTCoords():
         return "places in a texture"
@@ -207,7 +207,7 @@ def _labels(values: npt.NDArray[Any], colors: tuple[str, ...]) -> tuple[Label, .
 
 
 def _colors_of_labels(content: bytes) -> dict[str, tuple[str, ...]]:
-    """Return the colour tables in a legacy file by the name of the array that uses them."""
+    """Return the colour tables in a legacy file by the name of the array that uses the table."""
     is_text = re.match(rb"[^\n]*\n[^\n]*\n\s*ASCII", content, re.IGNORECASE) is not None
     tables = {}
     for found in _TABLE.finditer(content):
@@ -234,9 +234,9 @@ def _colors_of_labels(content: bytes) -> dict[str, tuple[str, ...]]:
 
 
 def _with_names_apart(content: bytes) -> bytes:
-    """Return the content with numbers after repeated names of point arrays.
+    """Return the content with a number appended to repeated names of point arrays.
 
-    VTK keeps only the last of two arrays of one name.
+    Of arrays with equal names, VTK keeps only the last.
     """
     start = content.rfind(b"\nPOINT_DATA")
     stop = content.find(b"\nCELL_DATA", max(start, 0))
