@@ -1,7 +1,7 @@
 """Atomic writing of files, temporary folders, and the user's folders.
 
-On Windows another program, such as a virus scanner or a file indexer, may prevent for a moment that
-a file is replaced or deleted; a program that has the file mapped prevents it until it is unmapped.
+On Windows another program, such as a virus scanner or a file indexer, may block the replacement or
+deletion of a file for a moment; a program that has mapped the file blocks both until it unmaps it.
 Temporary folders of killed processes are removed later.
 """
 
@@ -30,14 +30,14 @@ from meshmash_viewer.errors import InputError
 LEFT_OVER = ".meshmash-"
 #: ".meshmash-<machine>-<process>-<random>-<name>": names of partial files.
 _PART = re.compile(r"\.meshmash-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}-.", re.DOTALL)
-#: Prefix of the names of temporary folders; machine and process follow it.
+#: Prefix of the names of temporary folders, before the hash of the machine and the process number.
 _SCRATCH = "meshmash-viewer-"
 _OWNED = re.compile(_SCRATCH + r"([0-9a-f]{8})-(\d+)-")
 #: Seconds after which files of processes on another machine are considered abandoned.
 _FORGOTTEN = 86_400.0
-#: Seconds for which an operation that another program prevents is retried, and between retries.
+#: Seconds for which an operation blocked by another program is retried, and between retries.
 _PATIENCE, _PAUSE = 1.0, 0.05
-#: Zeros written at a time.
+#: Number of zero bytes written at a time.
 _CHUNK = 1 << 20
 #: Error codes of file systems that cannot allocate blocks in advance.
 _NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
@@ -85,9 +85,9 @@ def discard(*paths: Path) -> None:
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`, and rename it to `path` at the end.
 
-    It has the same ending, which determines the format of some writers. If the body raises, the
-    temporary file is removed and an older file at `path` is unchanged. Temporary files of killed
-    processes in the same folder are removed.
+    The temporary path has the ending of `path`, by which some writers choose the format. If the
+    body raises, the temporary file is removed and an older file at `path` is unchanged. Temporary
+    files of killed processes in the same folder are removed.
     """
     with written_together(path) as (part,):
         yield part
@@ -95,7 +95,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(*paths: Path) -> Iterator[list[Path]]:
-    """As `written_whole`, for files that belong together, renamed in this order."""
+    """Do as `written_whole` for several files, which are renamed in the given order."""
     for folder in {path.parent for path in paths}:
         remove_left_overs(folder)
     parts = [
@@ -120,30 +120,30 @@ def _flush(path: Path) -> None:
 
 def remove_left_overs(folder: Path) -> None:
     """Delete the partial files of killed processes."""
-    with contextlib.suppress(OSError):  # no such folder; the write reports it
+    with contextlib.suppress(OSError):  # the write reports a missing folder
         names = [entry.name for entry in os.scandir(folder) if entry.name.startswith(LEFT_OVER)]
         for name in names:
             found = _PART.match(name)
             if found is not None and _is_left(folder / name, found):
-                with contextlib.suppress(PermissionError):  # of another user, or open
+                with contextlib.suppress(PermissionError):  # another user's file, or an open file
                     (folder / name).unlink(missing_ok=True)
 
 
 def scratch_prefix() -> str:
-    """Return the prefix of temporary folders that `remove_abandoned` recognizes."""
+    """Return a prefix for temporary folders, by which `remove_abandoned` recognizes them."""
     return f"{_SCRATCH}{_machine()}-{os.getpid()}-"
 
 
 def remove_abandoned() -> None:
     """Delete the temporary folders of killed processes."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
-        with contextlib.suppress(OSError):  # another user's, or just gone
+        with contextlib.suppress(OSError):  # another user's folder, or just deleted
             if folder.is_dir() and _is_left(folder, _OWNED.match(folder.name)):
                 shutil.rmtree(folder, ignore_errors=True)
 
 
 def _is_left(path: Path, owner: re.Match[str] | None) -> bool:
-    """Whether the process in a name has ended, or the file was not changed for a day."""
+    """Whether a file's process has ended; on another machine, whether the file is a day old."""
     if owner is None or owner[1] != _machine():
         return time.time() - path.stat().st_mtime > _FORGOTTEN
     import psutil
@@ -162,10 +162,10 @@ def _machine() -> str:
 
 
 def make_room(path: Path, size: int) -> None:
-    """Make a file or extend it with zeros to `size` bytes, with disk blocks allocated.
+    """Extend a file, new or old, with zeros to `size` bytes, and allocate its disk blocks.
 
-    `OSError` is raised if the disk is full. Without allocated blocks, a write into a map of it
-    would then crash the process.
+    `OSError` is raised if the disk is full. Without allocated blocks, a write to a memory map of
+    the file would crash the process on a full disk.
     """
     with path.open("ab", buffering=0) as file:
         before = file.tell()
@@ -193,9 +193,9 @@ def _fill(file: IO[bytes], start: int, size: int) -> None:
 
 @contextlib.contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder with its parents, and remove those that are still empty at the end.
+    """Make a folder with its parents, and at the end remove new folders that are still empty.
 
-    `InputError` is raised if it cannot be made.
+    `InputError` is raised if the folder cannot be made.
     """
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
@@ -203,7 +203,7 @@ def made_folder(folder: Path) -> Iterator[None]:
             folder.mkdir(parents=True, exist_ok=True)
         yield
     finally:
-        with contextlib.suppress(OSError):  # it holds something by now
+        with contextlib.suppress(OSError):  # not empty
             for place in made:
                 place.rmdir()
 
@@ -228,27 +228,27 @@ def writing_errors(path: Path, *, is_folder: bool = False) -> Iterator[None]:
 
 # -- folders of the user -------------------------------------------------------------------------
 
-#: Environment variable that names one folder for all, on every operating system.
+#: Environment variable with a folder that replaces all of the user's folders below.
 CACHE_VARIABLE = "MESHMASH_CACHE"
 
 
 def cache_folder() -> Path:
-    """Return the folder in `CACHE_VARIABLE`, or else the cache folder of the operating system."""
+    """Return the folder for caches: `CACHE_VARIABLE`, or else that of the operating system."""
     return _folder("", "cache")
 
 
 def session_folder() -> Path:
-    """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
+    """Return the folder for sessions: in `CACHE_VARIABLE`, or else in the user's data folder."""
     return _folder("sessions", "data", "sessions")
 
 
 def link_folder() -> Path:
-    """Return the folder of links to meshes, next to that of the sessions."""
+    """Return the folder of links to meshes, next to the folder of sessions."""
     return session_folder().parent / "links"
 
 
 def log_folder() -> Path:
-    """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
+    """Return the folder for logs: in `CACHE_VARIABLE`, or else the user's log folder."""
     return _folder("log", "log")
 
 
@@ -263,7 +263,7 @@ def _folder(named: str, kind: str, below: str = "") -> Path:
 
 
 def page_file(name: str) -> Path | None:
-    """Return a page on an algorithm, of the checkout or installed with the package; else None."""
+    """Return the file of a page on an algorithm, in the checkout or installed; None without one."""
     checkout = Path(__file__).parents[2] / "docs" / "algorithms"
     installed = Path(sysconfig.get_path("data"), "share", "doc", "meshmash-viewer")
     files = (folder / f"{name}.md" for folder in (checkout, installed))

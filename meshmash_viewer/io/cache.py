@@ -1,4 +1,4 @@
-"""Cache of stored spectra: its size, the removal of old stores, and their published content."""
+"""Cache of stored spectra: size limit, removal of old stores, and the file of published pairs."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-#: Version of the files of a store and of the operator; stores of other versions are not used.
+#: Version of the file format and of the operator; stores of other versions are not used.
 FORMAT = 6
-#: File that describes a store; its modification time is the time of last use.
+#: File that describes a store; its modification time is the time of the store's last use.
 PROBLEM = "problem.json"
-#: Files of a store with its eigenvectors, and with all else that is published.
+#: Files of a store with its eigenvectors, and with all other published data.
 ROWS, PAIRS = "eigenvectors.f64", "pairs.sealed"
 
-#: Bytes that the cache may hold: 300 pairs of eight meshes of a million vertices.
+#: Default maximum size of the cache in bytes: 300 pairs of eight meshes of a million vertices.
 DEFAULT_CAP = 20_000_000_000
 
 _KEY = re.compile(r"[0-9a-f]{32}")
@@ -47,7 +47,7 @@ def default_cache_folder() -> Path:
 
 
 def folder_size(folder: Path) -> int:
-    """Return the bytes that a folder takes on the disk; holes in sparse files count as 0."""
+    """Return the size of a folder on the disk in bytes; holes in sparse files count as 0."""
     total = 0
     for place, _, names in os.walk(folder):
         for name in names:
@@ -61,9 +61,9 @@ def folder_size(folder: Path) -> int:
 
 
 class FileLock:
-    """An exclusive lock on a file, released when the process that holds it ends.
+    """An exclusive lock of a process on a file, released when the process ends.
 
-    The file is empty and for the lock only; it is made when needed and kept.
+    The file is empty and used for the lock only; it is made when needed and never deleted.
     """
 
     def __init__(self, path: Path) -> None:
@@ -71,7 +71,7 @@ class FileLock:
         self._descriptor: int | None = None
 
     def acquire(self) -> bool:
-        """Take the lock if it is free; return whether it is held now.
+        """Acquire the lock if it is free, and return whether this object has it.
 
         `OSError` is raised if the file cannot be made.
         """
@@ -99,7 +99,7 @@ class FileLock:
             return
         descriptor, self._descriptor = self._descriptor, None
         with contextlib.suppress(OSError):
-            # Windows unlocks a closed file with a delay
+            # on closing alone, Windows releases the lock with a delay
             if sys.platform == "win32":
                 msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
             else:
@@ -108,14 +108,14 @@ class FileLock:
 
 
 class EigenpairCache:
-    """All stores in one folder, by default the user's, of at most `cap` bytes."""
+    """All stores in one folder, by default the user's cache, of at most `cap` bytes in total."""
 
     def __init__(self, root: str | Path | None = None, cap: int = DEFAULT_CAP) -> None:
         self.root = default_cache_folder() if root is None else Path(root)
         self.cap = cap
 
     def lock_path(self, key: str) -> Path:
-        """Return the file that is locked while the store `key` is written."""
+        """Return the lock file of the store `key`, locked while the store is written."""
         return self.root / "locks" / f"{key}.lock"
 
     def stores(self) -> list[Path]:
@@ -126,11 +126,11 @@ class EigenpairCache:
         return sorted(found, key=lambda folder: (_last_used(folder), folder.name))
 
     def size(self) -> int:
-        """Return the bytes on the disk."""
+        """Return the size on the disk in bytes."""
         return folder_size(self.root)
 
     def clear(self) -> int:
-        """Remove all stores that no process is writing; return the bytes freed."""
+        """Remove all stores except those being written; return the number of bytes freed."""
         before = self.size()
         for folder in self.stores():
             self._remove(folder)
@@ -138,7 +138,7 @@ class EigenpairCache:
         return before - self.size()
 
     def evict(self, keep: str | None = None, room_for: int = 0) -> None:
-        """Remove the least recently used stores, except `keep`, until so many more bytes fit."""
+        """Remove the least recently used stores, except `keep`, until `room_for` bytes fit."""
         excess = self.size() + room_for - self.cap
         for folder in self.stores():
             if excess <= 0:
@@ -147,7 +147,7 @@ class EigenpairCache:
                 excess -= self._remove(folder)
 
     def touch(self, folder: Path) -> None:
-        """Set the time of last use of a store, where it can be written."""
+        """Set the time of last use of a store to now, if the store can be written."""
         with contextlib.suppress(OSError):  # removed meanwhile, or not writable
             os.utime(folder / PROBLEM)
 
@@ -159,7 +159,7 @@ class EigenpairCache:
                     shutil.rmtree(entry, ignore_errors=True)
         for folder in self.stores():
             lock = FileLock(self.lock_path(folder.name))
-            with contextlib.suppress(OSError):  # of another user, or removed meanwhile
+            with contextlib.suppress(OSError):  # another user's store, or removed meanwhile
                 if not lock.acquire():
                     continue  # being written
                 try:
@@ -180,14 +180,14 @@ class EigenpairCache:
             folder.rename(place)
             shutil.rmtree(place, ignore_errors=True)
         except OSError:
-            return 0  # removed meanwhile, or of another user
+            return 0  # removed meanwhile, or another user's store
         finally:
             lock.release()
         return size
 
 
 def _tidy_store(folder: Path) -> bool:
-    """Remove partial files in a store that no process writes; return whether it is then empty."""
+    """Remove partial files in a locked store; return whether the whole store can be removed."""
     try:
         about = json.loads((folder / PROBLEM).read_bytes())
         n_vertices, version = int(about["mesh"]["n_vertices"]), about["format"]
@@ -199,7 +199,7 @@ def _tidy_store(folder: Path) -> bool:
     for name in names:
         if name.startswith(LEFT_OVER):
             discard(folder / name)
-    with contextlib.suppress(ValueError, KeyError, TypeError):  # damaged: the next read says so
+    with contextlib.suppress(ValueError, KeyError, TypeError):  # the next read reports damage
         found = Published.read(folder / PAIRS, folder.name) if PAIRS in names else Published()
         published = 8 * n_vertices * len(found)
         rows = folder / ROWS
@@ -224,15 +224,16 @@ _ARRAYS = ("eigenvalues", "residuals", "checksums", "mass")
 
 
 class Damaged(ValueError):
-    """The content of a file is not what was written."""
+    """A file does not agree with its checksum, or belongs to another store."""
 
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """Published data on the leading pairs of a store.
+    """Published data on the leading pairs of a store, all except the eigenvectors.
 
-    It is one file, replaced atomically, never changed. Its first line holds the digest of all bytes
-    after it, which are a NumPy archive: the arrays, and as JSON the rest with the key of the owner.
+    The data are in one file, which is replaced atomically and never changed in place. Its first
+    line contains the SHA-256 of the rest, a NumPy archive. The archive contains the arrays, and
+    JSON with the other attributes and the key of the store.
     """
 
     #: Shape (k,).
@@ -242,18 +243,18 @@ class Published:
     checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
     #: Shape (n,).
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    #: Number of leading pairs of the last complete run; its certificate and timings follow.
+    #: Number of pairs, certificate and timings (s) of the last complete run.
     n_proven: int = 0
     certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
     timings: dict[str, float] = field(default_factory=dict)
-    #: The threshold of that run; 0 without one.
+    #: Eigenvalue threshold of the last complete run; 0 if it had none.
     known_to: float = 0.0
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
     def first(self, count: int) -> Published:
-        """Return the data on the first pairs."""
+        """Return the data on the first `count` pairs."""
         return replace(
             self,
             eigenvalues=self.eigenvalues[:count],
@@ -264,7 +265,7 @@ class Published:
         )
 
     def write(self, path: Path, key: str) -> None:
-        """Write the file; `key` names the store that it belongs to."""
+        """Write the data to a file of the store `key`."""
         about = {name: value for name, value in vars(self).items() if name not in _ARRAYS}
         about |= {"certificate": asdict(self.certificate), "key": key}
         text = json.dumps(about, allow_nan=False).encode()
@@ -279,10 +280,10 @@ class Published:
 
     @classmethod
     def read(cls, path: Path, key: str) -> Published:
-        """Read the file.
+        """Read a file of the store `key`.
 
-        `Damaged` is raised if its bytes do not agree with the digest, or it has another owner;
-        `OSError` if it cannot be read.
+        `Damaged` is raised if the file does not agree with its checksum, or belongs to another
+        store; `OSError` if it cannot be read.
         """
         with path.open("rb") as file:
             first = file.read(_FIRST_LINE)

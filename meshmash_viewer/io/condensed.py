@@ -1,9 +1,9 @@
 """Files of condensed features, of graphs of domains, and of objects at vertices, as in meshmash.
 
-A file of features has the arrays ``X``, float32, whose row 0 belongs to label -1 and row i + 1 to
-domain i, and ``labels``, int32, one for each vertex of the raw mesh. One of a graph has ``nodes``
-and ``edges``. The names of the columns are in text files next to it, separated by tabs and the same
-for all files of the folder.
+A file of features has two arrays. ``labels``, int32, has the domain of each vertex of the raw mesh,
+-1 for none. ``X``, float32, has the features of vertices without a domain in row 0, and those of
+domain i in row i + 1. A file of a graph has the arrays ``nodes`` and ``edges``. Column names are in
+text files in the same folder, separated by tabs; they apply to all files of the folder.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 #: Files of column names.
 HEADER, NODES_HEADER, EDGES_HEADER = "header.txt", "nodes_header.txt", "edges_header.txt"
-#: Columns with the nodes of an edge.
+#: Columns of edges with the two nodes of each edge.
 _ENDS = EDGE_COLUMNS[:2]
-#: Name of the map with the domain of each vertex, which becomes a label set.
+#: Name of the map with the domain of each vertex, which `labelled_domains` makes a label set.
 DOMAINS = "domains"
 #: Name of the array that maps objects to vertices.
 ID_MAP = "id_to_mesh_map"
@@ -47,13 +47,14 @@ ID_MAP = "id_to_mesh_map"
 def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.ArrayLike) -> None:
     """Write features of domains to ``NAME.npz``, and the names of their columns to ``header.txt``.
 
-    Either both are written or none. `InputError` is raised if the numbers of domains differ, or the
-    folder has a header of other columns.
+    Either both files are written or neither. `InputError` is raised if a label has no row in
+    `features`, or the folder has a header with other columns.
 
     Parameters
     ----------
     features : DataFrame
-        A row for each domain, its index from 0 on; a row -1 is that of vertices without a domain.
+        A row for each domain, with index 0, 1, 2, ...; row -1, which may be missing, is for
+        vertices without a domain.
     labels : array_like of int, shape (n,)
         The domain of each vertex of the raw mesh, -1 for none.
 
@@ -79,8 +80,8 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
 def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
     """Read features of domains and the domain of each vertex; see `write_condensed_features`.
 
-    The index of the features is the domain from -1 on. `InputError` is raised if the file is
-    invalid, or does not match ``header.txt`` next to it.
+    The index of the features is the number of the domain, from -1 on. `InputError` is raised if
+    the file is invalid, or does not match ``header.txt`` in its folder.
 
     Examples
     --------
@@ -100,7 +101,7 @@ def condensed_columns(
 ) -> tuple[str, ...]:
     """Check the arrays of a file of features, and return the names of its columns.
 
-    `InputError` is raised with a clause that follows the name of the file.
+    `InputError` is raised if they are invalid; its message is a clause without the file name.
     """
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not len(values):
         raise InputError(f"has X of shape {values.shape}, not a row for each domain")
@@ -118,8 +119,8 @@ def condensed_columns(
 def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) -> None:
     """Write a graph of domains to ``NAME.npz``, see `condense_mesh_to_graph`.
 
-    The names of its columns go to ``nodes_header.txt`` and ``edges_header.txt``. `InputError` is
-    raised if columns are missing, an edge ends at no node, or the folder has other headers.
+    Column names are written to ``nodes_header.txt`` and ``edges_header.txt``. `InputError` is
+    raised if columns are missing, an end of an edge is no node, or the folder has other headers.
 
     Examples
     --------
@@ -143,7 +144,7 @@ def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
     """Read the nodes and edges of a graph of domains; see `write_condensed_graph`.
 
     Row i of the nodes is domain i. `InputError` is raised if the file is invalid, or does not match
-    its headers.
+    the header files in its folder.
 
     Examples
     --------
@@ -167,9 +168,9 @@ def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
 
 
 def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) -> None:
-    """Write the vertex of the raw mesh for each object, such as a synapse; -1 for none.
+    """Write the ids of objects, such as synapses, and the raw-mesh vertex of each; -1 for none.
 
-    `InputError` is raised unless both are whole numbers of shape (k,).
+    `InputError` is raised unless both are arrays of integers of shape (k,).
 
     Examples
     --------
@@ -191,7 +192,7 @@ def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) 
 
 
 def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
-    """Read objects and the vertex of each, both of shape (k,); see `write_id_map`.
+    """Read ids of objects and the vertex of each, both of shape (k,); see `write_id_map`.
 
     `InputError` is raised if the file is invalid.
 
@@ -222,10 +223,10 @@ def holds(path: str | Path, *names: str) -> bool:
 def labelled_domains(
     maps: Sequence[VertexMap], mesh: Mesh
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Replace the map of domains by a label set, and return all maps and a remark on groups.
+    """Replace the map of domains by a label set; return all maps, and a remark if it has groups.
 
-    Adjacent domains have different colours. If domains outnumber the possible labels, a label is a
-    group of domains that are not adjacent, and the map of their numbers stays.
+    Adjacent domains get different colours. If there are more than `MOST_LABELS` domains, each label
+    is a group of domains that are not adjacent, and the map with the domain numbers is kept.
     """
     given = next((each for each in maps if each.name == DOMAINS), None)
     if given is None:
@@ -255,7 +256,7 @@ def labelled_domains(
 
 
 def _distinct(corners: IntArray, count: int) -> list[int]:
-    """Return a number for each domain, different from those of adjacent domains (greedy)."""
+    """Colour the domains greedily: return a number for each, different in adjacent domains."""
     pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     pairs = np.sort(pairs[(pairs[:, 0] != pairs[:, 1]) & (pairs >= 0).all(axis=1)], axis=1)
     lower: list[set[int]] = [set() for _ in range(count)]
@@ -269,7 +270,7 @@ def _distinct(corners: IntArray, count: int) -> list[int]:
 
 
 def _check_graph(nodes: DataFrame, edges: DataFrame, subject: str) -> None:
-    """Raise `InputError` if a graph lacks columns, or an edge has an end that is no node."""
+    """Raise `InputError` if a graph lacks columns, or an end of an edge is no node."""
     for table, needed in ((nodes, NODE_COLUMNS[:3]), (edges, _ENDS)):
         if missing := [name for name in needed if name not in table.columns]:
             raise InputError(f"{subject} no column {missing[0]}")
@@ -307,7 +308,7 @@ def _write(
 def _header(
     path: Path, name: str, count: int, usual: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
-    """Return the names of columns in a header file, `usual` ones if there is no such file."""
+    """Return the column names in a header file; without the file, the first `count` of `usual`."""
     header = path.with_name(name)
     if not header.exists():
         if usual is not None and count <= len(usual):
@@ -324,7 +325,7 @@ def _header(
 
 @contextlib.contextmanager
 def _reading(path: str | Path, *names: str) -> Iterator[list[npt.NDArray[Any]]]:
-    """Yield arrays of a file; messages of `InputError` in the context begin with its name."""
+    """Yield arrays of a file; the file name is put before messages of `InputError` in the body."""
     require("pandas")
     try:
         if not Path(path).exists():
@@ -335,7 +336,7 @@ def _reading(path: str | Path, *names: str) -> Iterator[list[npt.NDArray[Any]]]:
             with np.load(path) as archive:
                 held = archive.files
                 found = [np.asarray(archive[name]) for name in names if name in held]
-        except Exception as fault:  # raised by zip or the parser of a header
+        except Exception as fault:  # the parsers raise various types
             raise InputError("is damaged or cut short") from fault
         if missing := [name for name in names if name not in held]:
             listed = printable(", ".join(held) or "nothing")

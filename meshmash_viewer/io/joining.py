@@ -1,4 +1,4 @@
-"""Joining of coincident vertices, for formats that repeat a vertex in each of its faces."""
+"""Joining of coincident vertices, for formats that store a vertex once per face."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.surface.edges import connected
 
-#: Largest distance of two vertices that are merged, relative to the longest side of the mesh: half
-#: the spacing of float32 numbers at its ends, if it is centred on the origin.
+#: Largest distance of joined vertices, relative to the longest side of the bounding box: half the
+#: spacing of float32 numbers at the ends of a mesh that is centred on the origin.
 _OF_EXTENT = 2.0**-26
-#: The same relative to the smallest face at either vertex, measured by its longest edge; and the
-#: size relative to the longest side of the mesh below which a face is a rounding residue.
+#: Largest distance of joined vertices, relative to the longest edge of the smallest face at either
+#: vertex; and the size below which a face is a rounding residue, relative to the longest side.
 _OF_FACE, _LEAST_FACE = 2.0**-7, 2.0**-38
 #: Largest coordinate whose square is finite.
 _LARGEST = 1e150
@@ -23,21 +23,22 @@ _LARGEST = 1e150
 def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Join coincident vertices, and drop the triangles that collapse.
 
-    Exporters leave rounding residues such as 1e-17 for 0. Vertices are therefore coincident if they
-    are closer than 2⁻²⁶ of the longest side of the mesh and 2⁻⁷ of the smallest face at either
-    vertex, independently of the origin. `vertices`, shape (n, 3), are those of the file, before any
-    transform. The remaining vertices keep their order; their indices are the third result.
-    `InputError` is raised if a coordinate is not finite, or so large that most faces are residues.
+    Exporters leave rounding residues such as 1e-17 for 0. Two vertices are therefore coincident if
+    their distance is at most 2⁻²⁶ of the longest side of the bounding box, and at most 2⁻⁷ of the
+    smallest face at either vertex, independently of the origin. `vertices`, shape (n, 3), are the
+    coordinates in the file, before any transform. Returned are the remaining vertices in their
+    order, the faces, and the indices of the remaining vertices. `InputError` is raised if a
+    coordinate is not finite, or so large that most faces are rounding residues.
     """
     if not len(vertices):
         return vertices, faces, np.arange(0)
     if not np.isfinite(vertices).all():
         raise InputError("has a vertex with a coordinate that is not finite")
-    points = vertices + 0.0  # makes -0.0 equal to 0.0 in bits
+    points = vertices + 0.0  # replaces -0.0 by 0.0, as bits are compared
     representative = first_equal(points)
     faces = representative[faces]
     faces = faces[distinct_corners(faces)]
-    # joining exact copies first leaves a sixth of the points for the search of near copies
+    # exact copies are joined first: the search for near ones then has a sixth of the points
     used = np.zeros(len(points), dtype=np.bool_)
     used[faces] = True
     used_at, number = np.flatnonzero(used), np.cumsum(used) - 1
@@ -49,11 +50,11 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
 
 
 def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
-    """Return for each point the first coincident one; all points are in faces."""
+    """Return the index of the first coincident point of each point; each must be in a face."""
     from scipy.spatial import cKDTree
 
     first = np.arange(len(points))
-    if not len(points) or np.abs(points).max() > _LARGEST:  # refused when the mesh is made
+    if not len(points) or np.abs(points).max() > _LARGEST:  # `Mesh` raises the error
         return first
     reach = _reach(points, faces)
     while True:
@@ -61,11 +62,11 @@ def _first_near(points: FloatArray, faces: IntArray) -> IntArray:
         tree: Any = cKDTree(points[left])
         most = float(reach[left].max())
         distances, nearest = tree.query(tree.data, k=2, distance_upper_bound=most)
-        other = np.minimum(nearest[:, 1], len(left) - 1)  # without a neighbour the distance is inf
+        other = np.minimum(nearest[:, 1], len(left) - 1)  # n, at distance inf, if none
         near = np.flatnonzero(distances[:, 1] <= np.minimum(reach[left], reach[left[other]]))
         if not len(near):
             return first
-        # more than two points may be coincident: repeat until none is near
+        # more than two points may be coincident: repeat until no pair is left
         labels = connected(near, other[near], len(left))
         _, lowest = np.unique(labels, return_index=True)
         first = left[lowest[labels]][np.searchsorted(left, first)]

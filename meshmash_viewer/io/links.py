@@ -1,4 +1,4 @@
-"""Links to the meshes of segments: sources of layers, URLs of Neuroglancer, and link files."""
+"""Links to meshes of segments, as sources of layers, URLs of Neuroglancer, or link files."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _SCHEME = re.compile(r"[a-z][a-z0-9+]+://", re.IGNORECASE)
 _LAYER = re.compile(
     r"(?:(precomputed|graphene)://)?((?:gs|s3|file|(?:middleauth\+)?https?)://\S.*)", re.IGNORECASE
 )
-#: Form of sources in Neuroglancer since 2025: "gs://bucket/layer/|neuroglancer-precomputed:".
+#: Sources of Neuroglancer since 2025, such as "gs://bucket/layer/|neuroglancer-precomputed:".
 _PIPED = re.compile(r"(.*)\|(neuroglancer-precomputed|graphene):?/?", re.IGNORECASE)
 #: The segment and the level of detail at the end of a `MeshLink`.
 _CHOSEN = re.compile(r"#segment=(\d+)(?:&lod=(\d+))?$")
-#: Bytes that are read of a link file.
+#: Number of bytes read from a link file.
 _LARGEST = 10_000
 
 
@@ -39,7 +39,8 @@ class MeshLink:
 
     source: str
     segment: int
-    #: Level of detail, 0 for the finest; None is 0, but refused if it has too many vertices.
+    #: Level of detail, 0 for the finest. None is also the finest, but raises an error if it has
+    #: more vertices than `segments.MOST_VERTICES`.
     lod: int | None = None
 
     def __str__(self) -> str:
@@ -49,7 +50,7 @@ class MeshLink:
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer in a link, with the segments of the layer that the link selects."""
+    """A layer in a link, with the segments that the link selects in the layer."""
 
     source: str
     segments: tuple[int, ...] = ()
@@ -63,9 +64,10 @@ def is_link(text: object) -> TypeGuard[str]:
 
 
 def parse_link(text: str, segment: int | str | None = None, lod: int | None = None) -> MeshLink:
-    """Return the link in a text; `segment` is needed unless the text selects exactly one.
+    """Parse a link; `segment` is needed unless the text selects exactly one segment.
 
-    `InputError` is raised if the text is no link or holds a secret, or the segment is ambiguous.
+    `InputError` is raised if the text is no link or contains a secret, or the segment is missing or
+    ambiguous.
     """
     layers = layers_of(text)
     if lod is not None and lod < 0:
@@ -97,7 +99,7 @@ def parse_link(text: str, segment: int | str | None = None, lod: int | None = No
 
 
 def segment_id(text: int | str) -> int:
-    """Return the id of a segment; `InputError` is raised if it is no id."""
+    """Convert the id of a segment to an integer; `InputError` is raised if it is no id."""
     written = str(text).strip()
     if not re.fullmatch(r"[0-9]{1,20}", written) or not 0 < int(written) < 2**64:
         raise InputError(
@@ -108,9 +110,9 @@ def segment_id(text: int | str) -> int:
 
 
 def layers_of(text: str) -> tuple[Layer, ...]:
-    """Return the layers of a link: one, or all segmentation layers of a URL of Neuroglancer.
+    """Return the layer of a link, or all segmentation layers of a URL of Neuroglancer.
 
-    `InputError` is raised if there is no layer, or the link holds a secret.
+    `InputError` is raised if there is no layer, or the link contains a secret.
     """
     text = text.strip()
     _, mark, state = text.partition("#!")
@@ -150,13 +152,13 @@ def _layers_of_state(state: str) -> tuple[Layer, ...]:
 
 
 def _layer_of_entry(entry: dict[str, Any]) -> Layer | None:
-    """Return the layer of an entry of the state, None if it is no segmentation."""
+    """Return the layer of an entry of the state; None unless it is a segmentation layer."""
     sources = entry.get("source", [])
     for given in sources if isinstance(sources, list) else [sources]:
         url = str(given.get("url", "") if isinstance(given, dict) else given)
         kind = entry.get("type", "segmentation").removesuffix("_with_graph")
         if kind == "segmentation" and (_LAYER.fullmatch(url) or _PIPED.fullmatch(url)):
-            # hidden segments begin with "!"
+            # ids of hidden segments begin with "!"
             ids = (str(each).lstrip("!") for each in entry.get("segments", []))
             return Layer(_source(url), tuple(map(segment_id, ids)), name=str(entry.get("name", "")))
     return None
@@ -195,9 +197,9 @@ def _short(layers: tuple[Layer, ...] | list[Layer]) -> str:
 
 
 def link_file(link: MeshLink) -> Path:
-    """Write a link to the folder of links, and return the file, which sessions refer to.
+    """Write a link to a file in the folder of links, and return its path, for sessions.
 
-    `InputError` is raised if it cannot be written.
+    `InputError` is raised if the file cannot be written.
     """
     mark = hashlib.sha256(f"{link.source}\n{link.lod}".encode()).hexdigest()[:12]
     path = link_folder() / mark / f"{link.segment}{LINK_ENDING}"
@@ -207,7 +209,7 @@ def link_file(link: MeshLink) -> Path:
 
 
 def read_link(path: Path) -> MeshLink:
-    """Return the link in a file; `InputError` is raised if the file holds no link."""
+    """Read the link in a file; `InputError` is raised if the file contains no link."""
     try:
         text = path.read_bytes()[:_LARGEST].decode("utf-8").strip()
     except (OSError, UnicodeDecodeError):
@@ -218,13 +220,13 @@ def read_link(path: Path) -> MeshLink:
 
 
 def shown_path(path: Path) -> str:
-    """Return the text that shows a file: its path, or the link in a file of the link folder."""
+    """Return the text to display for a file: its path, or the link in a file of `link_folder`."""
     link = _known_link(path)
     return str(path) if link is None else str(link)
 
 
 def name_and_place(path: Path) -> tuple[str, str]:
-    """Return the name of a file and its folder; for a link, the segment and its layer."""
+    """Return the name of a file and its folder; for a link file, the segment and its layer."""
     link = _known_link(path)
     return (path.name, str(path.parent)) if link is None else (str(link.segment), link.source)
 
@@ -237,5 +239,5 @@ def _known_link(path: Path) -> MeshLink | None:
 
 
 def folder_of(path: Path | None) -> Path:
-    """Return the default folder for results of a mesh; empty for links and None."""
+    """Return the folder for results of a mesh by default; an empty path for links and None."""
     return Path() if path is None or path.suffix == LINK_ENDING else path.parent

@@ -1,4 +1,4 @@
-"""Files with values per vertex to `VertexMap`, or one clear sentence."""
+"""Reader of files with values per vertex; errors are one sentence with the fault and a remedy."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
-#: Readers of maps alone, by lower-case ending.
+#: Readers of files with maps and no mesh, by lower-case ending.
 _READERS: dict[str, Reader] = {
     ".npy": npy_maps,
     ".csv": csv_maps,
@@ -40,9 +40,9 @@ _READERS: dict[str, Reader] = {
     ".mgh": mgh_maps,
     ".mgz": mgh_maps,
 }
-#: Endings of FreeSurfer files of one number per vertex, after "lh" or "rh".
+#: Endings of FreeSurfer files with one number per vertex, after "lh" or "rh".
 _VALUES = (".curv", ".thickness", ".sulc", ".area", ".volume", ".avg_curv", ".jacobian_white")
-#: A condition on the values of a map, after its name.
+#: A file, and a condition on the values of its map.
 _CONDITION = re.compile(r"(?P<file>.+?)\s*(?P<how>[<>]=?)\s*(?P<limit>[-+]?[\d.]+(e[-+]?\d+)?)")
 _COMPARED = {
     ">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le,
@@ -63,43 +63,44 @@ def is_map_file(path: str | Path) -> bool:
         if name.endswith(".npz"):
             return not holds_a_mesh(path)
         if name.endswith(".gii"):
-            with path.open("rb") as file:  # the points come first
+            with path.open("rb") as file:  # the point set is the first array
                 return b"NIFTI_INTENT_POINTSET" not in file.read(1_000_000)
         return path.suffix.lower() not in _OF_MESHES and freesurfer_kind(path) == "values"
     except OSError:
         return False  # reading it as a mesh raises the error
 
 
-#: Endings of meshes other than those of FreeSurfer, which maps may have, too.
+#: Endings of meshes, without those of FreeSurfer surfaces, which files of maps may also have.
 _OF_MESHES = tuple(ending for ending in READERS if READERS[ending] is not READERS[".pial"])
 
 
 def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     """Read values per vertex from a file; the format is given by the file's ending.
 
-    Files of maps alone are NPZ, NPY, CSV, Parquet, GIFTI (functional, shape and label files), and
-    FreeSurfer's (``.curv`` and alike, ``.annot``, ``.label``, ``.mgh``). Of a mesh file, what it
-    has at its vertices besides coordinates. Of condensed features, see `read_condensed_features`,
-    the columns at the vertices of each domain, and the domains as labels.
+    Formats of maps are NPZ, NPY, CSV, Parquet, GIFTI (functional, shape and label files), and those
+    of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``). From a mesh file, all
+    values at its vertices are read except coordinates. Condensed features, see
+    `read_condensed_features`, become one map per column, with the value of a domain at each of its
+    vertices, and a label set of the domains.
 
-    `InputError` is raised if the file does not exist, has not one value per vertex of the mesh, or
-    cannot be read; the message names the file, the fault and the remedy.
+    `InputError` is raised if the file does not exist, does not have one value per vertex of the
+    mesh, or cannot be read; the message names the file, the fault and a remedy.
 
     Parameters
     ----------
     path : str or Path
     mesh : MeshLike
-        The mesh that they are for.
+        The mesh of the maps.
 
     Returns
     -------
     tuple of VertexMap
-        One or more, with `VertexMap.path`, each of another name; see `Mesh.with_maps`.
+        One or more maps with different names and with `VertexMap.path`; see `Mesh.with_maps`.
 
     Warns
     -----
     MeshWarning
-        For columns that are empty or text, and maps with invalid values.
+        For columns without numbers, maps with invalid values, and maps of the other hemisphere.
 
     Examples
     --------
@@ -122,12 +123,12 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     Parameters
     ----------
     given : str or Path
-        The file, of any format of `read_maps`. After a colon labels may follow, see
-        `VertexMap.mask`: "lh.aparc.annot:cuneus,lingual", "lh.aparc.annot:-unknown"; or the name
-        of one of several maps: "maps.npz:thickness". A condition on the values may come last:
-        "lh.thickness>0.5", "maps.npz:thickness<=2", with >, >=, < or <=; NaN does not meet it.
+        The file, of any format of `read_maps`. A colon and labels may follow, see
+        `VertexMap.mask`: "lh.aparc.annot:cuneus,lingual", "lh.aparc.annot:-unknown"; or a colon and
+        the name of a map: "maps.npz:thickness". A condition on the values with >, >=, < or <= may
+        be last: "lh.thickness>0.5", "maps.npz:thickness<=2"; NaN does not meet a condition.
     mesh : MeshLike
-        The mesh that it is for.
+        The mesh of the mask.
 
     Returns
     -------
@@ -159,21 +160,22 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
 def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
     """Read a label set from a file of maps.
 
-    `InputError` is raised as by `read_maps`, and if there is no such map, or one of several has to
-    be named.
+    `InputError` is raised as by `read_maps`, and if the file has no map of the given name, or the
+    name is needed and missing.
 
     Parameters
     ----------
     given : str or Path
-        The file, of any format of `read_maps`. After a colon the name of one of several maps may
-        follow: "maps.npz:lobes"; without, it is the only one, or the only one with labels.
+        The file, of any format of `read_maps`. A colon and the name of a map may follow:
+        "maps.npz:lobes". The name is needed unless the file has a single map, or a single map with
+        labels.
     mesh : MeshLike
-        The mesh that it is for.
+        The mesh of the labels.
 
     Returns
     -------
     VertexMap
-        Of the vertices of the mesh; without labels, if the file has numbers alone.
+        A map of the vertices of the mesh; its labels are empty if the file has only numbers.
 
     Examples
     --------
@@ -202,7 +204,7 @@ def _meeting(condition: re.Match[str], found: VertexMap, named: str) -> npt.NDAr
 
 
 def _divided(given: str | Path) -> tuple[Path, str]:
-    """Return a file, and what follows after a colon."""
+    """Split a text into the path of a file and the text after the colon, "" without one."""
     path, named = Path(given), ""
     if not path.exists() and ":" in str(given):
         text, named = str(given).rsplit(":", 1)
@@ -220,7 +222,7 @@ def _several(path: Path, maps: tuple[VertexMap, ...]) -> InputError:
 def maps_and_remarks(
     path: str | Path, mesh: MeshLike
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Do as `read_maps`, and return sentences on what is left out instead of warnings."""
+    """Do as `read_maps`, but return the warnings as sentences."""
     path, mesh = Path(path), as_mesh(mesh)
     check_file(path)
     try:
@@ -276,9 +278,9 @@ def _reader(path: Path) -> Reader:
 def _fitting(
     maps: tuple[RawMap, ...], mesh: Mesh, path: Path
 ) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """Return maps with one value per vertex of the mesh or its file, and clauses on bad ones.
+    """Return maps with one value per vertex of the mesh or its file, and clauses on invalid ones.
 
-    `InputError` is raised if there is none.
+    `InputError` is raised if no map is left.
     """
     lengths = {mesh.n_vertices, mesh.n_file_vertices}
     fitting = [each for each in maps if each.last >= 0 or len(each.values) in lengths]

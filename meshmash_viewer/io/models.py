@@ -1,4 +1,4 @@
-"""Files of class models: a skops archive with a card, without pickled objects."""
+"""Files of class models: skops archives, without pickled objects, with a JSON description."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.learn.training import ClassScores
 from meshmash_viewer.vertex_map import Label
 
-#: The ending of the files.
+#: Ending of the files.
 MODEL_ENDING = ".skops"
-#: Name and version of the card in the archive.
+#: Name and format version of the card, a description of the model as JSON in the archive.
 _CARD, _FORMAT = "meshmash-viewer.json", 1
 #: Largest size of the unpacked archive, and of the card, in bytes.
 _LARGEST, _LARGEST_CARD = 2_000_000_000, 50_000_000
-#: Types that skops does not trust by default; their indices are checked before use.
+#: Type that skops does not trust by default; indices in its trees are checked before use.
 _CHECKED = "sklearn.tree._tree.Tree"
 _VERSIONS = ("scikit-learn", "skops", "numpy")
 
 
 def check_model_path(path: str | Path) -> None:
-    """Raise `InputError` unless a model can be written to a file."""
+    """Raise `InputError` if a path is not a possible file of a model."""
     _require_skops()
     path = Path(path)
     if path.suffix.lower() != MODEL_ENDING:
@@ -45,9 +45,9 @@ def check_model_path(path: str | Path) -> None:
 def write_classes(path: str | Path, model: ClassModel) -> None:
     """Write a class model and its card into a skops file.
 
-    The card is ``meshmash-viewer.json`` in the archive (`unzip -p model.skops
-    meshmash-viewer.json`): columns with their unit, operator and transformation, classes with
-    colours, training meshes by content hash, scores, and versions.
+    The card, ``meshmash-viewer.json`` in the archive (`unzip -p model.skops
+    meshmash-viewer.json`), describes columns with their unit, operator and transformation, classes
+    with colours, training meshes by content hash, scores, and versions.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def write_classes(path: str | Path, model: ClassModel) -> None:
     Raises
     ------
     InputError
-        If the ending is another one, skops is not installed, or the file cannot be written.
+        If the ending is not .skops, skops is not installed, or the file cannot be written.
 
     Examples
     --------
@@ -81,7 +81,7 @@ def write_classes(path: str | Path, model: ClassModel) -> None:
 
 
 def model_card(model: ClassModel) -> dict[str, Any]:
-    """Describe a model, for JSON."""
+    """Return the description of a model as a dictionary for JSON."""
     columns = model.columns
     return {
         "format": _FORMAT,
@@ -105,7 +105,7 @@ def model_card(model: ClassModel) -> dict[str, Any]:
 
 
 def read_classes(path: str | Path) -> ClassModel:
-    """Read a class model from a skops file; no code in it is run.
+    """Read a class model from a skops file, without running code from the file.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ def read_classes(path: str | Path) -> ClassModel:
     Raises
     ------
     InputError
-        If it is no such file, is of another version of its format or of scikit-learn, or holds a
-        type other than those of its classifier, which is named.
+        If the file is no class model, has another version of the format or of scikit-learn, or
+        contains a type that its classifier does not need; the message names the type.
 
     Examples
     --------
@@ -165,11 +165,11 @@ def read_classes(path: str | Path) -> ClassModel:
 
 
 class _Unacceptable(Exception):
-    """Return the error for a model that cannot be used."""
+    """Error of a model that cannot be used; the message is for the user."""
 
 
 def _card(path: Path) -> dict[str, Any]:
-    """Return the card of a file, whose size is checked first."""
+    """Return the card of a file, after a check of the unpacked size."""
     try:
         with zipfile.ZipFile(path) as archive:
             sizes = {each.filename: each.file_size for each in archive.infolist()}
@@ -202,7 +202,7 @@ def _check_versions(path: Path, card: dict[str, Any]) -> None:
 
 
 def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
-    """Load the classifier, and check the arrays that its compiled code indexes."""
+    """Load the classifier, and check its indices, which its compiled code does not check."""
     from sklearn.ensemble import VotingClassifier
     from skops import io
 
@@ -240,7 +240,7 @@ def _is_of_kind(loaded: Any, kind: str, n_columns: int, n_classes: int) -> bool:
 
 
 def _is_sound(tree: Any, n_columns: int, n_classes: int) -> bool:
-    """Whether the node indices of a tree are in range, and ascend so that each descent ends."""
+    """Whether indices in a tree are in range, and each child comes after its parent (no cycle)."""
     nodes = tree.__getstate__()["nodes"]
     places = np.arange(len(nodes))
     left, right = nodes["left_child"], nodes["right_child"]
@@ -262,7 +262,6 @@ def _scores(entries: dict[str, Any]) -> ClassScores:
 
 
 def _require_skops() -> None:
-    """Raise `InputError` if skops is not installed."""
     if find_spec("skops") is None or find_spec("sklearn") is None:
         raise InputError(
             "Files of models need skops, which is not installed:"

@@ -1,7 +1,7 @@
 """Movie files, written frame by frame: GIF, WebP, APNG, and MP4 where ffmpeg is installed.
 
-Pillow encodes each frame as a still picture, and its data are put into the container here.
-Pillow's own writers of animations hold all frames in memory and merge equal ones.
+Pillow encodes each frame as a still picture; this module writes the picture data to the container.
+Pillow's writers of animations are not used, as they keep all frames in memory and merge equal ones.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from meshmash_viewer.work import closed_pipe_errors
 Frame: TypeAlias = npt.NDArray[np.uint8]
 Add: TypeAlias = Callable[[Frame], None]
 
-#: Default frame rate (1/s), and default length (s) of a turn.
+#: Default frame rate (1/s), and default duration (s) of a turntable movie.
 TURN_RATE, TURN_SECONDS = 25.0, 6.0
-#: Highest frame rates (1/s). The delays of a GIF are hundredths of a second, and programs slow
-#: down those of a single hundredth.
+#: Highest frame rates (1/s). GIF frames have durations in hundredths of a second, and many
+#: programs play a duration of one hundredth more slowly.
 _FASTEST, _FASTEST_GIF = 120.0, 50.0
 _LARGEST_WEBP = 16_383
 
@@ -39,11 +39,12 @@ _LARGEST_WEBP = 16_383
 def movie_file(
     path: str | Path, size: tuple[int, int], rate: float, n_frames: int
 ) -> Iterator[Add]:
-    """Write a movie; the file is made when the body has ended without an exception.
+    """Yield a function that appends a frame to a movie.
 
-    The path has one of `MOVIE_ENDINGS`, the size is width and height in pixels, and the rate in
-    frames per second. What is yielded takes the next frame, uint8 of shape (height, width, 3),
-    first row on top. `InputError` is raised as by `check_movie`, and if the file cannot be written.
+    The file appears at the end of the body, unless an exception was raised. The path has one of
+    `MOVIE_ENDINGS`, the size is width and height in pixels, and the rate in frames per second. A
+    frame is uint8 of shape (height, width, 3), top row first. `InputError` is raised as by
+    `check_movie`, and if the file cannot be written.
     """
     path = Path(path)
     check_movie(path, size, rate)
@@ -64,10 +65,10 @@ def movie_file(
 
 
 def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
-    """Check, before drawing, that the format supports a size and frame rate.
+    """Check, before drawing, that a movie format supports a size and a frame rate.
 
-    `InputError` is raised if the ending is unknown, its encoder is missing, or size or rate are not
-    supported.
+    `InputError` is raised if the ending is unknown, the encoder is not installed, or the size or
+    rate is not supported.
     """
     path, (width, height) = Path(path), size
     ending = path.suffix.lower()
@@ -95,7 +96,7 @@ def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
 
 
 def missing_encoder(ending: str) -> str:
-    """Return why movies with an ending cannot be written, and the remedy; "" if they can."""
+    """Return a sentence on the missing encoder of a movie format; "" if it is installed."""
     if ending != ".mp4" or _ffmpeg() is not None:
         return ""
     return (
@@ -120,7 +121,7 @@ def estimated_bytes(ending: str, frames: Sequence[Frame], rate: float, n_frames:
 
 
 def _delays(rate: float, unit: float) -> Iterator[int]:
-    """Duration of each frame in units of `unit` seconds; rounding errors do not accumulate."""
+    """Yield frame durations in units of `unit` seconds; rounding errors do not accumulate."""
     frame = before = 0
     while True:
         frame += 1
@@ -130,7 +131,7 @@ def _delays(rate: float, unit: float) -> Iterator[int]:
 
 
 def _encoded(frame: Frame, form: str, **options: int) -> bytes:
-    """Return a frame as a still picture."""
+    """Encode a frame as a still picture."""
     from PIL import Image
 
     image: Image.Image = Image.fromarray(np.ascontiguousarray(frame))
@@ -146,7 +147,7 @@ def _encoded(frame: Frame, form: str, **options: int) -> bytes:
 
 @contextmanager
 def _gif(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """Writer of GIF89a with a colour table per frame."""
+    """Write GIF89a with a colour table per frame."""
     delays = _delays(rate, 0.01)
     with part.open("wb") as file:
         file.write(b"GIF89a" + struct.pack("<HHBBB", *size, 0x70, 0, 0))
@@ -156,7 +157,7 @@ def _gif(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Itera
             still = _encoded(frame, "GIF", interlace=0)
             start = 13 + 3 * (2 << (still[10] & 7))
             colors = still[13:start]
-            while still[start] == 0x21:  # extensions, of blocks that begin with their length
+            while still[start] == 0x21:  # skip extensions: blocks, each after its length
                 start += 2
                 while still[start]:
                     start += 1 + still[start]
@@ -176,7 +177,7 @@ def _gif(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Itera
 
 @contextmanager
 def _webp(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """Writer of WebP: RIFF with a chunk per frame, the data of a still WebP."""
+    """Write WebP: RIFF with a chunk per frame, which contains the data of a still WebP."""
     delays = _delays(rate, 0.001)
     sides = b"".join((side - 1).to_bytes(3, "little") for side in size)
     with part.open("wb") as file:
@@ -210,7 +211,7 @@ def _riff(name: bytes, data: bytes) -> bytes:
 
 @contextmanager
 def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """Writer of APNG: PNG with a control chunk before the data of each frame."""
+    """Write APNG: PNG with a control chunk before the data of each frame."""
     from PIL import Image
     from PIL.PngImagePlugin import getchunks, putchunk
 
@@ -244,7 +245,7 @@ def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iter
 
 
 def _ffmpeg() -> str | None:
-    """Return the path of ffmpeg: of imageio-ffmpeg, or on the PATH."""
+    """Return the path of ffmpeg from imageio-ffmpeg or on the PATH; None if not installed."""
     try:
         import imageio_ffmpeg
 
@@ -255,7 +256,7 @@ def _ffmpeg() -> str | None:
 
 @contextmanager
 def _mp4(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """H.264, which every browser plays; frames are sent to ffmpeg through a pipe."""
+    """Write H.264, which every browser plays, through a pipe to ffmpeg."""
     program = _ffmpeg()
     assert program is not None, "see check_movie"
     command = [

@@ -1,4 +1,4 @@
-"""Tables of pins as CSV: index or position, name and colour, and any further columns."""
+"""Tables of pins as CSV: index or position, name and colour, and other columns."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from meshmash_viewer.units import LENGTH_UNITS
 
 __all__ = ["MOST_PINS", "PinTable", "is_pin_table", "pin_table", "read_pins", "write_pins"]
 
-#: Largest number of rows that are read.
+#: Largest number of rows of a table.
 MOST_PINS = 500
-#: Size of the largest file in bytes.
+#: Largest size of a file in bytes.
 _LARGEST = 4_000_000
-#: Other names of columns.
+#: Alternative names of columns, with the names used here.
 _ALIASES = {"vertex": "index", "vertex_index": "index", "colour": "color", "label": "name"}
 _AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
 class PinTable:
-    """Vertices or positions to pin, one a row."""
+    """Vertices or positions to pin, one per row."""
 
-    #: Shape (n,): Index in the mesh file, -1 where there is only a position.
+    #: Shape (n,): Vertex index in the mesh file, -1 for pins with only a position.
     indices: IntArray
-    #: Shape (n, 3): NaN where there is only an index.
+    #: Shape (n, 3): NaN for pins with only an index.
     positions: FloatArray
-    #: "" for none.
+    #: Name and colour of each pin, "" for none.
     names: Sequence[str]
     colors: Sequence[str]
     #: Length unit of the positions; "" if not stated.
@@ -45,7 +45,7 @@ class PinTable:
 def pin_table(at: npt.ArrayLike, names: Sequence[str] = (), colors: Sequence[str] = ()) -> PinTable:
     """Return a table of indices, shape (n,), or positions, shape (n, 3), with names and colours.
 
-    `InputError` is raised if the shape is another one, or names or colours are not as many.
+    `InputError` is raised if the shape is different, or there are neither n nor 0 names or colours.
     """
     given = np.asarray(at)
     whole = given.ndim == 1 and np.issubdtype(given.dtype, np.integer)
@@ -64,13 +64,13 @@ def pin_table(at: npt.ArrayLike, names: Sequence[str] = (), colors: Sequence[str
 
 
 def read_pins(path: str | Path) -> PinTable:
-    """Read a table with a column ``index`` (or ``vertex``), or ``x``, ``y`` and ``z``, or both.
+    """Read a table of pins from a CSV file.
 
-    ``name``, ``color`` (or ``colour``) and ``unit`` are optional; further columns are ignored.
-    Columns named such as ``pt_x``, ``pt_y``, ``pt_z`` are positions, too.
-
-    `InputError` is raised if the file cannot be read, has none of these columns or too many rows,
-    or has text in place of a number.
+    The file needs a column ``index`` (or ``vertex``), or columns ``x``, ``y`` and ``z``, whose
+    names may have a prefix, such as ``pt_x``, ``pt_y``, ``pt_z``; it may have both. ``name``,
+    ``color`` (or ``colour``) and ``unit`` are optional; other columns are ignored. `InputError` is
+    raised if the file cannot be read, has no index or position, has too many rows, or has text in
+    place of a number.
     """
     path = Path(path)
     try:
@@ -119,7 +119,7 @@ def read_pins(path: str | Path) -> PinTable:
 
 
 def is_pin_table(path: str | Path) -> bool:
-    """Whether a CSV file names pins or their colours, which no table of maps does."""
+    """Whether a CSV file has a position or index, and a name or colour, unlike tables of maps."""
     path = Path(path)
     try:
         if path.suffix.lower() not in (".csv", ".tsv") or path.stat().st_size > _LARGEST:
@@ -157,7 +157,7 @@ def _number(path: Path, row: int, name: str, text: str, missing: float) -> float
 
 
 def write_pins(path: str | Path, columns: Mapping[str, Sequence[object]]) -> None:
-    """Write columns of equal lengths as a table; floating-point numbers with all their digits.
+    """Write columns of equal lengths as a table; floating-point numbers keep all digits.
 
     `InputError` is raised if the file cannot be written.
     """

@@ -30,21 +30,21 @@ _TEXT_ENDINGS = (".csv", ".tsv", ".txt")
 #: Endings of tables of points.
 POINT_ENDINGS = (*_TEXT_ENDINGS, ".parquet", ".feather", ".arrow")
 _AXES = ("x", "y", "z")
-#: The name of a column of one coordinate: "x", "ctr_pt_x", "pre_pt_position_x".
+#: Name of a column with one coordinate: "x", "ctr_pt_x", "pre_pt_position_x".
 _AXIS = re.compile(r"(?:(?P<stem>.+)[_ .])?(?P<axis>[xyz])", re.IGNORECASE)
 _NUMBER = r"(?:np\.\w+\()?([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\)?"
 #: A field with three numbers: "[1 2 3]", "(1.5, 2, 3)".
 _TRIPLE = re.compile(rf"\s*[\[(]\s*{_NUMBER}[\s,;]+{_NUMBER}[\s,;]+{_NUMBER}\s*[\])]\s*")
-#: Names of a column of identifiers, in lower case.
+#: Names of columns of identifiers, in lower case.
 _IDS = ("id", "synapse_id", "point_id", "object_id")
-#: Bytes of a text file that are read to recognize its columns.
+#: Number of bytes of a text file that are read to recognize its columns.
 _BEGINNING = 20_000
 
 Columns = dict[str, npt.NDArray[Any]]
 
 
 class SeveralPositionsError(InputError):
-    """A table has several positions in a row; the caller has to name one of `stems`."""
+    """A table has several positions per row; the caller must choose one of `stems`."""
 
     def __init__(self, name: str, stems: Iterable[str]) -> None:
         self.stems = tuple(stem or "x" for stem in stems)
@@ -55,23 +55,23 @@ class SeveralPositionsError(InputError):
 def read_points(
     table: str | Path | Mapping[str, Any], unit: str = "", position: str = ""
 ) -> Points:
-    """Read points with the other columns of their table, which keep their types.
+    """Read a table of points with all its columns.
 
     Positions are three columns such as ``x``, ``y``, ``z`` or ``ctr_pt_x``, ``ctr_pt_y``,
     ``ctr_pt_z``, or one column of three numbers such as ``ctr_pt_position``, in text as "[1 2 3]".
-    Rows without a position are left out, with a remark. A column ``id`` or ``synapse_id``
-    identifies the points. `InputError` is raised if the table cannot be read, has no rows or no
-    positions, or has several positions and `position` is empty.
+    Other columns keep their types; a column ``id`` or ``synapse_id`` identifies the points. Rows
+    without a position are left out, with a remark. `InputError` is raised if the table cannot be
+    read, has no rows or no positions, or has several positions and `position` is empty.
 
     Parameters
     ----------
     table : str, Path or mapping of str to array_like
         CSV, Parquet or Feather file, or a table in memory such as a pandas ``DataFrame``.
     unit : str
-        Unit of the positions: "nm", or "4 x 4 x 40 nm" if they count voxels; "" for the unit of the
-        mesh that they are projected onto.
+        Unit of the positions: "nm", or "4 x 4 x 40 nm" for voxel indices; "" for the unit of the
+        mesh onto which the points are projected.
     position : str
-        Name of one position if the table has several: "pre_pt_position".
+        Name of a position, needed if the table has several: "pre_pt_position".
 
     Examples
     --------
@@ -134,12 +134,12 @@ def write_points(
     *features: Features | VertexMap,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Write points with their vertex, distance, and features there, as CSV, Parquet or NPZ.
+    """Write points with their vertex, distance, and features at the vertex.
 
-    Columns are those of `ProjectedPoints.table`. NPZ is the map from identifiers to vertices alone,
-    ``id_to_mesh_map`` of shape (m, 2). `meta` are JSON-able options that led to it, or a result of
-    `provenance`. `InputError` is raised if the ending is unknown, the file cannot be written, or a
-    map has no identifiers.
+    CSV and Parquet files have the columns of `ProjectedPoints.table`. NPZ files have only the array
+    ``id_to_mesh_map``, shape (m, 2), with identifiers and vertices. `meta` are JSON-able options of
+    the computation, or a result of `provenance`. `InputError` is raised if the ending is unknown,
+    the file cannot be written, or points for NPZ have no identifiers.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def write_points(
 
 
 def _read(path: Path, *, beginning: bool = False) -> Columns:
-    """Read the columns of a file; with `beginning` its first rows only."""
+    """Read the columns of a file; with `beginning`, only the first rows."""
     ending = path.suffix.lower()
     if ending not in POINT_ENDINGS:
         raise InputError(
@@ -195,7 +195,7 @@ def _read(path: Path, *, beginning: bool = False) -> Columns:
 
 
 def _held(given: Any) -> npt.NDArray[Any]:
-    """Return a column of a table in memory; text and lists have dtype object."""
+    """Return a column of a table in memory; text and lists become dtype object."""
     made = np.asarray(given)
     if made.ndim == 1 and made.dtype.kind not in "US":
         return made
@@ -243,7 +243,7 @@ def _from_arrow(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
 
 
 def _positions(columns: Columns) -> dict[str, tuple[str, ...]]:
-    """Return the names of the columns of each position, by their common stem."""
+    """Return the column names of each position, one or three, by the stem of the names."""
     stems: dict[str, dict[str, str]] = {}
     for name in columns:
         if match := _AXIS.fullmatch(name):
@@ -265,7 +265,7 @@ def _is_triple(values: npt.NDArray[Any]) -> bool:
 
 
 def _coordinates(name: str, columns: Columns, names: tuple[str, ...]) -> FloatArray:
-    """Return the positions in columns, shape (k, 3); missing ones are NaN."""
+    """Return the positions in columns, shape (k, 3); missing positions are NaN."""
     axes = len(names) == 3
     parse, wanted = (_number, "a number") if axes else (_three_numbers, "three numbers")
     found = []

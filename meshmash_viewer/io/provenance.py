@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.weyl import Target
 
-#: The packages whose numbers end up in a file.
+#: Packages that compute the exported numbers.
 _PACKAGES = ("numpy", "scipy", "robust_laplacian")
 
 
 def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Describe a mesh, the options that led to the result, versions and time, for JSON.
+    """Describe a mesh, the options of a computation, versions and time, as a dictionary for JSON.
 
-    Entries are ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its content,
-    unit, voxel, brain structure if known, counts; of a repaired one the number of vertices of its
-    file), ``options`` and ``versions``.
+    Entries are ``program``, ``created`` (ISO 8601, UTC), ``mesh``, ``options`` and ``versions``.
+    ``mesh`` has the name, the SHA-256 of the content, unit, voxel, the brain structure if known,
+    the numbers of vertices and faces, and after repairs the number of vertices in the file.
     """
     versions = {package: metadata.version(package) for package in _PACKAGES}
     return {
@@ -61,11 +61,12 @@ def export_options(
     whole_mesh: bool = False,
     mask: str | None = None,
 ) -> dict[str, Any]:
-    """Return the choices that led to an exported result, for `provenance`.
+    """Return the options of an exported result, for `provenance`.
 
-    `kind` is that of the result, such as "hks"; `proof` states what the eigenpairs have been shown
-    to be, "" where none took part; `whole_mesh` is whether the result is written at all vertices of
-    the mesh before its repairs; `mask` names the part that was solved (`read_mask`).
+    `kind` is the kind of the result, such as "hks". `proof` is a sentence on the verification of
+    the eigenpairs, "" if none were used. `whole_mesh` is whether the result has a value at each
+    vertex of the mesh before its repairs. `mask` names the part of the mesh on which eigenpairs
+    were computed, see `read_mask`.
     """
     options: dict[str, Any] = {"kind": kind}
     if proof:
@@ -82,7 +83,7 @@ def export_options(
 
 
 def stated_mesh(meta: str) -> tuple[str | None, str]:
-    """Return unit and brain structure in the JSON text of `provenance`; None and "" if unstated."""
+    """Return unit and brain structure in a JSON text of `provenance`; None and "" if unstated."""
     about = _stated(meta, "mesh")
     if not isinstance(about, dict):
         return None, ""
@@ -92,7 +93,7 @@ def stated_mesh(meta: str) -> tuple[str | None, str]:
 
 
 def _stated(meta: str, entry: str) -> Any:
-    """Return an entry of the JSON text of `provenance`; None if it has none, or is no such text."""
+    """Return an entry of a JSON text of `provenance`; None if it is missing or the text invalid."""
     try:
         return json.loads(meta)[entry]
     except (ValueError, KeyError, TypeError):
@@ -100,13 +101,13 @@ def _stated(meta: str, entry: str) -> Any:
 
 
 def stated_columns(meta: str) -> list[str]:
-    """Return the columns of features in the JSON text of `provenance`, none if unstated."""
+    """Return the columns of features in a JSON text of `provenance`; an empty list if unstated."""
     columns = _stated(meta, "columns")
     return [str(each) for each in columns] if isinstance(columns, list) else []
 
 
 def stated_units(meta: str) -> dict[str, str]:
-    """Return the unit of each column of features in the JSON text of `provenance`."""
+    """Return the unit of each column of features in a JSON text of `provenance`."""
     try:
         options = json.loads(meta)["options"]
         unit, maps = str(options.get("values_unit", "")), options.get("maps", {})
@@ -118,7 +119,7 @@ def stated_units(meta: str) -> dict[str, str]:
 
 
 def second_file(path: Path) -> str:
-    """Return the text of the file next to a table without metadata, "" without one."""
+    """Return the text of the ``.json`` file next to a table, "" if there is no such file."""
     try:
         return path.with_name(path.name + ".json").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -126,12 +127,12 @@ def second_file(path: Path) -> str:
 
 
 def stated_labels(meta: str) -> tuple[Label, ...]:
-    """Return the labels in the JSON text of `provenance`, none if it states none."""
+    """Return the labels in a JSON text of `provenance`; empty if unstated."""
     return _as_labels(_stated(meta, "labels"))
 
 
 def stated_map_labels(meta: str) -> dict[str, tuple[Label, ...]]:
-    """Return the labels of each map among the columns in the JSON text of `provenance`."""
+    """Return the labels of each map among the columns in a JSON text of `provenance`."""
     try:
         maps = json.loads(meta)["options"]["maps"]
         return {name: _as_labels(about["labels"]) for name, about in maps.items()}
@@ -140,9 +141,9 @@ def stated_map_labels(meta: str) -> dict[str, tuple[Label, ...]]:
 
 
 def _as_labels(stated: Any) -> tuple[Label, ...]:
-    """Convert a list of number, name and colour of each label; return none if it is no such list.
+    """Convert a list of (number, name, colour) to labels; empty if the list has another form.
 
-    Former versions wrote the names alone, by number.
+    Former versions wrote names by number, without colours.
     """
     if not isinstance(stated, list):
         return ()
@@ -154,22 +155,22 @@ def _as_labels(stated: Any) -> tuple[Label, ...]:
 
 # -- in the headers of PLY and OBJ files, readable by other programs ---------------------------
 
-#: Longest line in characters: MeshLab rejects lines over 512, the end of the line included.
+#: Longest line in characters; MeshLab rejects lines over 512 with their line end.
 _LONGEST_LINE = 500
-#: Longest name of a property in characters, as other programs show names in lists.
+#: Longest name of a property in characters, short enough for lists in other programs.
 _LONGEST_NAME = 100
 _SPACE = r"\u0020"
 _FIRST, _NEXT = "meshmash-viewer ", "meshmash-viewer+ "
 
 
 def comment_lines(meta: str, keyword: str) -> Iterator[str]:
-    """Split the JSON text of `provenance` into comment lines of at most 500 characters.
+    """Split a JSON text of `provenance` into comment lines of at most 500 characters.
 
-    Lines begin with a keyword, "comment" in PLY and "#" in OBJ, and after the first one with
-    ``meshmash-viewer+``. None begins or ends with a space of the text, which other programs may
-    drop.
+    Lines begin with a keyword, "comment" in PLY and "#" in OBJ, and then ``meshmash-viewer``, in
+    the second and later lines ``meshmash-viewer+``. Spaces at the start or end of a line's text,
+    which other programs may drop, are escaped.
     """
-    # all spaces are within strings; repeated ones, and those at the end of a line, are escaped
+    # all spaces of the JSON text are within strings, so that they can be escaped
     meta = meta.replace("  ", " " + _SPACE)
     length = _LONGEST_LINE - len(f"{keyword} {_NEXT}") - 2 * len(_SPACE)
     for start in range(0, max(len(meta), 1), length):
@@ -178,9 +179,9 @@ def comment_lines(meta: str, keyword: str) -> Iterator[str]:
 
 
 def stated_comment(lines: Iterable[str]) -> str:
-    """Return the text of `provenance` in comment lines without their keyword, or "".
+    """Return the text of `provenance` in comment lines without keyword; "" if there is none.
 
-    Older files have it in one line.
+    Older files have the text in one line.
     """
     text = ""
     for line in lines:
@@ -204,6 +205,6 @@ def property_names(columns: Sequence[str]) -> list[str]:
 
 
 def names_of_properties(meta: str) -> dict[str, str]:
-    """Return the column of each property, from the text of `provenance`."""
+    """Return the column name of each PLY property, by a JSON text of `provenance`."""
     columns = stated_columns(meta)
     return dict(zip(property_names(columns), columns, strict=True))

@@ -1,7 +1,7 @@
-"""Content of mesh files before any check, which readers return, and reading under limits.
+"""Unchecked content of mesh files, as returned by readers, and reading under limits.
 
-Some libraries do not raise on a broken file but crash, loop forever or exhaust the memory; they run
-in a child process with limits of time and memory.
+On broken files, some libraries crash, loop forever or exhaust the memory instead of raising an
+exception; they run in a child process with limits of time and memory.
 """
 
 from __future__ import annotations
@@ -32,27 +32,28 @@ from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child
 
 #: Largest number of maps read from one file.
 MOST_MAPS = 64
-#: Colour of a label whose colour in the file is not of the form #rrggbb.
+#: Colour of labels without a valid colour #rrggbb.
 _NO_COLOR = "#808080"
 
 
 @dataclass(frozen=True)
 class RawMap:
-    """Values per vertex as read from a file, not yet checked."""
+    """Unchecked values per vertex from a file."""
 
     #: Name of the map; "" for the name of the file.
     name: str
     #: Shape (n,).
     values: npt.NDArray[Any]
-    #: A single label without a name gets that of the map; one of several gets its number as name.
+    #: Labels named "" are renamed: a single one to the name of the map, others to their numbers.
     labels: tuple[Label, ...] = ()
-    #: Shape (n,): Index in the mesh file of the vertex of each value; None if all have one.
+    #: Shape (n,): Vertex index in the mesh file of each value; None if each vertex has a value.
     rows: IntArray | None = None
-    #: Whether labels without a vertex are kept; False for tables of other programs, with hundreds.
+    #: Whether labels without a vertex are kept; False for label tables of other programs, which
+    #: may have hundreds of unused labels.
     keep_unused: bool = False
-    #: Shape of the array in the file, if it may be a volume.
+    #: Shape of the array in the file if it may be an image volume, otherwise empty.
     volume: tuple[int, ...] = ()
-    #: Unit of the values, "" if it is not stated.
+    #: Unit of the values, "" if unstated.
     unit: str = ""
 
     @property
@@ -61,7 +62,7 @@ class RawMap:
         return -1 if self.rows is None else int(self.rows.max())
 
     def checked(self, n_vertices: int, path: Path | None = None) -> VertexMap:
-        """Convert to a map of a mesh with n vertices; unused labels are dropped, see `keep_unused`.
+        """Convert to a map of a mesh with n vertices; drop unused labels unless `keep_unused`.
 
         `InputError` is raised as by `VertexMap`, and if an index in `rows` is too large.
         """
@@ -93,7 +94,7 @@ class RawMap:
 def checked_maps(
     maps: Iterable[RawMap], n_vertices: int, path: Path | None = None
 ) -> tuple[list[VertexMap], list[InputError], tuple[str, ...]]:
-    """Return the maps that are valid, the errors of the others, and each error as a clause."""
+    """Return the valid maps, the errors of the others, and the same errors as clauses."""
     found, faults = [], []
     for each in maps:
         try:
@@ -107,13 +108,13 @@ def checked_maps(
 def maps_of_columns(
     values: npt.NDArray[Any], names: Sequence[str], rows: IntArray | None = None
 ) -> Iterator[RawMap]:
-    """Make a map of each column of values, shape (n, columns)."""
+    """Yield a map for each column of `values`, shape (n, columns)."""
     for name, column in zip(names, values.T, strict=True):
         yield RawMap(name, np.ascontiguousarray(column), rows=rows)
 
 
 def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
-    """Whether an array holds strictly ascending whole numbers from 0 on."""
+    """Whether an array consists of non-negative, strictly ascending whole numbers."""
     if values.ndim != 1 or values.dtype.kind not in "fiu":
         return False
     whole = np.isfinite(values).all() and np.array_equal(values, np.floor(values))
@@ -122,7 +123,7 @@ def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
 
 @dataclass(frozen=True)
 class RawMesh:
-    """Content of a file, not yet checked; a file of maps alone has no vertices and no faces."""
+    """Unchecked content of a file; without vertices and faces for a file with only maps."""
 
     #: Shape (n, 3): Coordinates as written in the file.
     vertices: FloatArray
@@ -136,9 +137,9 @@ class RawMesh:
     remarks: tuple[str, ...] = ()
     #: Brain structure stated in the file, such as "CortexLeft"; "" if unstated.
     structure: str = ""
-    #: JSON text of `io.provenance` in our own exports, "" in other files.
+    #: JSON text of `io.provenance` in files of this program, "" in other files.
     meta: str = ""
-    #: Clause on why `unit` is not the usual unit of the format; "" if it is.
+    #: Reason, as a clause, for a `unit` other than the usual one of the format; otherwise "".
     unit_remark: str = ""
 
     @property
@@ -152,9 +153,9 @@ class RawMesh:
 
 
 def _labelled(known: RawMap, labels: tuple[Label, ...] | None) -> RawMap:
-    """Return a map with labels, or as it is if its values are not the numbers of these.
+    """Return a map with labels; the map itself if its values are not label numbers.
 
-    NaN, which stands for vertices that a repair removed, becomes no label.
+    NaN, at vertices that a repair removed, becomes a number without a label.
     """
     if not labels or known.labels or known.values.dtype.kind not in "fiu":
         return known
@@ -167,13 +168,13 @@ def _labelled(known: RawMap, labels: tuple[Label, ...] | None) -> RawMap:
 def maps_alone(
     maps: Iterable[RawMap], remarks: tuple[str, ...] = (), meta: str = "", structure: str = ""
 ) -> RawMesh:
-    """Return the content of a file without a mesh."""
+    """Return maps as the content of a file without a mesh."""
     no_vertices, no_faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     return RawMesh(no_vertices, no_faces, None, tuple(maps), remarks, structure, meta)
 
 
 def read_raw(reader: Callable[[Path], RawMesh | MeshLike], path: Path) -> RawMesh:
-    """Call a reader; mesh warnings become remarks."""
+    """Call a reader, and add its `MeshWarning` messages to the remarks."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", MeshWarning)
@@ -183,7 +184,7 @@ def read_raw(reader: Callable[[Path], RawMesh | MeshLike], path: Path) -> RawMes
 
 
 def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
-    """Convert the result of a reader; readers of plug-ins may return a mesh of any type."""
+    """Convert the result of a reader, which is any `MeshLike` for readers of plug-ins."""
     if isinstance(given, RawMesh):
         return given
     mesh = as_mesh(given)
@@ -193,29 +194,29 @@ def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
 
 # -- reading under limits ------------------------------------------------------------------------
 
-#: Environment variable whose value multiplies all limits.
+#: Environment variable with a number by which all limits are multiplied.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"
 
 _SECONDS, _SECONDS_PER_BYTE = 8.0, 5e-7
 _BYTES, _BYTES_PER_BYTE = 640e6, 40.0
-#: Largest plausible compression: gzip compresses text of very regular meshes thirty-fold.
+#: Largest plausible compression ratio; gzip reaches 30 for text of very regular meshes.
 _HONEST_RATIO = 40.0
-#: Files that unpack to less than this size, or by less than this ratio, need no limits.
+#: Files need no limits if the unpacked size, or its ratio to the packed size, is below these.
 _HARMLESS_BYTES, _HARMLESS_RATIO = 12e6, 8.0
 
-#: Whether this is the child process, which runs under limits already.
+#: Whether this process is the child process, which already runs under limits.
 _watched = False
 #: Seconds without processor use after which the child is considered blocked.
 _IDLE_SECONDS = 60.0
 
 
 def is_child() -> bool:
-    """Whether this process is the child of `read_guarded`, which runs under limits already."""
+    """Whether this process is the child of `read_guarded`, which already runs under limits."""
     return _watched
 
 
 class LimitExceeded(InputError):
-    """A file takes more time or memory than its size justifies; the message names the remedy."""
+    """Reading a file takes more time or memory than its size justifies."""
 
     def __init__(self, what: str) -> None:
         super().__init__(
@@ -226,21 +227,18 @@ class LimitExceeded(InputError):
 
 @dataclass(frozen=True)
 class ReadLimits:
-    """Limits of the process that reads a file, about twenty times what regular files need.
+    """Limits of the process that reads a file, about twenty times the need of regular files."""
 
-    Both are multiplied by the number in the environment variable `RAISE_LIMITS`.
-    """
-
-    #: Processor time.
+    #: Processor time in seconds.
     seconds: float
-    #: Bytes in use at once, the interpreter and its libraries included.
+    #: Memory in bytes, including the interpreter and its libraries.
     memory: float
 
     @classmethod
     def of(cls, n_bytes: int, *, unpacked: int = 0) -> ReadLimits:
-        """Return the limits for a file of some bytes, and more after decompression as a whole.
+        """Return the limits for a file of `n_bytes`, and of `unpacked` bytes when decompressed.
 
-        `InputError` is raised if the environment variable holds no positive number.
+        Limits are multiplied by `limit_factor`, which may raise `InputError`.
         """
         honest = min(float(unpacked), _HONEST_RATIO * n_bytes)
         size = max(float(n_bytes), honest / 5.0)
@@ -252,12 +250,12 @@ class ReadLimits:
 
     @staticmethod
     def are_needed(n_bytes: int, unpacked: float) -> bool:
-        """Whether a file unpacks to so much that it must be read under limits."""
+        """Whether a file must be read under limits because of its unpacked size in bytes."""
         return unpacked > max(_HARMLESS_BYTES, _HARMLESS_RATIO * n_bytes)
 
 
 def limit_factor() -> float:
-    """Return the number in the environment variable `RAISE_LIMITS`, by default 1."""
+    """Return the number in `RAISE_LIMITS`, by default 1; `InputError` if it is not positive."""
     text = os.environ.get(RAISE_LIMITS, "1")
     try:
         factor = float(text)
@@ -276,17 +274,17 @@ def read_guarded(
 ) -> RawMesh:
     """Read a file in a child process under limits, by default ``ReadLimits.of`` its size.
 
-    `reader` is a public function of a module. `LimitExceeded` is raised if it takes more time or
-    memory; `InputError` if `reader` raises it, or the child crashes.
+    `reader` must be a public function of a module. `LimitExceeded` is raised if reading exceeds a
+    limit, and `InputError` if `reader` raises any exception or the child process crashes.
     """
     if _watched:
         return read_raw(reader, path)
     if isinstance(reader, PlugIn):
-        reader.load()  # raises here if the plug-in cannot be loaded
+        reader.load()  # an error of loading is raised here, not in the child
     limits = limits or ReadLimits.of(path.stat().st_size)
     name = f"{reader.__module__}:{reader.__qualname__}"
     try:
-        # one thread of OpenBLAS, as each takes memory
+        # a single OpenBLAS thread, as each thread reserves memory
         return call_in_child(
             convert,
             name,
@@ -302,7 +300,7 @@ def read_guarded(
 
 
 class _Watch:
-    """Raises `LimitExceeded` when a process exceeds its limits."""
+    """Check of a process, which raises `LimitExceeded` if it exceeds the limits."""
 
     def __init__(self, limits: ReadLimits) -> None:
         self._limits, self._began = limits, time.monotonic()
@@ -322,9 +320,9 @@ def _too_large(limits: ReadLimits) -> LimitExceeded:
 
 
 def convert(reader: str, path: Path, memory: float) -> RawMesh:
-    """Read a file in the child process, by a reader given as "module:function".
+    """Read a file in the child process with a reader given as "module:function".
 
-    `memory` is the limit in bytes. All exceptions except `MemoryError` are raised as `InputError`.
+    `memory` is the limit in bytes. Exceptions except `MemoryError` are converted to `InputError`.
     """
     global _watched
     module, _, function = reader.partition(":")
@@ -344,18 +342,18 @@ def convert(reader: str, path: Path, memory: float) -> RawMesh:
 
 
 def unreadable(fault: BaseException) -> InputError:
-    """Return an `InputError` for an exception of a library, or for a library not installed."""
+    """Return an `InputError` for an exception of a library or of a failed import."""
     if missing := missing_module(fault):
         return InputError(f"is read by {not_installed(missing)}")
     return InputError(f"is not readable ({printable(fault) or type(fault).__name__})")
 
 
 def _refuse_memory_beyond(limit: float) -> None:
-    """On Linux, limit the memory by the system, which is faster than checks by the parent."""
+    """On Linux, set a memory limit of the kernel, which acts faster than checks by the parent."""
     try:
         import resource
     except ImportError:
-        return  # the parent measures
+        return  # only the parent checks
     if sys.platform == "linux" and limit < 2.0**62:
-        with contextlib.suppress(ValueError, OSError):  # the user has set a stricter limit
+        with contextlib.suppress(ValueError, OSError):  # a stricter limit is set already
             resource.setrlimit(resource.RLIMIT_DATA, (int(limit), resource.RLIM_INFINITY))

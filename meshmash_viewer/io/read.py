@@ -1,4 +1,4 @@
-"""Mesh files of all kinds to a `Mesh`, or one clear sentence."""
+"""Reader of mesh files of all formats; errors are one sentence with the fault and a remedy."""
 
 from __future__ import annotations
 
@@ -70,11 +70,11 @@ READERS: dict[str, Reader] = {
 READERS |= plug_ins("readers", READERS)
 
 
-#: Formats that are not read from gzip files, as they are packed or refer to other files.
+#: Formats not read from gzip files, as they are already compressed or refer to other files.
 _NEVER_GZIPPED = (".npz", ".gltf", ".glb", ".h5", LINK_ENDING)
 
-#: Limits for formats whose libraries crash or hang on some broken files, or whose files may unpack
-#: to much more than their size; None if a file needs no limits.
+#: Limits for formats whose libraries crash or hang on some broken files, or whose files may be much
+#: larger when unpacked; the limits are None for a file that needs none.
 _LIMITS: dict[Reader, Callable[[Path], ReadLimits | None]] = {
     **dict.fromkeys(
         (read_vtk_xml, read_legacy_vtk, read_gifti, read_meshparty, read_draco),
@@ -84,7 +84,7 @@ _LIMITS: dict[Reader, Callable[[Path], ReadLimits | None]] = {
     read_npz: npz_limits,
 }
 
-#: Every ending that `read_mesh` takes.
+#: Endings of files that `read_mesh` reads.
 READABLE_ENDINGS: tuple[str, ...] = (
     *READERS,
     *(ending + ".gz" for ending in READERS if ending not in _NEVER_GZIPPED),
@@ -100,48 +100,48 @@ def read_mesh(
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> Mesh:
-    """Read a triangle mesh from a file, or the mesh of a segment by a link.
+    """Read a triangle mesh from a file, or download the mesh of a segment.
 
-    The format is given by the file's ending, for FreeSurfer surfaces by the first bytes. Polygons
-    are triangulated, concave ones too, a scene becomes one mesh, STL and glTF vertices with equal
-    coordinates are merged, and texture seams do not cut the surface. Other values per vertex in
-    PLY, VTP, VTU, VTK, GLB, glTF, NPZ and GIFTI files become `Mesh.maps`.
+    The format is given by the file's ending, for FreeSurfer surfaces by the first bytes. Polygons,
+    also concave ones, are triangulated. The objects of a scene are combined to one mesh. STL and
+    glTF vertices with equal coordinates are merged, and texture seams do not cut the surface. Other
+    values per vertex in PLY, VTP, VTU, VTK, GLB, glTF, NPZ and GIFTI files become `Mesh.maps`.
 
     `InputError` is raised if the file does not exist or has no usable mesh; the message names the
-    file, the fault and the remedy.
+    file, the fault and a remedy.
 
     Parameters
     ----------
     path : str or Path
-        A file with one of `READABLE_ENDINGS`, or a FreeSurfer surface; or, as a string, a link:
-        the source of a layer, such as "precomputed://gs://bucket/layer" or "graphene://https://…",
-        or a URL of Neuroglancer with its state.
+        A file with one of `READABLE_ENDINGS`, or a FreeSurfer surface; or a link as a string: the
+        source of a layer, such as "precomputed://gs://bucket/layer" or "graphene://https://…", or a
+        URL of Neuroglancer that contains its state.
     unit : str, optional
         The unit of the file's coordinates: "nm", "µm", "mm", "m", "none", or the size of a
         voxel such as "8 nm" or "4 x 4 x 40 nm", by which coordinates are multiplied. None for the
-        unit that the format states: mm for GIFTI and FreeSurfer (m, with a warning, where the
-        extent is that of a brain in metres), nm for links, otherwise no unit.
+        unit stated by the file or its format: mm for GIFTI and FreeSurfer (m, with a warning, if
+        the extent is that of a brain in metres), nm for links, otherwise no unit.
     segment : int or str, optional
-        Of a link: the id of the segment, where the link does not name one.
+        The id of the segment, for links that do not select one.
     lod : int, optional
-        Of a link to a multi-resolution mesh: the level of detail, 0 for the finest. None for that;
-        a segment with more than 20 million vertices is refused then, naming a level that fits.
+        The level of detail, for links to multi-resolution meshes; 0 is the finest. None is also the
+        finest, but raises an error for more than 20 million vertices, with a level that has fewer.
     progress : callable, optional
-        Of a link: called with a `Progress` while it is downloaded.
+        For links, called with a `Progress` during the download.
     cancel : callable, optional
-        Of a link: called now and then; if it returns True, `Cancelled` is raised.
+        For links, called repeatedly; if it returns True, `Cancelled` is raised.
 
     Returns
     -------
     Mesh
-        With `Mesh.unit` and `Mesh.voxel` set; `Mesh.name` is the file's name without its ending, or
-        the id of the segment.
-        `Mesh.structure` is stated in the file, or by FreeSurfer's file names, such as ``lh.pial``.
+        A mesh with `Mesh.unit` and `Mesh.voxel`. `Mesh.name` is the file's name without its ending,
+        or the id of the segment. `Mesh.structure` is stated in the file, or derived from FreeSurfer
+        file names such as ``lh.pial``.
 
     Warns
     -----
     MeshWarning
-        For each kind of content that is not read, and a unit that was guessed.
+        For each kind of content that is not read, and for a guessed unit.
 
     Examples
     --------
@@ -158,10 +158,10 @@ def read_mesh(
         ending = _ending(path)
         link = read_link(path) if ending == LINK_ENDING else None
     subject, name = (path, mesh_name(path)) if link is None else (link, str(link.segment))
-    ReadLimits.of(0)  # raises if the environment variable is no number
+    ReadLimits.of(0)  # raises an error for an invalid environment variable
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the fault is raised below, in one sentence
+            warnings.simplefilter("ignore")  # errors are raised below, in one sentence
             if link is None:
                 raw = _read_raw(Path(path), ending)
             else:
@@ -190,7 +190,7 @@ def read_mesh(
         ) from fault
     except Cancelled:
         raise
-    except Exception as fault:  # libraries raise any exception on a broken file
+    except Exception as fault:  # libraries raise various types
         clause = str(fault if isinstance(fault, InputError) else unreadable(fault))
         other = misnamed(Path(path), ending) if link is None else ""
         clause = f"{other}." if other else _with_remedy(clause, ending)
@@ -204,7 +204,7 @@ def read_mesh(
 
 
 def _linked(path: str | Path, segment: int | str | None, lod: int | None) -> MeshLink | None:
-    """Return the link that is given, None for a file."""
+    """Parse the link in an argument; return None for a file."""
     if is_link(path):
         return parse_link(str(path), segment, lod)
     if segment is not None or lod is not None:
@@ -216,7 +216,7 @@ def _linked(path: str | Path, segment: int | str | None, lod: int | None) -> Mes
 
 
 def _read_raw(path: Path, ending: str) -> RawMesh:
-    """Unpack a file if it is a gzip, and call its reader, in a child process where necessary."""
+    """Unpack a gzip file, and call the reader, in a child process if limits are needed."""
     reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
     with _unpacked(path, ending) as (plain, limits):
         if limits is None and reader in _LIMITS:
@@ -238,7 +238,7 @@ def mesh_name(path: str | Path) -> str:
 def _ending(path: Path) -> str:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     ending = "".join(suffixes[-2:]) if suffixes[-1:] == [".gz"] else "".join(suffixes[-1:])
-    if ending not in READABLE_ENDINGS and is_draco(path):  # fragments have names without endings
+    if ending not in READABLE_ENDINGS and is_draco(path):  # fragments have no ending
         return ".drc"
     if ending not in READABLE_ENDINGS and not _is_freesurfer(path):
         if other := misnamed(path, ending):
@@ -259,7 +259,7 @@ def _is_freesurfer(path: Path) -> bool:
 
 
 def check_file(path: Path) -> None:
-    """Raise an `InputError` that names the file unless a path is a regular, readable file."""
+    """Raise `InputError`, with the file's name, unless a path is a regular, readable file."""
     try:
         if not path.exists():
             raise InputError(f"{path} does not exist; check the spelling of its name and folder.")
@@ -310,7 +310,7 @@ def _check_content(raw: RawMesh) -> None:
 
 
 def _with_remedy(fault: str, ending: str) -> str:
-    """Return the clause of a reader with a remedy; messages of `Mesh` have one already."""
+    """Return the clause of a reader with a remedy; messages of `Mesh` already contain one."""
     if "not installed" in fault:
         return f"{fault}."
     if fault.endswith("."):
@@ -345,9 +345,9 @@ def _kind(ending: str) -> str:
 
 @contextlib.contextmanager
 def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None]]:
-    """Yield the file itself, or the content of its gzip as a temporary file of the same name.
+    """Yield the file itself, or the content of a gzip file as a temporary file of the same name.
 
-    The second value is the limits to read it under, if it unpacks to more than meshes usually do.
+    The second value is the limits for reading, if the unpacked size is unusually large for a mesh.
     """
     if not ending.endswith(".gz"):
         yield path, None

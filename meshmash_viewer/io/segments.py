@@ -1,4 +1,4 @@
-"""Meshes of segments, read by cloud-volume in a child process that can be cancelled."""
+"""Reader of meshes of segments by cloud-volume, in a child process that can be cancelled."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _Note: TypeAlias = Callable[[float, float], None]
 
 #: Maximum number of vertices unless a level of detail is given.
 MOST_VERTICES = 20_000_000
-#: Bytes of a vertex with its two faces, and the minimum in a compressed mesh.
+#: Bytes per vertex with its two faces: in a decoded mesh, and the minimum in a compressed one.
 _BYTES, _PACKED_BYTES = 36, 0.5
-#: Number of fragments fetched at a time.
+#: Number of fragments downloaded at a time.
 _AT_ONCE = 64
 #: Timeouts in seconds: of a download without progress, and of a connection.
 _SILENCE, _ANSWER = 300.0, 8.0
-#: HTTP status codes of missing credentials.
+#: HTTP status codes for missing credentials.
 _REFUSED = (401, 403)
 _MISSING = "has no mesh; check the id, or open another segment."
 _ONE_LEVEL = "has one level of detail; leave it out, or give 0."
@@ -66,11 +66,11 @@ _FAULTS = {
 
 
 class SegmentFault(InputError):
-    """Fault of reading a segment; the message is a clause with a remedy and a full stop."""
+    """Error of reading a segment; the message is a clause with a remedy and a full stop."""
 
 
 def read_linked(path: Path) -> RawMesh:
-    """Read the mesh of the link in a file."""
+    """Read the mesh of a link in a file."""
     return read_segment(read_link(path))
 
 
@@ -101,7 +101,7 @@ def read_segment(
 
 
 class _Follower:
-    """Reports the progress of the child process, and raises to end it."""
+    """Check of the child process, which reports its progress, or raises an exception to end it."""
 
     def __init__(
         self, notes: Path, progress: ProgressCallback | None, cancel: CancelCallback | None
@@ -134,7 +134,7 @@ class _Follower:
 
 
 def fetch(link: MeshLink, notes: Path) -> RawMesh:
-    """Read the mesh of a segment in this process, and append the progress to a file."""
+    """Read the mesh of a segment in this process, and append progress lines to a file `notes`."""
 
     def note(share: float, n_vertices: float) -> None:
         with notes.open("a") as file:
@@ -146,12 +146,12 @@ def fetch(link: MeshLink, notes: Path) -> RawMesh:
             return _read(link, note)
     except (InputError, MemoryError):
         raise
-    except Exception as fault:  # noqa: BLE001  its text may hold a secret
+    except Exception as fault:  # noqa: BLE001  its text may contain a secret
         raise _explained(fault) from None
 
 
 def _explained(fault: BaseException | None) -> SegmentFault:
-    """Explain an exception of a cloud library without its text, which may hold a secret."""
+    """Explain an exception of a cloud library without its text, which may contain a secret."""
     seen: list[BaseException] = []
     while fault is not None and fault not in seen:
         seen.append(fault)
@@ -171,7 +171,7 @@ def _explained(fault: BaseException | None) -> SegmentFault:
 
 
 def _check_place(source: str) -> None:
-    """Raise `SegmentFault` if the server is unreachable; libraries would retry for minutes."""
+    """Raise `SegmentFault` if the server is unreachable, as libraries would retry for minutes."""
     protocol, _, rest = source.partition("://")[2].partition("://")
     if protocol == "file":
         if os.name == "posix" and not os.path.isdir(rest):
@@ -213,7 +213,7 @@ def _check_info(place: str) -> None:
     from cloudfiles import CloudFiles
 
     info = CloudFiles(place).get_json("info")
-    if info is None and place.startswith("http"):  # cloud-files reports a refusal as missing
+    if info is None and place.startswith("http"):  # cloud-files reports a denied file as missing
         answer = requests.get(f"{place}/info", timeout=_ANSWER)
         if answer.status_code in _REFUSED:
             answer.raise_for_status()
@@ -227,9 +227,10 @@ def _check_info(place: str) -> None:
 
 
 def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
-    """Read the fragments in a manifest, also those compressed by Draco, unlike cloud-volume.
+    """Read the fragments in a manifest; return their union and their number.
 
-    They are sorted by name, so that the mesh is the same each time.
+    Unlike cloud-volume, this also reads fragments compressed by Draco, and sorts fragments by name,
+    so that the mesh is reproducible.
     """
     from cloudfiles import CloudFiles
     from cloudvolume import Mesh
@@ -248,7 +249,7 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
         what = f"lacks {counted(len(lacking), 'fragment')}" if lacking else "lists no fragments"
         raise SegmentFault(f"{what}; report it to those who host the layer.")
     total, done, n_vertices, meshes = sum(sizes.values()), 0, 0, []
-    # the size of all is estimated from the first, which is fetched alone
+    # the first fragment is downloaded alone, to estimate the number of vertices of all
     starts = [0, *range(1, len(names), _AT_ONCE), len(names)]
     for batch in (names[start:end] for start, end in itertools.pairwise(starts)):
         found = {each["path"]: each["content"] for each in folder.get(batch)}
@@ -265,7 +266,7 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
 
 
 def _decoded(kind: Any, name: str, content: bytes) -> Any:
-    """Decode a fragment by cloud-volume."""
+    """Decode a fragment by the mesh class `kind` of cloud-volume."""
     try:
         packed = content[:5] == b"DRACO"
         mesh = kind.from_draco(content) if packed else kind.from_precomputed(content)
@@ -280,7 +281,7 @@ def _decoded(kind: Any, name: str, content: bytes) -> Any:
 
 
 def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
-    """Read a level of detail of a multi-resolution mesh."""
+    """Read a level of detail of a multi-resolution mesh; return it and its number of fragments."""
     manifest = source.get_manifest(link.segment)
     if manifest is None:
         raise SegmentFault(_MISSING)
@@ -291,7 +292,7 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     sizes = [int(each.sum()) for each in manifest.fragment_offsets]
     n_vertices = sizes[lod] / _PACKED_BYTES
     if link.lod is None and n_vertices > MOST_VERTICES * limit_factor():
-        # the coarsest level shows the bytes per vertex
+        # the bytes per vertex are measured on the coarsest level
         n_coarse = len(source.get(link.segment, lod=n_levels - 1)[link.segment].vertices)
         expected = [n_coarse * size / max(sizes[-1], 1) for size in sizes]
         _check_size(expected)
@@ -304,7 +305,7 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
 
 
 def _check_size(expected: Sequence[float]) -> None:
-    """Raise `SegmentFault` if the first level has too many vertices; name a level that fits."""
+    """Raise `SegmentFault`, with a level that fits, if the first level has too many vertices."""
     most = MOST_VERTICES * limit_factor()
     if expected[0] <= most:
         return

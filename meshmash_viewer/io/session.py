@@ -1,4 +1,4 @@
-"""Session files, the open meshes and their display as JSON, and maps written next to them."""
+"""Session files, JSON with the open meshes and their display, and files of maps next to them."""
 
 from __future__ import annotations
 
@@ -41,15 +41,16 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 SESSION_ENDING = ".meshmash.json"
 
 _FORMAT = "meshmash-viewer session"
-#: Since version 3, vertices are indices in the mesh file, which differ only after repairs; sessions
-#: without repairs are written as version 2, which older programs can read.
+#: Version of the format. Since version 3, vertices are given by their index in the mesh file, which
+#: differs from the index in the mesh only after repairs. Sessions without repairs are written as
+#: version 2, which older programs can read.
 _VERSION, _WITHOUT_REPAIRS = 3, 2
-#: Largest session in bytes, a hundred times the size of one with thousands of pins.
+#: Largest size in bytes, a hundred times that of a session with thousands of pins.
 _LARGEST = 16_000_000
 
 
 class _Unit(Text):
-    """A unit of length with a factor, or none."""
+    """A unit of length with an optional factor, or ""."""
 
     def __call__(self, value: object) -> str:
         try:
@@ -60,7 +61,7 @@ class _Unit(Text):
 
 
 class _Color(Text):
-    """A colour "#RRGGBB", or none."""
+    """A colour "#RRGGBB", or ""."""
 
     def __call__(self, value: object) -> str:
         text = super().__call__(value)
@@ -70,7 +71,7 @@ class _Color(Text):
 
 
 class _Mask(Text):
-    """A mask as text of `packed_mask`, or none."""
+    """A mask as a text of `packed_mask`."""
 
     def __call__(self, value: object) -> str:
         text = super().__call__(value)
@@ -82,7 +83,7 @@ class _Mask(Text):
 
 
 class _FileNames(Listing):
-    """Names of files; older sessions have one name, "" for none."""
+    """Names of files; older sessions have a single name, or "", in place of the list."""
 
     def __call__(self, value: object) -> Any:
         if isinstance(value, str):
@@ -137,23 +138,23 @@ _POINTS = Record(
 class Session(Parameters):
     """State of a window, as written to a session file."""
 
-    #: File of the mesh; written as a relative path if it is below the folder of the session file,
-    #: so that both can be moved together. A link is written as it is.
+    #: File of the mesh. It is written as a relative path if it is below the folder of the session
+    #: file, so that both can be moved together; a link file is written as its link.
     mesh_path: str = parameter("", Text())
-    #: Files of added maps, in their order; relative as `mesh_path` is.
+    #: Files of added maps, in their order; written as relative paths like `mesh_path`.
     maps: list[str] = parameter(list, _FILES)
     #: Names of all maps of the mesh, in their order.
     map_names: list[str] = parameter(list, _NAMES)
-    #: Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that the
-    #: format states.
+    #: Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that is
+    #: stated by the format.
     unit: str = parameter("", _Unit(100))
     #: Names of the repairs made after reading, oldest first.
     repairs: list[str] = parameter(list, _REPAIRS)
-    #: Content hash of the mesh before its repairs; "" if not known.
+    #: Content hash of the mesh before its repairs; "" if unknown.
     source: str = parameter("", Text(200))
-    #: Content hash of the repaired mesh, to detect changes of the file; "" if not known.
+    #: Content hash of the repaired mesh, to detect changes of the file; "" if unknown.
     mesh_hash: str = parameter("", Text(200))
-    #: Number of vertices of the mesh of `pins`; 0 if not known.
+    #: Number of vertices that `pins` index; 0 if unknown.
     n_vertices: int = parameter(0, Whole())
     #: Fields of `OperatorOptions`.
     operator: dict[str, Any] = parameter(
@@ -161,47 +162,47 @@ class Session(Parameters):
     )
     #: Fields of `Target`: ``kind`` and ``value``.
     target: dict[str, Any] = parameter(dict, _Target())
-    #: The displayed field with its limits and colours, as the model writes it.
+    #: The displayed field with its limits and colours, in the form written by the window's model.
     display: dict[str, Any] = parameter(dict, Record({}))
-    #: Settings of the classes, and the state of their prediction, as the model writes them.
+    #: Settings of the classes, and the state of their prediction, likewise.
     classes: dict[str, Any] = parameter(dict, Record({}))
-    #: Pinned vertices, by their index in the file, and the numbers of their pins.
+    #: Pinned vertices, by their index in the mesh file, and the numbers of their pins.
     pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
     pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
     #: Names and colours of the pins, "" for none.
     pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
     pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
-    #: The selected vertices, by their index in the file, as `packed_mask` writes them.
+    #: Selected vertices of the mesh file, as a text of `packed_mask`.
     selection: str = parameter("", _Mask(_LARGEST))
-    #: The hidden vertices, written the same way.
+    #: Hidden vertices of the mesh file, as a text of `packed_mask`.
     hidden: str = parameter("", _Mask(_LARGEST))
-    #: The vertices that eigenpairs are computed on, written the same way; "" for all.
+    #: Vertices of the part on which eigenpairs are computed, likewise; "" for all vertices.
     part: str = parameter("", _Mask(_LARGEST))
-    #: The points, as `PointSet.plain` writes them, whose path is relative as `mesh_path` is.
+    #: Result of `PointSet.plain`, with a path that is relative like `mesh_path`.
     points: dict[str, Any] = parameter(dict, _POINTS)
-    #: Names of files, next to this one, with maps that no other file has.
+    #: Names of files in the folder of the session, with maps that are in no other file.
     kept_maps: list[str] = parameter(list, _FileNames(Text(200), 1000))
-    #: False for older sessions, whose pins and other vertices are indices in the repaired mesh.
+    #: False for older sessions, in which vertices are given by their index in the repaired mesh.
     file_indices: bool = True
-    #: Position, focal point and so on in the mesh's coordinates; empty for the default view.
+    #: Focal point, axes and half size of the view in mesh coordinates; empty for the default view.
     camera: dict[str, Any] = parameter(dict, _CAMERA)
-    #: File of the second mesh, relative as `mesh_path` is, and its unit as `unit` is; "" for none.
+    #: Like `mesh_path` and `unit`, for the second mesh; "" without a second mesh.
     second_path: str = parameter("", Text())
     second_unit: str = parameter("", _Unit(100))
-    #: As `maps`, `map_names`, `kept_maps` and `repairs`, of the second mesh.
+    #: Like `maps`, `map_names`, `kept_maps` and `repairs`, for the second mesh.
     second_maps: list[str] = parameter(list, _FILES)
     second_map_names: list[str] = parameter(list, _NAMES)
     second_kept_maps: list[str] = parameter(list, Listing(Text(200), 1000))
     second_repairs: list[str] = parameter(list, _REPAIRS)
-    #: The active links between both meshes.
+    #: Names of the active links between the views of the two meshes.
     links: list[str] = parameter(list, Listing(Text(100), 100, different=True))
-    #: How vertices are matched: the feature, whether refined, whether colours are carried, and the
-    #: numbers of pins with the index of the vertex where they were set on the second mesh.
+    #: Settings of the matching of vertices: the feature, whether the match is refined, whether
+    #: colours are transferred, and pairs of a pin number and its vertex on the second mesh.
     match: dict[str, Any] = parameter(dict, _MATCH)
 
 
 def write_session(path: str | Path, session: Session) -> None:
-    """Write a session; an older file is replaced only when the new one is whole.
+    """Write a session; an older file is replaced only after the new file is complete.
 
     `InputError` is raised if the file cannot be written.
     """
@@ -223,12 +224,11 @@ def write_session(path: str | Path, session: Session) -> None:
 
 
 def read_session(path: str | Path) -> Session:
-    """Read a session, with absolute paths.
-
-    `display` and `classes` are not checked here, but by the model.
+    """Read a session, and make its paths absolute.
 
     `InputError` is raised if the file cannot be read, is not a session, was written by a newer
-    program, or has an entry of the wrong type or out of bounds.
+    program, or has an entry of the wrong type or out of bounds; `display` and `classes` are not
+    checked here.
     """
     path = Path(path)
     try:
@@ -279,16 +279,16 @@ def read_session(path: str | Path) -> Session:
 
 
 def packed_mask(mask: npt.NDArray[np.bool_] | None) -> str:
-    """Write a mask as text, "" for None: bits, compressed, in base 64."""
+    """Convert a mask to text: its bits, compressed, in base64; "" for None."""
     if mask is None:
         return ""
     return base64.b64encode(zlib.compress(np.packbits(mask).tobytes(), 1)).decode()
 
 
 def unpacked_mask(text: str, n: int) -> npt.NDArray[np.bool_] | None:
-    """Return the mask of shape (n,) in a text of `packed_mask`; None for "".
+    """Convert a text of `packed_mask` to a mask of shape (n,); None for "".
 
-    `InputError` is raised if it is of another length.
+    `InputError` is raised if the mask has another length.
     """
     if not text:
         return None
@@ -303,30 +303,30 @@ def unpacked_mask(text: str, n: int) -> npt.NDArray[np.bool_] | None:
 
 
 def _relative(name: str, folder: Path) -> str:
-    """Return a path relative to a folder if the file is in it."""
+    """Return a path relative to a folder if the file is in the folder, else absolute."""
     file = Path(name).absolute()
     return file.relative_to(folder).as_posix() if file.is_relative_to(folder) else str(file)
 
 
 # -- maps that are in no other file ----------------------------------------------------------------
 
-#: Ending of the files.
+#: Ending of files of maps.
 KEPT_MAPS_ENDING = ".maps.npz"
 
 
 @dataclass(frozen=True, eq=False)
 class KeptMaps:
-    """Maps of a mesh."""
+    """Maps of a mesh that are written next to the session."""
 
     maps: tuple[VertexMap, ...]
     #: Content hash of the mesh.
     mesh: str
-    #: Names of maps that replace maps of files.
+    #: Names of the maps that replace maps read from files.
     edited: Sequence[str] = ()
 
 
 def write_kept_maps(path: Path, kept: KeptMaps) -> None:
-    """Write maps; `OSError` is raised if that fails, and an older file is unchanged."""
+    """Write maps; if it fails, `OSError` is raised and an older file is unchanged."""
     named = [
         {"name": each.name, "unit": each.unit, "labels": [astuple(label) for label in each.labels]}
         for each in kept.maps

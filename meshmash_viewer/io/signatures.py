@@ -1,4 +1,4 @@
-"""Kinds of files by their first bytes, to name the remedy where an ending is wrong."""
+"""Recognition of files by their first bytes, to name a remedy for wrong endings."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import codecs
 import re
 from pathlib import Path
 
+#: Number of bytes that are compared.
 _BEGINNING = 2_000
-#: First bytes of a file, its kind, and the endings of this kind, or what to do with the file.
+#: Pattern of the first bytes, kind of file, and the endings of this kind or a remedy.
 _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
     (rb"ply\s", "a PLY file", (".ply",)),
     (rb"\s*solid\b[^\n]*\s+facet\s+normal\b", "an STL file", (".stl",)),
@@ -32,7 +33,7 @@ _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
 def misnamed(path: Path, ending: str) -> str:
     """Return a clause with the kind of a file and a remedy if its ending is of another kind.
 
-    It is empty if the first bytes are of no known kind, or of the kind of the ending (lower case).
+    `ending` is in lower case. "" is returned if the first bytes match it, or no known kind.
     """
     try:
         with path.open("rb") as file:

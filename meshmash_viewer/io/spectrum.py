@@ -1,7 +1,7 @@
 """Eigenpairs of a mesh: read from a store, resumed from a partial run, or computed.
 
-The window and the command line use the same function. Where the cache cannot be written, pairs are
-computed into a second store or into memory, and a remark says so.
+The window and the command line use the same function. If the cache cannot be written, computed
+pairs go to a second store or into memory, and a remark for the user is returned.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ def find_eigenpairs(
 ) -> tuple[Eigenpairs | None, str]:
     """Return the stored eigenpairs of a mesh, without computing any, and a remark on damage.
 
-    These are the leading pairs, or `count` of them, whose rows agree with their checksums; None if
-    there are none. `spare` is a second cache folder, used if it holds more than the user's;
-    `cancel` is that of `EigenpairStore.load`. The remark is a sentence for the user, or "".
+    Returned are the leading pairs, at most `count`, before the first row that does not agree with
+    its checksum; None if there are none. `spare` is a second cache folder, used if it has more
+    pairs than the user's. For `cancel`, see `EigenpairStore.load`. The remark is a sentence for the
+    user, or "".
     """
     return _longest(_stores(mesh, operator, spare), count, cancel)[:2]
 
@@ -51,14 +52,15 @@ def obtain_eigenpairs(
     use_cache: bool = True,
     spare: Path | None = None,
 ) -> tuple[Eigenpairs, str]:
-    """Return the eigenpairs of a mesh, stored ones and computed ones, and a remark on the store.
+    """Return the eigenpairs of a mesh, and a remark on the store.
 
-    Computed pairs are stored. When a computation begins, `on_pairs` of the request receives the
-    stored pairs, be it none. Rows are mapped read-only if they are in a file. `use_cache` is
-    whether the user's cache is used; `spare` is the folder for when it cannot be written, without
-    which memory is used. The remark is a sentence for the user, or "".
+    Missing pairs are computed and stored. At the start of a computation, `on_pairs` of the request
+    is called with the stored pairs, which may be none. Rows in a file are mapped read-only.
+    `use_cache` is whether the user's cache is used. `spare` is the cache folder to use if the
+    user's cannot be written; without it, pairs are then in memory. The remark is a sentence for the
+    user, or "".
 
-    `InputError` is raised if the request is invalid or the pairs do not fit into memory,
+    `InputError` is raised if the request is invalid or the pairs do not fit into memory, and
     `Cancelled` after `cancel` returned True; converged pairs stay in the store.
     """
     stores = _stores(mesh, operator, spare) if use_cache else []
@@ -67,7 +69,7 @@ def obtain_eigenpairs(
 
     keeper = _Keeper(stores, in_file=spare is not None)
     try:
-        # another process has computed the pairs meanwhile
+        # another process may have computed the pairs before the lock was acquired
         return _answer(stores, request) or keeper.run(mesh, operator, request), keeper.remark
     finally:
         for store in stores:
@@ -105,7 +107,7 @@ def _answer(stores: list[EigenpairStore], request: Request) -> Eigenpairs | None
 def _longest(
     stores: list[EigenpairStore], count: int | None, cancel: CancelCallback | None
 ) -> tuple[Eigenpairs | None, str, EigenpairStore | None]:
-    """Return the pairs of the store with most pairs, a remark on damage, and the store."""
+    """Return the pairs of the store with the most pairs, a remark on damage, and the store."""
     longest, source = None, None
     for store in stores:
         found = store.load(count, cancel)
@@ -119,15 +121,15 @@ def _longest(
 
 
 class _Keeper:
-    """Output of a run: into the first usable store, or into memory.
+    """Output of a run, to the first usable store or to memory.
 
-    Stores are tried in their order, at first and whenever one fails. Pairs must be `in_file` if
-    another process reads them.
+    Stores are tried in their order, also when the current store fails. With `in_file`, memory is
+    not used and an exception is raised instead, for pairs that another process must read.
     """
 
     def __init__(self, stores: list[EigenpairStore], in_file: bool) -> None:
         self._remarks: list[str] = []
-        #: Pairs that are known, and the store that they are in.
+        #: Stored pairs at the start of the run, and their store.
         self._known: Eigenpairs | None = None
         self._source: EigenpairStore | None = None
         self._all = stores
@@ -138,11 +140,11 @@ class _Keeper:
 
     @property
     def remark(self) -> str:
-        """Remark for the user on unusable or damaged stores."""
+        """Sentences for the user on unusable or damaged stores."""
         return " ".join(self._remarks)
 
     def run(self, mesh: Mesh, operator: OperatorOptions, request: Request) -> Eigenpairs:
-        """Compute the pairs that are missing."""
+        """Compute the missing pairs, and return all pairs of the request."""
         from meshmash_viewer.laplacian import cotangent_laplacian
         from meshmash_viewer.spectral.cost import check_memory, free_memory
         from meshmash_viewer.spectral.eigensolver import Run
@@ -183,7 +185,7 @@ class _Keeper:
         return replace(self._mapped(pairs), operator=operator)
 
     def _allocate(self, k: int, n: int, n_kept: int) -> FloatArray:
-        """Allocate k rows, the first of which are those of the known pairs."""
+        """Allocate k rows; the first `n_kept` have the eigenvectors of the known pairs."""
         rows: FloatArray | None = None
         while rows is None and self._store is not None:
             in_place = self._store is self._source
@@ -199,7 +201,7 @@ class _Keeper:
         return rows
 
     def _append(self, pairs: Eigenpairs) -> None:
-        """Publish pairs in the store; if it fails, in the next one."""
+        """Publish pairs in the store; if it fails, in the next store."""
         while self._store is not None:
             try:
                 self._store.append(pairs)
@@ -208,13 +210,13 @@ class _Keeper:
                 self._take_next(fault)
 
     def _mapped(self, pairs: Eigenpairs) -> Eigenpairs:
-        """Return pairs with their rows mapped read-only, if they are in a file."""
+        """Return pairs with rows mapped read-only if they are in a file."""
         if self._store is None:
             return pairs
         return replace(pairs, rows=self._store.map(len(pairs)))
 
     def _take_next(self, fault: StoreUnusable | None = None) -> None:
-        """Lock the next usable store; record why the one before cannot be used."""
+        """Lock the next usable store; add a remark for each unusable store."""
         self._store = None
         while True:
             if fault is not None:

@@ -1,11 +1,12 @@
-"""Eigenpairs on disk: written by one process, read by others, identified by content.
+"""Stores of eigenpairs on the disk, which one process writes and other processes read.
 
-The folder of a store is named after its mesh and operator. It holds the eigenvectors, contiguous
-rows of float64 without a header, so that they are mapped as one array, and a file (see
-`meshmash_viewer.io.cache`) with the eigenvalues, residuals and checksums of the published rows.
-That file is replaced atomically after new rows have been flushed to the disk, and published rows
-are not written again, so that they survive a kill, a power failure and a resumed run. Always a
-leading part of the spectrum is stored: rows from the first damaged one on are computed again.
+A store is a folder named by a hash of its mesh and operator. It has two data files. The first
+contains the eigenvectors, contiguous rows of float64 without a header, for mapping as one array.
+The second (see `meshmash_viewer.io.cache`) contains the eigenvalues, residuals and checksums of the
+published rows. It is replaced atomically after new rows have been flushed to the disk, and
+published rows are not written again. Published pairs therefore survive a kill, a power failure and
+a resumed run. A store has a leading part of the spectrum without gaps: from the first damaged row
+on, pairs are computed again.
 """
 
 from __future__ import annotations
@@ -50,27 +51,27 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.engine.request import Request
 
 
-#: Threads that compare checksums, and bytes that each has in memory at a time.
+#: Number of threads that compute checksums, and bytes that each thread reads at a time.
 _THREADS, _BLOCK = 2, 1 << 18
 #: Exceptions raised by reading a damaged or wrong file.
 _UNUSABLE = (OSError, ValueError, KeyError, TypeError)
-#: Relative tolerance of thresholds, as in the solver.
+#: Relative tolerance of eigenvalue thresholds, the same as in the solver.
 _THRESHOLD_MARGIN = 1e-11
 
 
 class StoreUnusable(InputError):
-    """The cache folder cannot be written to."""
+    """The cache folder cannot be written."""
 
 
 class StoreBusy(StoreUnusable):
-    """Another process is computing the same eigenpairs into the same folder."""
+    """Another process is writing to the same store."""
 
 
 class EigenpairStore:
-    """The folder of one mesh and operator; made at the first write.
+    """Stored eigenpairs of one mesh and operator, in a folder that is made at the first write.
 
-    It is in the cache folder `root`, by default the user's, which may hold `cap` bytes. `damage` is
-    what `covers` or `load` found, such as "eigenpairs 20 to 39", or "".
+    The folder is in the cache folder `root`, by default the user's, of at most `cap` bytes.
+    `damage` names damaged pairs found by `covers` or `load`: "eigenpairs 20 to 39", or "".
     """
 
     def __init__(
@@ -85,7 +86,7 @@ class EigenpairStore:
         self.folder = self._cache.root / key
         self.n_vertices = mesh.n_vertices
         self._operator = operator
-        #: Content of `PROBLEM`, for users who open the folder.
+        #: Content of the file `PROBLEM`, for users; only format and n_vertices are read again.
         self._description = {
             "format": FORMAT,
             "mesh": {
@@ -101,7 +102,7 @@ class EigenpairStore:
         self.damage = ""
         #: Published data on the intact pairs.
         self._published = Published()
-        #: All rows, mapped for writing, and the identity of their file, to detect a replaced one.
+        #: All rows, mapped for writing, and the status of their file, to detect a replaced file.
         self._rows: np.memmap[Any, np.dtype[np.float64]] | None = None
         self._opened: os.stat_result | None = None
         self._lost = False
@@ -118,7 +119,7 @@ class EigenpairStore:
     def covers(self, request: Request) -> int | None:
         """Return the number of leading pairs that answer a request; None if some are missing.
 
-        Rows are not compared with their checksums here.
+        Checksums of rows are not compared.
         """
         self._read()
         found = self._published
@@ -138,11 +139,10 @@ class EigenpairStore:
     def load(
         self, count: int | None = None, cancel: CancelCallback | None = None
     ) -> Eigenpairs | None:
-        """Return the leading pairs whose rows agree with their checksums; None without any.
+        """Return the pairs before the first damaged row, at most `count`; None if there are none.
 
-        This takes two seconds for a million vertices and 300 pairs. With `count` at most so many
-        are returned; `cancel` is called before each row, and `Cancelled` raised after it returned
-        True.
+        Checksums of 300 pairs of a million vertices take two seconds. `cancel` is called before
+        each row; if it returns True, `Cancelled` is raised.
         """
         self._read()
         stored = len(self._published)
@@ -152,7 +152,7 @@ class EigenpairStore:
             self._leave_out(intact, stored)
         try:
             rows = self.map(intact) if intact else None
-        except (OSError, ValueError):  # just removed
+        except (OSError, ValueError):  # the file was just removed
             rows = None
         if rows is None:
             return None
@@ -216,16 +216,16 @@ class EigenpairStore:
         return intact.index(False) if False in intact else count
 
     def map(self, count: int) -> FloatArray:
-        """Map the first rows read-only, shape (count, n)."""
+        """Return a read-only memory map of the first rows, shape (count, n)."""
         return np.memmap(self.folder / ROWS, np.float64, "r", shape=(count, self.n_vertices))
 
-    # Writing, by the one process that holds the lock -----------------------------------------
+    # Writing, by the process with the lock ---------------------------------------------------
 
     def allocate(self, k: int, n: int | None = None, n_kept: int = 0) -> FloatArray:
-        """Allocate k eigenvectors, and return a memory map of shape (k, n) to write them to.
+        """Allocate k eigenvectors, and return a memory map of shape (k, n) for writing them.
 
-        The first `n_kept`, of those that `load` returned last, are kept; other stored ones are
-        removed, unless all k are kept. Call `append` when some of the others are final.
+        The first `n_kept` of the pairs last returned by `load` are kept. If `n_kept` is less than
+        k, all other stored pairs are removed. Call `append` whenever further rows are final.
         `StoreUnusable` is raised if another process is writing to the same store, the disk is full,
         or the cache folder cannot be written.
         """
@@ -253,10 +253,10 @@ class EigenpairStore:
             for name in (PAIRS, ROWS):
                 persistently(functools.partial((self.folder / name).unlink, missing_ok=True))
         elif self.damage:
-            # before rows behind the damaged one are written
+            # before rows from the damaged one on are overwritten
             self._published.write(self.folder / PAIRS, self.folder.name)
         make_room(path, 8 * highest * self.n_vertices)
-        # of the open file, as on Windows the device of the path differs
+        # `fstat`, as `stat` of a path gives another device on Windows
         with path.open("rb") as file:
             self._opened = os.fstat(file.fileno())
         self._lost = False
@@ -265,7 +265,7 @@ class EigenpairStore:
 
     @contextlib.contextmanager
     def _row_file(self) -> Iterator[IO[bytes]]:
-        """Open the file of rows, unless it was removed or replaced."""
+        """Open the file of rows; raise `FileNotFoundError` if it was removed or replaced."""
         with (self.folder / ROWS).open("r+b", buffering=0) as file:
             assert self._opened is not None
             if not os.path.samestat(os.fstat(file.fileno()), self._opened):
@@ -273,13 +273,11 @@ class EigenpairStore:
             yield file
 
     def append(self, pairs: Eigenpairs) -> None:
-        """Publish leading pairs, as far as they are not published yet, and their certificate.
+        """Publish the pairs that are not yet published, and a certificate.
 
-        Rows in other memory than `allocate` returned are copied. With a certificate the run is
-        complete, and the lock is released.
-
-        `StoreUnusable` is raised if the disk is full, or the folder was removed; the rows stay
-        mapped.
+        `pairs` are all leading pairs. Their rows are copied unless they are in the memory that
+        `allocate` returned. A certificate completes the run: the lock is released. `StoreUnusable`
+        is raised if the disk is full, or the folder was removed; the rows stay mapped.
         """
         start, stop, k = len(self._published), len(pairs.eigenvalues), pairs.total
         if self._rows is None:
@@ -324,7 +322,7 @@ class EigenpairStore:
             self.close()
 
     def lock(self) -> None:
-        """Prevent other processes from writing, until `close`.
+        """Lock the store until `close`, so that no other process writes to it.
 
         `StoreBusy` is raised if another process is writing, and `StoreUnusable` if the cache folder
         cannot be written.
@@ -337,20 +335,20 @@ class EigenpairStore:
             raise StoreBusy("Another process is computing the eigenpairs of this mesh.")
 
     def close(self) -> None:
-        """Stop writing; published pairs stay, and a run can resume from them."""
+        """Release the lock and the memory map; a later run can resume from the published pairs."""
         mapped, self._rows = self._rows is not None, None
-        if mapped and not self._lost:  # the rows may still be mapped elsewhere if lost
+        if mapped and not self._lost:  # after a failure, callers may still use the map
             with contextlib.suppress(OSError), self._row_file() as file:
-                file.truncate(8 * len(self._published) * self.n_vertices)  # not on all systems
+                file.truncate(8 * len(self._published) * self.n_vertices)  # fails on some systems
         self._lock.release()
 
     def _make_folder(self, size: int) -> None:
-        """Make the folder, and free `size` bytes for it by removing older stores."""
+        """Make the folder, and remove older stores until `size` bytes fit."""
         already = folder_size(self.folder)
         needed = max(0, size - already)
         self._cache.root.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(self._cache.root).free
-        if needed < free + self._cache.size():  # if removing other stores suffices
+        if needed < free + self._cache.size():  # else removing all would not suffice
             self._cache.evict(keep=self.folder.name, room_for=needed)
             free = shutil.disk_usage(self._cache.root).free
         if needed > free:

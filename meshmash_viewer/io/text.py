@@ -1,6 +1,6 @@
-"""Text files: byte order marks, lines by their first word, numbers in them, rows under a header.
+"""Parsers for text in mesh files: encodings, lines selected by their first word, and numbers.
 
-The rows of numbers and lists that PLY and OFF files have under a header may also be bytes.
+Rows of numbers and lists, which follow the header in PLY and OFF files, may also be binary.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, printable
 
-#: Byte order marks and their encodings; UTF-32 first, as its marks begin with those of UTF-16.
+#: Byte order marks and their encodings; UTF-32 is first, as its marks begin like those of UTF-16.
 _MARKS = {
     codecs.BOM_UTF32_LE: "utf-32-le",
     codecs.BOM_UTF32_BE: "utf-32-be",
@@ -28,19 +28,19 @@ _MARKS = {
 
 
 def read_text(path: Path) -> bytes:
-    r"""Read a text file as UTF-8 without byte order marks, its lines ended by ``\n``.
+    r"""Read a text file as UTF-8 without byte order marks, with lines ended by ``\n``.
 
-    `InputError` is raised if it has a mark of UTF-16 or UTF-32 and cannot be decoded.
+    `InputError` is raised if the file begins with a mark of UTF-16 or UTF-32 and cannot be decoded.
     """
     data = with_newlines(unmarked(path.read_bytes()))
-    # concatenated files have a mark in front of each part
+    # concatenated files have a mark before each part
     return data.replace(b"\n" + codecs.BOM_UTF8, b"\n") if codecs.BOM_UTF8 in data else data
 
 
 def unmarked(data: bytes) -> bytes:
     """Return text as UTF-8 without byte order mark.
 
-    `InputError` is raised if it has a mark of UTF-16 or UTF-32 and cannot be decoded.
+    `InputError` is raised if the text begins with a mark of UTF-16 or UTF-32 and cannot be decoded.
     """
     while data.startswith(codecs.BOM_UTF8):
         data = data[len(codecs.BOM_UTF8) :]
@@ -62,7 +62,7 @@ def with_newlines(data: bytes) -> bytes:
 
 
 class NotANumber(InputError):
-    """A word that is no number; `line` is its line in the text, counted from 0."""
+    """A word is no number; `line` is its line in the text, counted from 0."""
 
     def __init__(self, token: str, text: bytes, place: int, kind: str = "number") -> None:
         self.line = text.count(b"\n", 0, place)
@@ -70,17 +70,15 @@ class NotANumber(InputError):
         super().__init__(f"holds {token!r}{comma} where a {kind} should be")
 
     def in_line(self, number: int) -> InputError:
-        """Return the error with the number of the line in the file, counted from 1."""
+        """Return an error with the number of the line in the file, counted from 1."""
         return InputError(f"{self}, in line {number}")
 
 
 def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], IntArray]:
-    """Read lines of numbers separated by white space, far faster than line by line.
+    """Read lines of numbers separated by white space, all lines at once for speed.
 
-    Returns the numbers of all lines, one after the other, in the given type, `numpy.float64` or
-    `numpy.int64`; and how many numbers each line holds.
-
-    `NotANumber` is raised if something is no number.
+    Returned are the numbers of all lines in one array of type `dtype`, `numpy.float64` or
+    `numpy.int64`, and the count in each line. `NotANumber` is raised if a word is no number.
     """
     characters = np.frombuffer(text, dtype=np.uint8)
     is_space = characters <= 32
@@ -92,7 +90,7 @@ def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], 
     numbers: npt.NDArray[Any]
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # older NumPy stops early instead
+            warnings.simplefilter("ignore", DeprecationWarning)  # old NumPy warns and stops early
             numbers = np.fromstring(text, dtype=dtype, sep=" ")
     except ValueError:
         numbers = np.empty(0, dtype=dtype)
@@ -105,7 +103,7 @@ def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
     convert, kind = (float, "number") if dtype is np.float64 else (int, "whole number")
     for token in re.finditer(rb"[^\x00-\x20]+", text):
         try:
-            convert(token[0].replace(b"_", b"?"))  # Python would take 1_000
+            convert(token[0].replace(b"_", b"?"))  # Python accepts 1_000
         except ValueError:
             word = printable(token[0].decode("latin-1"), 20)
             return NotANumber(word, text, token.start(), kind)
@@ -116,21 +114,21 @@ def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
 class Lines:
     r"""Lines of a text, selected by their first word with array operations, for millions of lines.
 
-    Lines end with ``\n``; ``\v`` is white space that counts as the end of a line in messages.
+    Lines end with ``\n``; ``\v`` is white space, but counts as a line end in line numbers.
     """
 
     def __init__(self, text: bytes) -> None:
-        # padding, so that a word can be compared at the end of the text
+        # padded, so that words can be compared beyond the end of the text
         self._characters = np.frombuffer(text + 16 * b"\n", dtype=np.uint8)
         self._ends = np.flatnonzero(self._characters[: len(text) + 1] == ord("\n"))
         self._starts = self._without_spaces(np.append(0, self._ends[:-1] + 1))
 
     def drop_until(self, line: int) -> None:
-        """Remove the lines before a line."""
+        """Remove all lines before `line`."""
         self._starts, self._ends = self._starts[line:], self._ends[line:]
 
     def number(self, line: int) -> int:
-        """Number of a line in the file, counted from 1."""
+        """Return the number of a line in the file, counted from 1."""
         before = self._characters[: self._starts[line]]
         return 1 + int(np.count_nonzero((before == ord("\n")) | (before == ord("\v"))))
 
@@ -139,11 +137,11 @@ class Lines:
         return InputError(f"{what}, in line {self.number(line)}")
 
     def last(self) -> int:
-        """Return the last line that is not empty; -1 if there is none."""
+        """Return the index of the last line that is not empty; -1 if there is none."""
         return int(np.flatnonzero(self._starts < self._ends)[-1:].max(initial=-1))
 
     def beginning_with(self, *parts: bytes) -> IntArray:
-        """Return the lines that begin with a word in any case; its parts may be separated."""
+        """Return the lines that begin with a word, in any case and with spaces between `parts`."""
         chosen = np.arange(len(self._starts))
         places = self._starts
         for part in parts:
@@ -156,9 +154,9 @@ class Lines:
     def rows(
         self, lines: IntArray, word: bytes, dtype: type[np.generic]
     ) -> tuple[npt.NDArray[Any], IntArray]:
-        """Read the numbers after the word that some lines begin with, see `parse_rows`.
+        """Read the numbers in lines that begin with `word`, see `parse_rows`.
 
-        `InputError` is raised if something is no number; the message names the line.
+        `InputError` is raised if a later word is no number; the message names the line.
         """
         edges = np.zeros(len(self._characters) + 1, dtype=np.int8)
         edges[self._starts[lines] + len(word)] = 1
@@ -179,11 +177,11 @@ class Lines:
             places[is_space] += 1
 
 
-# -- rows under a header --------------------------------------------------------------------------
+# -- rows after a header --------------------------------------------------------------------------
 
-#: A list property: its values one after the other, and how many each row has.
+#: Values of a list property: the concatenated lists of all rows, and the length of each list.
 Lists: TypeAlias = tuple[npt.NDArray[Any], IntArray]
-#: The values of each property by its name.
+#: Values of each property by its name.
 Columns: TypeAlias = dict[str, npt.NDArray[Any] | Lists]
 Bytes: TypeAlias = npt.NDArray[np.uint8]
 
@@ -192,7 +190,7 @@ _NUMBER: np.dtype[Any] = np.dtype("f8")
 
 @dataclass(frozen=True)
 class Property:
-    """A number in a row; with `count_type` a list of numbers, preceded by their count."""
+    """A number in each row; with `count_type`, a list of numbers after its length."""
 
     name: str
     value_type: np.dtype[Any] = _NUMBER
@@ -201,7 +199,7 @@ class Property:
 
 @dataclass
 class Element:
-    """Rows of the same properties."""
+    """Consecutive rows with the same properties, such as the vertices of a PLY file."""
 
     name: str
     count: int
@@ -209,7 +207,7 @@ class Element:
 
 
 class CutShort(InputError):
-    """A file has fewer rows of an element than its header says."""
+    """A file has fewer rows of an element than its header states."""
 
     def __init__(self, element: Element, available: int) -> None:
         super().__init__(
@@ -219,22 +217,21 @@ class CutShort(InputError):
 
 
 class _ShortRow(InputError):
-    """A row ends beyond its limit."""
+    """A row needs more data than its line has."""
 
 
 def rows_of_text(
     elements: list[Element], numbers: FloatArray, counts: IntArray, *, ragged: bool = False
 ) -> list[Columns]:
-    """Return the columns of the elements in a text, reading a row from each line if possible.
+    """Return the columns of the elements in a text.
 
-    Lines without a number are skipped. If there are as many lines as rows, a line may have extra
-    numbers, equally many in all rows of an element. Otherwise line ends are ignored.
+    If there are as many lines with numbers as rows, each line is a row. It may have extra numbers,
+    equally many in all rows of an element; if `ragged`, rows with lists may differ in this number.
+    Otherwise line ends are ignored. Types of all properties must be float64; `numbers` and `counts`
+    are the results of `parse_rows`.
 
-    All properties are 64-bit floating-point numbers; `numbers` and `counts` are those of
-    `parse_rows`. If `ragged`, lines with lists may have differently many extra numbers.
-
-    `CutShort` is raised if there are too few numbers; `InputError` if there are too many, or a list
-    has no length.
+    `CutShort` is raised if there are too few numbers; `InputError` if there are too many, or the
+    length of a list is invalid.
     """
     data, counts = numbers.view(np.uint8), counts[counts > 0]
     if len(counts) == sum(element.count for element in elements if element.properties):
@@ -251,9 +248,9 @@ def rows_of_text(
 
 
 def take_rows(elements: list[Element], data: Bytes) -> tuple[list[Columns], int]:
-    """Return the columns of the elements at the front of binary data, and the end of the last.
+    """Return the columns of the elements in binary data, and the end of the last row in bytes.
 
-    `CutShort` is raised if there are too few bytes, and `InputError` if a list has no length.
+    `CutShort` is raised if there are too few bytes, `InputError` if a list has an invalid length.
     """
     columns: list[Columns] = []
     place = 0
@@ -291,7 +288,7 @@ def _rows_by_lines(
 
 
 def _row_starts(element: Element, data: Bytes, place: int) -> IntArray:
-    """Return the first byte of each row; first tries lists of the length in the first row."""
+    """Return the position of each row; all rows are first tried with the width of the first."""
     if not element.count:
         return np.zeros(0, dtype=np.int64)
     width = _counted_starts(element, data, place, 1)[1] - place
@@ -307,7 +304,7 @@ def _row_starts(element: Element, data: Bytes, place: int) -> IntArray:
 
 
 def _counted_starts(element: Element, data: Bytes, place: int, count: int) -> tuple[list[int], int]:
-    """Return the first bytes of consecutive rows, and the end of the last row."""
+    """Return the positions of `count` rows from `place` on, and the end of the last row."""
     steps = [
         (prop.value_type.itemsize, prop.count_type and _at_each_byte(data, prop.count_type))
         for prop in element.properties
@@ -334,9 +331,10 @@ def _counted_starts(element: Element, data: Bytes, place: int, count: int) -> tu
 def _layout(
     element: Element, data: Bytes, starts: IntArray, limits: IntArray
 ) -> tuple[list[tuple[Property, IntArray, IntArray | None]], IntArray]:
-    """Return the place of each property in each row with the lengths of lists, and the row ends.
+    """Return the position of each property in each row with the lengths of lists, and row ends.
 
-    `_ShortRow` is raised if a row ends beyond its limit, and `InputError` if a list has no length.
+    `_ShortRow` is raised if a row ends after its limit, and `InputError` if the length of a list is
+    invalid.
     """
     place, layout = starts, []
     for prop in element.properties:
@@ -371,7 +369,7 @@ def _columns(layout: list[tuple[Property, IntArray, IntArray | None]], data: Byt
 
 
 def _at_each_byte(data: Bytes, kind: np.dtype[Any]) -> npt.NDArray[Any]:
-    """Return a view with the number that begins at each byte."""
+    """Return a view of the data whose element i is the number that begins at byte i."""
     return np.ndarray(max(len(data) - kind.itemsize + 1, 0), kind, data, strides=(1,))
 
 

@@ -1,9 +1,9 @@
 """Writing of features, eigenpairs and meshes with their provenance, and of pictures.
 
-Every file is written under a temporary name and renamed, so that a failure leaves an older file
-unchanged. NPZ, Parquet, VTP, PLY, OBJ and GIFTI files contain their provenance; that of NPY, CSV,
-STL and GLB files is in a second file, "features.npy.json" for "features.npy", with the SHA-256 of
-the first one (``table_sha256``).
+Every file is written with a temporary name and renamed, so that a failure leaves an older file
+unchanged. NPZ, Parquet, VTP, PLY, OBJ and GIFTI files contain their provenance. NPY, CSV, STL and
+GLB files have it in a second file, such as "features.npy.json" for "features.npy", together with
+the SHA-256 of the first file (``table_sha256``).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def write_features(
 ) -> None:
     """Write feature columns in the format given by the file's ending.
 
-    `InputError` is raised if the ending is unknown, the number of rows differs from the vertices of
-    the mesh, or the file cannot be written.
+    `InputError` is raised if the ending is unknown, there is not one row per vertex of the mesh, or
+    the file cannot be written.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def write_features(
     mesh : Mesh
         The mesh of the features.
     eigenvalues : array_like, shape (k,), optional
-        Eigenvalues of the pairs that were used; written to NPZ files only.
+        Eigenvalues of the pairs used for the features; written to NPZ files only.
     meta : dict, optional
-        JSON-able options that the features were computed with, or a result of `provenance`.
+        JSON-able options of the computation, or a result of `provenance`.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def write_features(
         **mesh_arrays(mesh),
     }
     table = FeatureTable(features.values, features.columns, mesh, values, archive=archive)
-    # options given by the caller replace those of the features
+    # options given by the caller take precedence
     said = {"kind": features.kind, "values_unit": features.unit, **features.meta}
     write_table(path, "features", table, said, meta)
 
@@ -86,9 +86,9 @@ def write_features(
 def write_eigenpairs(
     path: str | Path, decomposition: Eigenpairs, mesh: Mesh, meta: dict[str, Any] | None = None
 ) -> None:
-    """Write eigenvalues and eigenvectors with their proof, as NPZ or VTP.
+    """Write eigenvalues and eigenvectors with a sentence on their verification, as NPZ or VTP.
 
-    Arguments are as for `write_features`; endings are those of `EIGENPAIR_WRITERS`.
+    Arguments are as for `write_features`, with the endings of `EIGENPAIR_WRITERS`.
 
     Examples
     --------
@@ -124,8 +124,8 @@ def write_map_spectrum(
     """Write the spectrum of a map, as CSV, Parquet or NPZ.
 
     Columns are ``pair`` (from 0), ``eigenvalue``, ``coefficient``, and ``share``, the share of the
-    energy in the pairs up to this one. `name` is that of the map, `mesh` its mesh; other arguments
-    are as for `write_features`, and endings those of `SPECTRUM_WRITERS`.
+    energy in the pairs up to the row's pair. `name` is the name of the map, and `mesh` its mesh.
+    Other arguments are as for `write_features`, with the endings of `SPECTRUM_WRITERS`.
 
     Examples
     --------
@@ -151,9 +151,9 @@ def write_map_spectrum(
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
     """Write a mesh without fields, in a format of `MESH_WRITERS`.
 
-    STL, GLB and GIFTI hold float32, STL repeats the vertices of each face, and GIFTI is in mm.
-    `meta` are JSON-able options that led to it, or a result of `provenance`. `InputError` is raised
-    if the ending is unknown or the file cannot be written.
+    STL, GLB and GIFTI files have float32 coordinates, STL repeats the vertices of each face, and
+    GIFTI is in mm. `meta` are JSON-able options of the computation, or a result of `provenance`.
+    `InputError` is raised if the ending is unknown or the file cannot be written.
     """
     nothing = np.empty((mesh.n_vertices, 0))
     table = FeatureTable(nothing, (), mesh, np.empty(0), archive=mesh_arrays(mesh))
@@ -163,10 +163,10 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
 def write_picture(
     path: str | Path, pixels: npt.NDArray[np.uint8], dpi: float | None = None
 ) -> None:
-    """Write pixels, RGB or RGBA of shape (height, width, 3 or 4), first row on top, as PNG.
+    """Write pixels, RGB or RGBA of shape (height, width, 3 or 4), top row first, as PNG.
 
     `dpi`, the number of pixels per inch on paper, is written into the file. `InputError` is raised
-    if the ending is another one or the file cannot be written.
+    if the ending is not .png or the file cannot be written.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -182,7 +182,7 @@ def write_picture(
 
 
 def mesh_arrays(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of a mesh, and after repairs the index of each vertex in the file."""
+    """Return the arrays of a mesh by name, and after repairs the index in the file per vertex."""
     arrays: dict[str, npt.NDArray[Any]] = {"vertices": mesh.vertices, "faces": mesh.faces}
     return arrays if mesh.numbering is None else {**arrays, "vertex": mesh.file_indices}
 
@@ -194,10 +194,10 @@ def write_table(
     said: dict[str, Any],
     meta: dict[str, Any] | None,
 ) -> None:
-    """Write a table with its provenance, to a second file for formats without metadata.
+    """Write a table and its provenance, to a second file for formats without metadata.
 
-    The second file has the checksum of the table, as two files cannot be replaced at once. Options
-    in `meta`, which may be a whole provenance, replace those in `said`.
+    The second file has the checksum of the table, as two files cannot be replaced at once. `said`
+    are options of the result; options in `meta`, which may also be a provenance, take precedence.
     """
     path, given = Path(path), meta or {}
     made = dict(given)
@@ -232,7 +232,7 @@ def _ranges(indices: npt.NDArray[np.int64]) -> list[list[int]]:
 
 
 def unused_path(path: str | Path) -> Path:
-    """Return a path, or if it exists the first unused one with a number: `hks_2.npz`.
+    """Return a path, or if it exists, the first unused path with a number, such as `hks_2.npz`.
 
     Examples
     --------
@@ -243,7 +243,7 @@ def unused_path(path: str | Path) -> Path:
     path = Path(path)
     ending = "".join(path.suffixes[-2:]) if path.suffix == ".gii" else path.suffix
     stem, number, found = path.name.removesuffix(ending), 1, path
-    # formats without metadata have their provenance in a second file
+    # the second file, of formats without metadata, must not exist either
     while os.path.lexists(found) or os.path.lexists(f"{found}.json"):
         number += 1
         found = path.with_name(f"{stem}_{number}{ending}")
@@ -251,10 +251,10 @@ def unused_path(path: str | Path) -> Path:
 
 
 def check_output(path: str | Path, kind: str = "features") -> None:
-    """Check, before a long computation, that a result of some kind can be written to a file.
+    """Check, before a long computation, that a result of a kind can be written to a file.
 
-    `InputError` is raised if the ending is unknown, there is no such folder, or it may not be
-    written to.
+    `InputError` is raised if the ending is unknown, or the folder does not exist or cannot be
+    written.
     """
     path = Path(path)
     writer_of(kind, path)
@@ -274,22 +274,22 @@ def to_napari(
 ) -> tuple[tuple[npt.NDArray[Any], ...], dict[str, Any], str]:
     """Return a mesh as a layer tuple of napari.
 
-    `InputError` is raised if there is not one value for each vertex.
+    `InputError` is raised unless `field` has one value per vertex.
 
     Parameters
     ----------
     mesh : MeshLike
     field : array_like, shape (n,), or VertexMap, optional
-        A value for each vertex; NaN has no colour. With labels, vertices have the colours of their
-        labels, whose names are in ``metadata["labels"]`` by their numbers; layers of labels in
-        napari are for images only.
+        A value for each vertex; NaN has no colour. For a label set, vertices have the colours of
+        their labels, and ``metadata["labels"]`` has the names of labels by number; the layer is a
+        surface, as napari's label layers are for images only.
 
     Returns
     -------
     tuple
         Data ``(vertices, faces)`` or ``(vertices, faces, values)``, options and "surface".
-        Coordinates are in reverse order, (z, y, x), as the axes of images in napari are. A mesh
-        with a unit has it as ``units`` of its three axes, which napari knows since 0.5.
+        Coordinates are in reverse order, (z, y, x), like image axes in napari. The unit of the
+        mesh, if any, is in the option ``units`` of the three axes, which needs napari 0.5.
 
     Examples
     --------

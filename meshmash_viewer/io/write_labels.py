@@ -1,4 +1,4 @@
-"""Writing of label sets, and of regions as a table."""
+"""Writing of label sets, and of tables of regions."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 
 def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None = None) -> None:
-    """Write regions, one a row, as CSV, Parquet or NPZ.
+    """Write a table with a row per region, as CSV, Parquet or NPZ.
 
-    Columns are those of `regions`, and after them ``unit``, that of lengths: areas are in its
-    square, volumes in its cube, ``lambda2`` in its inverse square.
+    The columns of `regions` are followed by ``unit``, the unit of lengths: areas are in its square,
+    volumes in its cube, ``lambda2`` in its inverse square.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
         A file with one of the endings of `SPECTRUM_WRITERS`.
     table : Regions
     meta : dict, optional
-        JSON-able options that it was computed with, or a result of `provenance`.
+        JSON-able options of the computation, or a result of `provenance`.
 
     Raises
     ------
@@ -58,13 +58,14 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
 def write_labels(
     path: str | Path, labels: VertexMap, mesh: MeshLike, meta: dict[str, Any] | None = None
 ) -> None:
-    """Write a label set with its names and colours, which `read_labels` reads.
+    """Write a label set with names and colours to a file, for `read_labels` and other programs.
 
-    ``.label.gii`` and ``.npz`` hold all of it, ``.ply`` in comments. ``.csv`` has a row for each
-    vertex with the columns ``vertex``, ``label``, ``name`` and ``color``, and so no label without a
-    vertex. ``.annot`` numbers labels by their places, and distinguishes them by colour: those of
-    equal colours, and black ones, get the next free one. ``.label`` holds one label without name
-    and colour. PLY and NPZ contain the mesh; the others are for all vertices of its file.
+    ``.label.gii`` and ``.npz`` files have all labels, as have ``.ply`` files in comments. ``.csv``
+    has a row per vertex with the columns ``vertex``, ``label``, ``name`` and ``color``, so labels
+    without a vertex are lost. ``.annot`` numbers the labels from 0 and distinguishes them by
+    colour: a black label, or a label with the colour of another, gets the next free colour.
+    ``.label`` has the vertices of a single label, without its name and colour. PLY and NPZ contain
+    the mesh; other files have a value for each vertex of the mesh file.
 
     Parameters
     ----------
@@ -73,13 +74,13 @@ def write_labels(
     labels : VertexMap
     mesh : MeshLike
     meta : dict, optional
-        JSON-able options that led to them, or a result of `provenance`.
+        JSON-able options of the computation, or a result of `provenance`.
 
     Raises
     ------
     InputError
-        If the ending is unknown, the labels are of another mesh or have no names, or the format
-        cannot hold them.
+        If the ending is unknown, the labels are of another mesh or missing, or the format does not
+        support them.
 
     Examples
     --------
@@ -122,7 +123,7 @@ def write_labels(
 
 
 def _check_labels(known: VertexMap) -> None:
-    """Raise `InputError` for labels that files cannot hold."""
+    """Raise `InputError` for labels that cannot be written."""
     if not known.labels:
         raise InputError(
             f"Map {known.name!r} has no labels: give it some, as VertexMap(name, values, labels)."

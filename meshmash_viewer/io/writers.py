@@ -23,40 +23,39 @@ from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
 @dataclass(frozen=True, eq=False)
 class FeatureTable:
-    """Input of a writer."""
+    """Input of a writer: one row per vertex, or per item of kind `index`."""
 
     #: Shape (n, f).
     values: npt.NDArray[Any]
     columns: tuple[str, ...]
     mesh: Mesh
-    #: Shape (k,): Eigenvalues of the pairs that the features were computed from; empty if not
-    #: given.
+    #: Shape (k,): Eigenvalues of the pairs used for the features; empty if not given.
     eigenvalues: npt.NDArray[np.float64]
     #: Provenance, one line of JSON.
     meta: str = ""
-    #: Arrays of an NPZ file, without the provenance.
+    #: Arrays for an NPZ file, without the provenance.
     archive: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
-    #: Arrays that do not have one value per row, for formats that can hold them.
+    #: Arrays with other lengths than the table, for formats that support them.
     extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
-    #: Names of the numbers in a label set.
+    #: Labels of the numbers in `values`, for a label set.
     labels: tuple[Label, ...] = ()
-    #: Kind of a row: "vertex", or "pair", "region" or "point", whose columns are all in `archive`.
+    #: Kind of a row: "vertex"; for "pair", "region", "point", "row", all columns are in `archive`.
     index: str = "vertex"
 
     @property
     def rows(self) -> npt.NDArray[np.int64]:
-        """Index of each row, shape (n,); for vertices the index in the mesh file."""
+        """Index of each row, shape (n,); for vertices, the index in the mesh file."""
         if self.index == "vertex":
             return self.mesh.file_indices
         return np.arange(len(self.values))
 
     @property
     def repaired(self) -> bool:
-        """Whether vertex indices differ between the mesh file and the arrays."""
+        """Whether vertex indices in the mesh file and in the mesh may differ."""
         return self.mesh.numbering is not None and self.index == "vertex"
 
 
-#: Factors that lengths are multiplied by.
+#: Factors for the conversion of lengths to mm, by unit.
 _MILLIMETRES = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0, "m": 1e3}
 
 Writer: TypeAlias = Callable[[Path, FeatureTable], None]
@@ -98,7 +97,7 @@ def _parquet(path: Path, table: FeatureTable) -> None:
 
 
 def _vtp(path: Path, table: FeatureTable) -> None:
-    """Write points, triangles, a point array per column, and other arrays as field data."""
+    """Write points, triangles, a point array per column, and `extra` arrays as field data."""
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
     poly = mesh_to_poly(table.mesh)
@@ -116,7 +115,7 @@ def _vtp(path: Path, table: FeatureTable) -> None:
     writer.SetInputData(poly)
     writer.SetDataModeToAppended()
     writer.EncodeAppendedDataOff()
-    writer.SetCompressorTypeToNone()  # eigenvectors hardly shrink, and it takes minutes
+    writer.SetCompressorTypeToNone()  # compression takes minutes and saves little
     if not writer.Write() or writer.GetErrorCode():
         raise OSError(writer.GetErrorCode(), "VTK could not write it")
 
@@ -156,7 +155,7 @@ def _ply(path: Path, table: FeatureTable) -> None:
 
 
 def _gifti(path: Path, table: FeatureTable, intent: str = "NIFTI_INTENT_NONE") -> None:
-    """Write an array for each column."""
+    """Write a data array per column."""
     arrays = [
         _gifti_array(column, intent, {"Name": name})
         for name, column in zip(table.columns, table.values.T, strict=True)
@@ -166,7 +165,7 @@ def _gifti(path: Path, table: FeatureTable, intent: str = "NIFTI_INTENT_NONE") -
 
 
 def _gifti_surface(path: Path, table: FeatureTable) -> None:
-    """Write the mesh in mm, the unit of GIFTI; a mesh without a unit is written unscaled."""
+    """Write the mesh in mm, the unit of GIFTI; without a unit, coordinates are not scaled."""
     vertices = table.mesh.vertices * _MILLIMETRES.get(table.mesh.unit, 1.0)
     arrays = [
         _gifti_array(vertices, "NIFTI_INTENT_POINTSET", _structure(table.mesh)),
@@ -188,7 +187,7 @@ def _gifti_array(
 ) -> Any:
     from nibabel.gifti import gifti as nibabel_gifti
 
-    gifti: Any = nibabel_gifti  # it ships no types
+    gifti: Any = nibabel_gifti  # untyped
     array, meta = np.ascontiguousarray(values, dtype=kind), gifti.GiftiMetaData(about)
     return gifti.GiftiDataArray(array, intent, f"NIFTI_TYPE_{kind.__name__.upper()}", meta=meta)
 
@@ -204,7 +203,7 @@ def _write_gifti(
         shares = [share / 255.0 for share in bytes.fromhex(label.color[1:])]
         names.labels.append(gifti.GiftiLabel(label.key, *shares, 1.0))
         names.labels[-1].label = label.name
-    if labels and 0 not in [label.key for label in labels]:  # as Connectome Workbench writes it
+    if labels and 0 not in [label.key for label in labels]:  # as in Connectome Workbench
         names.labels.append(gifti.GiftiLabel(0, 0.0, 0.0, 0.0, 0.0))
         names.labels[-1].label = "???"
     image = gifti.GiftiImage(
@@ -221,10 +220,10 @@ def _label_gifti(path: Path, table: FeatureTable) -> None:
 
 
 def _annotation(path: Path, table: FeatureTable) -> None:
-    """Labels by their place in the table.
+    """Write labels, numbered from 0 in their order.
 
-    A vertex has the colour of its label, so labels of equal colours, and black ones, which mean no
-    label, get the next free colour.
+    The format stores the colour of its label at each vertex, and black for no label. A black label,
+    or a label with the colour of another, therefore gets the next free colour.
     """
     from nibabel.freesurfer import io as freesurfer
 
@@ -241,7 +240,7 @@ def _annotation(path: Path, table: FeatureTable) -> None:
 
 
 def _one_label(path: Path, table: FeatureTable) -> None:
-    """Write the vertices of one label and their positions in mm, as text."""
+    """Write the vertices of a single label, with their positions in mm, as text."""
     used = labels_in_use(table.labels, table.values)
     if len(used) != 1:
         raise InputError(
@@ -266,7 +265,7 @@ def _obj(path: Path, table: FeatureTable) -> None:
 def _by_trimesh(path: Path, table: FeatureTable) -> None:
     import trimesh
 
-    # an unreferenced vertex may be beyond the range of float32
+    # vertices without faces may be beyond the range of float32
     largest = np.finfo(np.float32).max
     vertices = np.clip(table.mesh.vertices, -largest, largest)
     plain = trimesh.Trimesh(vertices, table.mesh.faces, process=False)
@@ -288,10 +287,10 @@ WRITERS: dict[str, Writer] = {
 
 WRITERS |= plug_ins("writers", WRITERS)
 
-#: The same for eigenpairs.
+#: Writers of eigenpairs by lower-case ending.
 EIGENPAIR_WRITERS: dict[str, Writer] = {".npz": _npz, ".vtp": _vtp}
 
-#: The same for meshes alone.
+#: Writers of meshes without fields by lower-case ending.
 MESH_WRITERS: dict[str, Writer] = {
     ".ply": _ply,
     ".obj": _obj,
@@ -302,10 +301,10 @@ MESH_WRITERS: dict[str, Writer] = {
     ".surf.gii": _gifti_surface,
 }
 
-#: The same for what a map is on eigenpairs, for regions, and for points.
+#: Writers of spectra of maps, regions and points by lower-case ending.
 SPECTRUM_WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
 
-#: The same for label sets.
+#: Writers of label sets by lower-case ending.
 LABEL_WRITERS: dict[str, Writer] = {
     ".label.gii": _label_gifti,
     ".annot": _annotation,
@@ -315,21 +314,21 @@ LABEL_WRITERS: dict[str, Writer] = {
     ".ply": _ply,
 }
 
-#: Endings of scenes, which pyvista writes.
+#: Endings of scenes, which are written by pyvista.
 SCENE_ENDINGS = (".gltf", ".html")
 
-#: Packages that formats need.
+#: Packages needed for writing, by the last part of the ending.
 _NEEDED = {".csv": "pyarrow", ".parquet": "pyarrow", ".gii": "nibabel", ".annot": "nibabel"}
 
-#: Formats without room for provenance.
+#: Formats whose provenance is written to a second file.
 WITHOUT_PROVENANCE = (".npy", ".csv", ".stl", ".glb", ".annot", ".label")
 
-#: Formats without a column of vertex indices, which are written to the provenance as ranges.
+#: Formats without vertex indices; the indices are written to the provenance as ranges.
 WITHOUT_INDEX = (".npy", ".gii", ".obj", ".stl", ".glb")
 
-#: Endings that other programs use for other kinds of GIFTI files.
+#: Endings of GIFTI files that are not for features in other programs.
 _NO_FEATURES = (".surf.gii", ".label.gii", ".coord.gii", ".topo.gii")
-#: For each kind of file its plural, and its writers by ending.
+#: Plural and writers by ending of each kind of result; None for files written by other modules.
 _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "features": ("features", WRITERS),
     "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),
@@ -348,9 +347,9 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def writer_of(kind: str, path: Path) -> Any:
-    """Return the writer of a kind of file by its ending, None where this module has none.
+    """Return the writer of a kind of result by the file's ending, None if in another module.
 
-    `InputError` is raised if the ending is unknown, or the package that writes it is not installed.
+    `InputError` is raised if the ending is unknown, or the needed package is not installed.
     """
     plural, table = _KINDS[kind]
     name = path.name.lower()
