@@ -130,7 +130,7 @@ def remove_left_overs(folder: Path) -> None:
 
 
 def scratch_prefix() -> str:
-    """Return a prefix for temporary folders, by which `remove_abandoned` recognizes them."""
+    """Return a prefix for names of temporary folders, recognized by `remove_abandoned`."""
     return f"{_SCRATCH}{_machine()}-{os.getpid()}-"
 
 

@@ -141,7 +141,7 @@ class Lines:
         return int(np.flatnonzero(self._starts < self._ends)[-1:].max(initial=-1))
 
     def beginning_with(self, *parts: bytes) -> IntArray:
-        """Return the lines that begin with a word, in any case and with spaces between `parts`."""
+        """Return the lines that begin with a word in any case; spaces may separate its parts."""
         chosen = np.arange(len(self._starts))
         places = self._starts
         for part in parts:

@@ -30,7 +30,7 @@ _APPEARANCE = (
     *("KHR_materials_", "EXT_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_"),
     *("KHR_lights_", "EXT_lights_", "KHR_animation_", "KHR_xmp", "KHR_techniques_webgl"),
 )
-#: Extensions that compress a part of a buffer, which may then be missing in uncompressed form.
+#: Extensions that compress a part of a buffer; the uncompressed data may then be missing.
 _PACKED_VIEWS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 _COMPONENTS = {
