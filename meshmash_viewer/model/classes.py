@@ -1,4 +1,4 @@
-"""Classification of vertices: learned from a label set, predicted as maps of the mesh."""
+"""Classification of vertices, trained on a label set; predictions are maps of the mesh."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ if TYPE_CHECKING:
     from meshmash_viewer.learn.classes import ClassModel
     from meshmash_viewer.learn.columns import ClassColumns
 
-#: Names of the other maps of a prediction besides the predicted labels.
+#: Pattern of the names of a prediction's maps, except for the predicted labels.
 _PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
-#: Largest number of classes whose probabilities become maps, as more would fill the list of maps.
+#: Largest number of classes whose probabilities become maps; more would fill the list of maps.
 _MOST_PROBABILITIES = 8
-#: Largest number of columns of a model, and of characters in the name of a column.
+#: Largest number of columns of a model, and of characters in a column name.
 _MOST_COLUMNS, _MOST_LETTERS = 1000, 200
 
 
 @dataclass(frozen=True)
 class ClassOptions(Parameters):
-    """Options of `train_classes`; the smoothing is in the unit of the mesh."""
+    """Options of `train_classes`; `smoothing` is a length in the unit of the mesh."""
 
     kinds: tuple[str, ...] = parameter(
         tuple(KINDS)[-1:], Listing(Choice(KINDS), len(KINDS), into=tuple, different=True)
@@ -65,15 +65,15 @@ class ClassOptions(Parameters):
 
 @dataclass(frozen=True)
 class Learned(Parameters):
-    """Scores of a prediction, and the importance of each column."""
+    """Scores of a prediction, and the importance of each feature column."""
 
-    #: The scores in one line, or why there are none.
+    #: The scores in one line, or the reason why there are none.
     said: str = parameter("", Text())
-    #: Name of the label set that was learned from.
+    #: Name of the label set used for training.
     labels: str = parameter("", Text(MOST_NAME))
-    #: Unit of length of `times`.
+    #: Unit of length; `times` are in its square.
     unit: str = parameter("", Text(_MOST_LETTERS))
-    #: Names and kinds of the columns, their diffusion times, and `ClassModel.importance`.
+    #: Name, kind, diffusion time and `ClassModel.importance` of each column.
     names: tuple[str, ...] = parameter((), Listing(Text(_MOST_LETTERS), _MOST_COLUMNS, into=tuple))
     kinds: tuple[str, ...] = parameter((), Listing(Choice(KINDS), _MOST_COLUMNS, into=tuple))
     times: tuple[float, ...] = parameter((), Listing(Number(ABOVE_ZERO), _MOST_COLUMNS, into=tuple))
@@ -83,7 +83,7 @@ class Learned(Parameters):
 
     @classmethod
     def from_plain(cls, value: object) -> Learned | None:
-        """Return the inverse of `plain`; raise `Refused` for invalid values."""
+        """Convert a result of `plain` back; raise `Refused` for invalid values."""
         if value is None:
             return None
         known = cls(**cls.entries()(value))
@@ -93,19 +93,19 @@ class Learned(Parameters):
         return known
 
 
-#: Check of a result of `Classes.plain`.
+#: Validator of a result of `Classes.plain`.
 _SAVED = Record({**ClassOptions.entries().kinds, "live": Flag(), "learned": Learned.from_plain})
 
 
 def read_saved_classes(content: object, path: Path) -> dict[str, Any]:
-    """Check the classes in a session file; `InputError` is raised if an entry is not valid."""
+    """Return the validated classes of a session file; raise `InputError` for an invalid entry."""
     taken: dict[str, Any] = checked_entry(_SAVED, content, path, "classes")
     return taken
 
 
 @dataclass(frozen=True, eq=False)
 class Classified:
-    """Maps of a prediction with its scores; or no map, and the reason in `learned.said`."""
+    """Maps and scores of a prediction; without maps, `learned.said` is the reason."""
 
     maps: tuple[VertexMap, ...]
     learned: Learned
@@ -113,9 +113,9 @@ class Classified:
 
 @dataclass(frozen=True, eq=False)
 class ClassesJob:
-    """Train on a label set of a mesh and predict all its vertices; returns `Classified`.
+    """Job that trains on a label set and predicts all vertices; returns `Classified`.
 
-    `live` is whether a change of the labels requested it, not the user.
+    `live` is True if a change of the labels requested the job, not the user.
     """
 
     mesh: Mesh
@@ -145,7 +145,7 @@ class ClassesJob:
 
     @property
     def _scored(self) -> bool:
-        """Whether to cross-validate, which takes long if each result is smoothed."""
+        """Whether to cross-validate: not in live jobs with smoothing, where it takes too long."""
         return not (self.live and self.options.smoothing)
 
     def _answered(self, channel: Channel) -> tuple[ClassModel, tuple[VertexMap, ...]]:
@@ -172,7 +172,7 @@ class ClassesJob:
         return model, (found.labels, *smaller)
 
 
-#: Cache of the last computed columns, for training after each stroke.
+#: Cache of the last computed columns, for repeated training after each brush stroke.
 _last: dict[tuple[str, ClassColumns], Features] = {}
 
 
@@ -187,7 +187,7 @@ def _computed(mesh: Mesh, columns: ClassColumns, pairs: Eigenpairs, channel: Cha
 
 
 def _described(model: ClassModel) -> str:
-    """Return the F1 of each class in one line."""
+    """Return the F1 score of each class in one line, or the reason why there is none."""
     scores = model.scores
     if scores is None:
         return model.unscored
@@ -196,10 +196,10 @@ def _described(model: ClassModel) -> str:
 
 
 class Classes:
-    """Classes learned from the current label set, on request or after each change of the set.
+    """Classification trained on the current label set, on request or after each change of the set.
 
-    The maps of a prediction replace those of the former one. On request this is a step of the
-    history; after a change of labels it belongs to the step of that change.
+    The maps of a prediction replace the maps of the previous prediction. A requested prediction is
+    a step of the history; a live prediction is part of the step that changed the labels.
     """
 
     changed = Signal()
@@ -210,14 +210,14 @@ class Classes:
         self._opened, self._maps, self._labels = opened, maps, labels
         self._work, self._notices = work, notices
         self._options, self._live = ClassOptions(), False
-        #: Scores by predicted set, and options of the last prediction by label set.
+        #: Scores by predicted set; options of the last prediction by its label set.
         self._known: WeakKeyDictionary[VertexMap, Learned] = WeakKeyDictionary()
         self._learned: WeakKeyDictionary[VertexMap, ClassOptions] = WeakKeyDictionary()
-        #: Scores in a session, whose maps are restored later.
+        #: Scores read from a session before the predicted maps are restored.
         self._awaiting: Learned | None = None
         #: Labels and options of the last request.
         self._requested: tuple[VertexMap, ClassOptions] | None = None
-        #: Labels that could not be learned from, and the reason.
+        #: Label set for which training failed, and the reason.
         self._refused: tuple[VertexMap, str] | None = None
         for signal in (opened.spectrum_changed, labels.changed):
             signal.connect(self._follow)
@@ -248,7 +248,7 @@ class Classes:
 
     @property
     def missing(self) -> str:
-        """Sentence on what training on the current labels still needs; "" for nothing."""
+        """Sentence on the missing input of a training on the current labels; "" for none."""
         known, spectrum = self._labels.current, self._opened.spectrum
         if known is None:
             return "There is no label set to learn from: make one with New set, and label some."
@@ -272,19 +272,19 @@ class Classes:
         return None if predicted is None else self._known.get(predicted)
 
     def plain(self) -> dict[str, Any]:
-        """Return options and scores as JSON-able values."""
+        """Return options and scores as values for JSON."""
         learned = None if self.learned is None else self.learned.plain()
         return {**self._options.plain(), "live": self._live, "learned": learned}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Set the result of `read_saved_classes`; missing entries become their defaults."""
+        """Restore a result of `read_saved_classes`; missing entries get their defaults."""
         given = {name: saved[name] for name in ClassOptions.declared() if name in saved}
         self._options, self._live = ClassOptions(**given), saved.get("live", False)
         self._awaiting, self._refused = saved.get("learned"), None
         self.changed.emit()
 
     def forget(self) -> None:
-        """Return to the defaults for another mesh."""
+        """Reset options and scores to their defaults, for another mesh."""
         self.restore({})
 
     def classify(self) -> None:
@@ -301,7 +301,7 @@ class Classes:
             self._maps.show(names[-1])
 
     def accept(self, job: ClassesJob, result: Classified) -> None:
-        """Add the maps of a result, unless it is live and the labels have changed since."""
+        """Add the maps of a result, unless the job is live and the labels have changed since."""
         same = job.labels is self._labels.current
         if not self._opened.is_solved(job.mesh) or (job.live and not same):
             return
@@ -323,7 +323,7 @@ class Classes:
 
     @property
     def _own(self) -> Sequence[str]:
-        """Names of the maps of the last prediction, in their order in the mesh."""
+        """Names of the maps of the last prediction, in the order of the mesh."""
         predicted, mesh = self._labels.predicted, self._opened.mesh
         if predicted is None or mesh is None:
             return []
@@ -340,7 +340,7 @@ class Classes:
             self._request(live=True)
 
     def _recall(self) -> None:
-        """Assign the scores in a session to the prediction, once its maps are restored."""
+        """Assign the scores of a session to the prediction, once its maps are restored."""
         learned, predicted = self._awaiting, self._labels.predicted
         if learned is not None and predicted is not None:
             self._known[predicted] = learned

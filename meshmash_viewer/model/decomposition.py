@@ -1,4 +1,4 @@
-"""Decomposition of a mesh: a preview, and pairs that are sent to the window as they converge."""
+"""Decomposition of a mesh: its preview, and eigenpairs sent to the window as they converge."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from meshmash_viewer.work import Channel
 #: Temporary folder for eigenpairs that cannot be written to the user's cache.
 SPARE = "eigenpairs"
 
-#: Seconds between two messages with more pairs; the first is sent at once.
+#: Minimum seconds between two messages with pairs; the first message is sent at once.
 _GROWTH_SECONDS = 0.3
 
 
 def decompose(
     mesh: Mesh, operator: OperatorOptions, target: Target, channel: Channel
 ) -> Eigenpairs:
-    """Compute the eigenpairs of a mesh that are not stored yet, store them, and return all.
+    """Compute and store the missing eigenpairs of a mesh, and return all requested eigenpairs.
 
-    While they converge, `Eigenpairs` are sent through the channel, and remarks on the store as
-    text. The returned pairs have their certificate.
+    Converging pairs are sent through the channel as `Eigenpairs`, and remarks on the store as
+    text. The returned pairs include their certificate.
 
     `InputError` is raised if the pairs do not fit into memory or on the disk, and `Cancelled` if
     the user cancelled; converged pairs stay in the store.
@@ -59,7 +59,7 @@ def decompose(
 
 
 class _Growth:
-    """Sends converged pairs to the window, at most every `_GROWTH_SECONDS`."""
+    """Sender of converged pairs to the window, at most every `_GROWTH_SECONDS`."""
 
     def __init__(self, mesh: Mesh, operator: OperatorOptions, channel: Channel) -> None:
         self._mesh = mesh
@@ -73,7 +73,7 @@ class _Growth:
         self._pairs: Eigenpairs | None = None
 
     def take(self, pairs: Eigenpairs) -> None:
-        """Receive the stored pairs, and later each longer list of converged pairs."""
+        """Accept the stored pairs, and later each longer list of converged pairs."""
         first, self._pairs = self._pairs is None, pairs
         if first:
             self._mass = pairs.mass
@@ -85,17 +85,17 @@ class _Growth:
             self.send()
 
     def send(self) -> None:
-        """Send the pairs that the window does not have yet."""
+        """Send the pairs if there are more than in the last message."""
         pairs = self._pairs
         if pairs is None or len(pairs) <= self._n_sent or not pairs.eigenvalues.any():
-            return  # the null space alone shows nothing
+            return  # constant eigenfunctions show nothing
         if self._n_sent > 0:
-            pairs = replace(pairs, mass=np.zeros(0))  # the window has it from the first message
+            pairs = replace(pairs, mass=np.zeros(0))  # sent in the first message only
         self._n_sent, self._time = len(pairs), time.monotonic()
         self._channel.send(self.aligned(pairs))
 
     def aligned(self, pairs: Eigenpairs) -> Eigenpairs:
-        """Align exact rows with the displayed preview, if there is one."""
+        """Return the pairs, aligned with the displayed preview if there is one."""
         if self._preview is not None:
             self._alignment = align(
                 self._preview.rows, pairs.rows, pairs.eigenvalues, self._mass, self._alignment
@@ -103,16 +103,16 @@ class _Growth:
         return replace(pairs, alignment=self._alignment)
 
 
-#: Number of vertices from which a mesh has a preview; smaller ones are solved quickly.
+#: Number of vertices from which a preview is computed; smaller meshes are solved quickly.
 FROM_VERTICES = 60_000
-#: Number of pairs above the null space: of other meshes, and of huge ones, which are slow to write.
+#: Pairs of a preview above the null space; fewer from `_HUGE` vertices on, to save time.
 _PAIRS, _PAIRS_OF_HUGE, _HUGE = 50, 30, 500_000
-#: Largest number of components; with more, the first eigenfunctions are constants on components.
+#: Largest number of components for a preview; each adds an eigenfunction that is constant on it.
 _MOST_COMPONENTS = 150
 
 
 def is_worthwhile(ready: MeshReady) -> bool:
-    """Whether a preview of a mesh would have more pairs than the store has."""
+    """Return whether a preview of a mesh would have more pairs than are stored."""
     mesh = ready.mesh
     if mesh.n_vertices < FROM_VERTICES:
         return False
@@ -127,7 +127,7 @@ def _pairs(mesh: Mesh) -> int:
 def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Eigenpairs | None:
     """Compute the preview of a mesh, or read it from the temporary folder.
 
-    Return None for a small mesh, or one with more than `_MOST_COMPONENTS` components.
+    Return None for a small mesh, or a mesh of more than `_MOST_COMPONENTS` components.
     """
     if mesh.n_vertices < FROM_VERTICES:
         return None
@@ -143,17 +143,17 @@ def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Eig
 
 
 def _write_preview(mesh: Mesh, path: Path, notes: Path, channel: Channel) -> bool:
-    """Compute a preview, and write its rows and eigenvalues; return whether there is one."""
+    """Compute a preview, and write its rows and eigenvalues; return False without a preview."""
     if mesh.n_components > _MOST_COMPONENTS:
         return False
     from meshmash_viewer.spectral.preview import preview_eigenpairs  # imports numba
 
-    # the window no longer uses previews of other meshes
+    # previews of other meshes are no longer displayed
     discard(*channel.folder.glob("preview-*"))
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
 
     def allocate(k: int, n: int) -> npt.NDArray[np.float32]:
-        # directly in the file that the window maps
+        # directly in the file that the window memory-maps
         make_room(path, 4 * k * n)
         return np.memmap(path, np.float32, "r+", shape=(k, n))
 

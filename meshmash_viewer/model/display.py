@@ -1,4 +1,4 @@
-"""Display state: displayed family, parameters of all families, colours; its JSON format."""
+"""Display state (displayed family, parameters of all families, colours) and its JSON format."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from meshmash_viewer.surface.rays import Plane
 Chosen = TypeVar("Chosen", bound=Family)
 _T = TypeVar("_T")
 
-#: Fewest pairs of a rebuilt shape; with fewer than three besides the constant it has no volume.
+#: Fewest pairs of a rebuilt shape: the constant, and three to span a volume.
 FEWEST_PAIRS = 4
 #: Largest amplitude, as a share of the diagonal of the mesh's bounding box.
 MOST_AMPLITUDE = 0.2
@@ -45,7 +45,7 @@ _POLICIES: dict[str, type[Any]] = {
     policy.__name__: policy
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
-#: Attributes written as they are; `playing` is not stored.
+#: Attributes written to JSON without conversion; `playing` is not written.
 _PLAIN = (
     "kind", "nodal_lines", "label_borders", "label_graph", "diverging_colormap",
     "sequential_colormap", "log_scales", "hide_small",
@@ -67,15 +67,15 @@ class Shape(Parameters):
     amplitude: float = parameter(0.05, Number(0.0, MOST_AMPLITUDE))
 
     def within(self, n_pairs: int) -> int:
-        """Return the number of pairs used where `n_pairs` are available."""
+        """Return the number of pairs to use if `n_pairs` are available."""
         return min(max(self.pairs, FEWEST_PAIRS), n_pairs)
 
 
 @dataclass(frozen=True)
 class Cut(Parameters):
-    """Clipping plane relative to the bounding box, so that it is independent of the unit."""
+    """Clipping plane relative to the bounding box, and so independent of the unit."""
 
-    #: Whether the mesh is cut at it.
+    #: Whether the mesh is cut at the plane.
     shown: bool = parameter(False, Flag())
     #: Unit vector towards the visible side; zero if there is no plane.
     normal: tuple[float, float, float] = parameter(
@@ -91,7 +91,7 @@ class Cut(Parameters):
         return any(self.normal)
 
     def plane(self, bounds: FloatArray) -> Plane | None:
-        """Return the plane for a mesh with these bounds, shape (2, 3); None if it is not cut."""
+        """Return the plane for a mesh with bounds of shape (2, 3); None if the mesh is not cut."""
         if not (self.shown and self.placed):
             return None
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
@@ -100,7 +100,7 @@ class Cut(Parameters):
 
     @classmethod
     def at(cls, plane: Plane, bounds: FloatArray) -> Cut:
-        """Return the cut of a mesh with these bounds at a plane, the inverse of `plane`."""
+        """Return the cut at a plane, the inverse of `Cut.plane`; `bounds` has shape (2, 3)."""
         half = 0.5 * float(np.linalg.norm(np.ptp(bounds, axis=0))) or 1.0
         offset = (plane.level - float(plane.normal @ bounds.mean(axis=0))) / half
         x, y, z = np.clip(plane.normal, -1.0, 1.0).tolist()
@@ -119,26 +119,24 @@ class Display:
     fields: Mapping[str, Family] = field(
         default_factory=lambda: {name: family() for name, family in FAMILIES.items()}
     )
-    #: Whether the field advances by itself.
+    #: Whether the position of the field advances automatically.
     playing: bool = False
     nodal_lines: bool = False
-    #: Whether the borders between labels are drawn, over any field.
+    #: Whether the borders between labels are drawn over every field.
     label_borders: bool = False
     #: Whether lines connect the regions of labels that touch.
     label_graph: bool = False
     #: Colour map names (matplotlib's) for signed and for non-negative fields.
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
-    #: Policies of the colour limits by `Family.limits_key`; other keys have `automatic_limits`.
+    #: Policies of the colour limits by `Family.limits_key`; the default is `automatic_limits`.
     policies: Mapping[str, LimitPolicy] = field(default_factory=dict)
-    #: Whether colours follow the logarithm of the values, by `Family.limits_key`; for other keys
-    #: `limits.spans_decades` decides.
+    #: Whether colours follow the logarithm of the values, by `Family.limits_key`; the default is
+    #: `limits.spans_decades`.
     log_scales: Mapping[str, bool] = field(default_factory=dict)
     #: Whether `Mesh.small_components` are hidden.
     hide_small: bool = False
-    #: Where the render is cut.
     cut: Cut = field(default_factory=Cut)
-    #: Displacement of the vertices.
     shape: Shape = field(default_factory=Shape)
     #: Whether vertices oscillate along their normals by the displayed field.
     vibrating: bool = False
@@ -156,7 +154,7 @@ class Display:
 
     @property
     def profile_family(self) -> Family:
-        """The family whose profiles are shown: the displayed one, its `basis`, or the first one."""
+        """The family of the profiles: the displayed family, its `basis`, or the first family."""
         family = self.family
         if family.export and type(family).profile is not Family.profile:
             return family
@@ -164,7 +162,7 @@ class Display:
 
     @property
     def response_family(self) -> Family | None:
-        """The family whose response is plotted: the displayed one, or that of the profiles."""
+        """The family whose response is plotted: the displayed family, `profile_family`, or None."""
         both = (self.family, self.profile_family)
         return next((each for each in both if type(each).response is not Family.response), None)
 
@@ -200,16 +198,16 @@ class Display:
         self.set_log_scale(logarithmic)
 
     def set_limits(self, policy: LimitPolicy | None, key: str = "") -> None:
-        """Set the policy of a key, by default that of the displayed family; None to remove it."""
+        """Set or remove (None) the policy of a limits key, by default of the displayed family."""
         self.policies = _with(self.policies, key or self.family.limits_key, policy)
 
     def set_log_scale(self, logarithmic: bool | None, key: str = "") -> None:
-        """Set whether a key has a log scale, see `set_limits`; None if `spans_decades` decides."""
+        """Set whether a limits key has a log scale; None if `spans_decades` decides."""
         self.log_scales = _with(self.log_scales, key or self.family.limits_key, logarithmic)
 
 
 def _with(chosen: Mapping[str, _T], key: str, value: _T | None) -> Mapping[str, _T]:
-    """Return a copy with another value of a key, or without the key for None."""
+    """Return a copy in which a key has another value, or is removed (None)."""
     others = {each: known for each, known in chosen.items() if each != key}
     return others if value is None else {**others, key: value}
 
@@ -247,8 +245,8 @@ def display_from_json(
 ) -> list[tuple[str, int]]:
     """Set the attributes that `read_display` returned.
 
-    `vertex` maps a written index to a vertex, or to None if it was removed. Return the paths and
-    indices of removed vertices, which are left out.
+    `vertex` maps a written index to a vertex, or to None if the vertex was removed. Return the
+    attribute paths and written indices of removed vertices; these attributes become None.
     """
     lost = []
     for name, chosen in content.get("fields", {}).items():
@@ -261,7 +259,7 @@ def display_from_json(
     for name in ("shape", "cut"):
         if name in content:
             setattr(display, name, replace(getattr(display, name), **content[name]))
-    for name in ("policies", *reversed(_PLAIN)):  # "kind" is last, as it depends on the others
+    for name in ("policies", *reversed(_PLAIN)):  # "kind" last: it depends on others
         if name in content:
             setattr(display, name, content[name])
     return lost

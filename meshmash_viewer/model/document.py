@@ -41,7 +41,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import Voxel, counted
 
-#: Attributes of the display whose changes are recorded, with their names in the menu.
+#: Attributes of the display recorded in the history, with their names in the menu.
 _RECORDED = {
     "policies": "colour limits",
     "log_scales": "colour scale",
@@ -54,7 +54,7 @@ _RECORDED = {
 
 @dataclass(frozen=True, eq=False)
 class _Repaired:
-    """A mesh before one of the repairs that were made while its file was read."""
+    """A mesh before one of the repairs that were applied when its file was read."""
 
     mesh: Mesh
     repairs: tuple[str, ...]
@@ -62,7 +62,7 @@ class _Repaired:
 
 @dataclass(eq=False)
 class _Undoing:
-    """An undo that waits for a mesh to be computed, and how often the user requested it."""
+    """A pending undo of a step, the job for its mesh, and the number of requests."""
 
     step: Step
     job: ScaleJob
@@ -70,10 +70,10 @@ class _Undoing:
 
 
 class Document(OpenMesh):
-    """State of a window: the only copy of what its views display.
+    """State of a window, and the only copy of the displayed data.
 
     Views read attributes, connect to signals, and call methods of `pins`, `maps` and the other
-    parts. This class itself replaces the mesh: by opening, repairs and units.
+    parts. The methods of this class replace the mesh: they open files, repair, and change units.
     """
 
     def __init__(self) -> None:
@@ -104,11 +104,11 @@ class Document(OpenMesh):
             self.selection.changed, self.solve.changed, self.work.changed, self.display.events,
         ):  # fmt: skip
             signal.connect(self.notices.review)
-        #: The undo that waits for a former mesh to be computed again.
+        #: The pending undo, whose former mesh is being computed again.
         self._undoing: _Undoing | None = None
-        #: Whether the requested part is decomposed, and recorded in the history.
+        #: Whether to decompose the requested part, and whether to record it in the history.
         self._computes_part = self._records_part = False
-        #: The mesh before a repair after which the repaired one is decomposed.
+        #: The mesh before a repair, if the repaired mesh is to be decomposed.
         self._computes_after: MeshReady | None = None
         self._file_mesh: Mesh | None = None
         self._preview: Eigenpairs | None = None
@@ -117,13 +117,13 @@ class Document(OpenMesh):
 
     @property
     def hidden(self) -> npt.NDArray[np.bool_] | None:
-        """Which vertices are hidden, shape (n,); None if none is."""
+        """Mask of the hidden vertices, shape (n,); None if no vertex is hidden."""
         small = self.ready.small if self.ready is not None and self.display.hide_small else None
         chosen = self.hiding.mask
         if small is None or chosen is None:
             return chosen if small is None else small
         if self._hidden[0] is not small or self._hidden[1] is not chosen:
-            self._hidden = small, chosen, small | chosen  # the same array for the same masks
+            self._hidden = small, chosen, small | chosen  # identical for identical masks
         return self._hidden[2]
 
     def hide_selection(self) -> None:
@@ -137,7 +137,7 @@ class Document(OpenMesh):
             self.hiding.isolate(self.selection.mask)
 
     def show_all(self) -> None:
-        """Show all vertices, those of small components included."""
+        """Show all vertices, including small components."""
         self.hiding.show_all()
         self.display.hide_small = False
 
@@ -152,28 +152,28 @@ class Document(OpenMesh):
         repairs: Sequence[str] = (),
         source: str = "",
     ) -> None:
-        """Request that a mesh file is read; the open mesh stays until that has succeeded.
+        """Request to read a mesh file; the open mesh stays until the file has been read.
 
         `operator` is the Laplacian whose stored eigenpairs are looked up, by default the current
-        one; `maps` are files of maps to add (`Maps.open`). `repairs` are applied in this order, and
-        `source` is the hash of the content that they were made for, see `ReadJob`.
+        operator; `maps` are files of maps to add (`Maps.open`). `repairs` are applied in this
+        order; `source` is the hash of the content for which they were made, see `ReadJob`.
         """
-        path = Path(path).absolute()  # as notices and scripts show it
+        path = Path(path).absolute()  # for notices and scripts
         self._maps_of = (path, tuple(maps)) if maps else None
         operator = operator or self.solve.operator
         self.work.request(ReadJob(path, unit, operator, tuple(repairs), source))
 
     def take_mesh(self, mesh: Mesh) -> None:
-        """Request that a mesh in memory is shown."""
+        """Request to show a mesh in memory."""
         self.work.request(InspectJob(mesh, self.solve.operator))
 
     def set_unit(self, text: str) -> None:
-        """Set the unit of the coordinates, or the size of the voxels that they count.
+        """Set the unit of the coordinates, or the voxel size of coordinates in voxels.
 
         The text (see `meshmash_viewer.quantities.parse_unit`) refers to the coordinates in the
         file: "8 nm" given twice scales once, and "nm" after it restores the numbers of the file.
-        The spectrum is kept where the numbers do not change; with another voxel size it is computed
-        again. `InputError` is raised if it is not a unit.
+        The spectrum is kept if the voxel size stays the same; otherwise it is computed again.
+        `InputError` is raised if the text is not a unit.
         """
         voxel, unit = parse_unit(text)
         if self.ready is None:
@@ -199,8 +199,8 @@ class Document(OpenMesh):
     def take_part(self, mask: npt.NDArray[np.bool_] | None, *, then_compute: bool = False) -> None:
         """Request the eigenpairs on a mask of vertices, shape (n,), or on the whole mesh (None).
 
-        Faces with a corner outside are left out, see `Mesh.masked`. Without `then_compute` only
-        stored eigenpairs are used.
+        Faces with a corner outside the mask are left out, see `Mesh.masked`. Without
+        `then_compute`, only stored eigenpairs are used.
         """
         if self.ready is not None:
             self._computes_part, self._records_part = then_compute, not self.history.is_paused
@@ -212,7 +212,7 @@ class Document(OpenMesh):
             self.history.record("part that is computed", "mesh", "signs", "rotation", "selection")
         with self.history.paused():
             if self._computes_part:
-                self.selection.put(None)  # its colour would cover the field
+                self.selection.put(None)  # the selection would cover the field
             self._take_part(replace(self._settled(), part=result.part), result.known)
 
     def _take_part(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
@@ -236,19 +236,19 @@ class Document(OpenMesh):
     # -- history ----------------------------------------------------------------------------
 
     def undo_repair(self) -> None:
-        """Revert the last repair, and what was changed after it."""
+        """Revert the last repair and all changes after it."""
         for _ in range(self.undo_repair_steps):
             self.history.undo()
 
     @property
     def undo_repair_steps(self) -> int:
-        """Number of steps up to the last repair, which `undo_repair` undoes; 0 without one."""
+        """Number of steps that `undo_repair` reverts; 0 without a repair."""
         labels = [step.label for step in reversed(self.history.past)]
         return labels.index("repair") + 1 if "repair" in labels else 0
 
     @property
     def file_mesh(self) -> Mesh | None:
-        """The mesh as it was read, before all repairs; its unit may differ from the open mesh's."""
+        """The mesh as read, before all repairs; its unit may differ from that of the open mesh."""
         return self._file_mesh if self.repairs else self.mesh
 
     def _offer_undo(self, text: str) -> None:
@@ -258,7 +258,7 @@ class Document(OpenMesh):
         self.notices.show(Notice(text, action=action, holds=lambda: history.past[-1:] == last))
 
     def _is_ready(self, shown: Shown | _Repaired | None) -> bool:
-        """Whether a former mesh is in memory; if not, request it, and undo when it is computed."""
+        """Return whether a former mesh is in memory; else request it, and undo after that."""
         if isinstance(shown, _Repaired) and self.mesh is not None:
             if self._undoing is not None and self.work.job is not None:
                 self._undoing.times += 1  # the mesh is being computed already
@@ -288,7 +288,7 @@ class Document(OpenMesh):
             self.spectrum_changed.emit()
 
     def _keep_display(self) -> None:
-        """Declare and record the parts of the display that can be undone."""
+        """Declare the parts of the display that can be undone, and record their changes."""
         display, keep = self.display, self.history.keep
         keep(
             "signs",
@@ -302,7 +302,7 @@ class Document(OpenMesh):
         )
         for part, label in _RECORDED.items():
             keep(part, partial(getattr, display, part), partial(setattr, display, part))
-            # psygnal holds the method in a partial weakly, so that a closed document is freed
+            # psygnal keeps a weak reference to a method in a partial, so a closed document is freed
             getattr(display.events, part).connect(partial(self._record_part, part, label))
 
     def _record_part(self, part: str, label: str, _new: object, old: object) -> None:
@@ -371,13 +371,12 @@ class Document(OpenMesh):
             self._offer_undo(text)
 
     def _announce_unit(self, before: str, what: str) -> None:
-        """Announce a change of the unit, and offer to undo it."""
         if self.unit_text != before:
             text = f"Unit changed from {before} to {self.unit_text}: {what}."
             self._offer_undo(text)
 
     def _measures_as(self, ready: MeshReady) -> bool:
-        """Whether lengths are comparable: it is the open mesh after a repair or another reading."""
+        """Return whether the mesh is the open one, repaired or read again, with equal voxels."""
         if self.mesh is None:
             return True
         again = ready.derived or (ready.path is not None and ready.path == self.path)
@@ -386,7 +385,7 @@ class Document(OpenMesh):
     def _show(
         self, ready: MeshReady, spectrum: Eigenpairs | None, before: Mesh | None = None
     ) -> None:
-        """Show a mesh; `before` is the previous mesh of the same file, whose pins are mapped."""
+        """Show a mesh; pins are mapped from `before`, the previous mesh of the same file."""
         self.notices.begin_turn()
         same_unit = self.mesh is None or self.mesh.unit == ready.mesh.unit
         self.take(ready, spectrum)
@@ -429,10 +428,10 @@ class Document(OpenMesh):
         self.spectrum_changed.emit()
 
     def accept_spectrum(self, spectrum: Eigenpairs) -> None:
-        """Show a longer spectrum or a preview; a preview is not replaced by fewer pairs."""
+        """Show a longer spectrum or a preview; preview pairs beyond the exact pairs are kept."""
         known = self.spectrum
         if known is not None and not len(spectrum.mass) and known.operator == spectrum.operator:
-            spectrum = replace(spectrum, mass=known.mass)  # sent with the first pairs only
+            spectrum = replace(spectrum, mass=known.mass)  # sent only with the first pairs
         if spectrum.preview and not spectrum.n_exact:
             self._preview = spectrum
             if known is not None and not known.preview and len(known):
@@ -472,7 +471,7 @@ class Document(OpenMesh):
             self.display.put(family.sign_flipped())
 
     def rotate(self, other: int, degrees: int) -> None:
-        """Rotate the chosen eigenfunction towards another one of its multiplet."""
+        """Rotate the chosen eigenfunction towards the eigenfunction `other` of its multiplet."""
         chosen = self.display[Eigenfunctions]
         self.history.record("rotation", before={"rotation": chosen.rotation})
         self.display.change(Eigenfunctions, rotation=(chosen.index, other, degrees))
@@ -483,7 +482,7 @@ class Document(OpenMesh):
         return isinstance(self.display.family, Eigenfunctions)
 
     def similar(self) -> None:
-        """Show the similarity to the vertex pinned last."""
+        """Display the similarity of all vertices to the vertex pinned last."""
         if self.pins.placed:
             chosen = self.display[Similarity]
             self.display.show(replace(chosen, vertex=self.pins.placed[-1].vertex))
@@ -492,7 +491,7 @@ class Document(OpenMesh):
 def _repaired(
     family: Family, n_components: int, vertex: Callable[[int], int | None], *, same_size: bool
 ) -> Family:
-    """Convert a family to the repaired mesh; `vertex` maps vertices, or returns None."""
+    """Convert a family to the repaired mesh; `vertex` maps a vertex, or returns None."""
     here = family.at_vertices(vertex)
     kept = {name: getattr(here, name) for name, each in here.declared().items() if each.vertex}
     made = family.for_repair if same_size else family.for_other_mesh

@@ -34,9 +34,9 @@ def write_results(
     pairs: Eigenpairs | None,
     meta: dict[str, Any],
 ) -> None:
-    """Write features with the eigenvalues of their `pairs`, or the pairs themselves.
+    """Write features with the eigenvalues of their `pairs`, or write eigenpairs.
 
-    With a `file_mesh`, the mesh before its repairs, rows are its vertices; removed ones are NaN.
+    With `file_mesh`, the mesh before its repairs, rows are its vertices; removed ones are NaN.
     """
     from meshmash_viewer.io.write import write_eigenpairs, write_features
 
@@ -51,26 +51,25 @@ def write_results(
 
 @dataclass(frozen=True, eq=False)
 class ExportJob:
-    """Compute features by the direct sum, or read eigenpairs, and write a file."""
+    """Job that computes features by the direct sum, or reads eigenpairs, and writes a file."""
 
     mesh: Mesh
     #: Operator of the eigenpairs in the store.
     operator: OperatorOptions
     #: Path of the file, whose ending determines the format.
     path: Path
-    #: Family to write, with resolved parameters; None for maps alone.
+    #: Family to write, with resolved parameters; None to write only maps.
     family: Family | None
     #: Number of leading eigenpairs to use.
     n_pairs: int
-    #: The target that the pairs were computed for.
+    #: The target for which the pairs were computed.
     target: Target | None = None
-    #: Names of the repairs made on the mesh.
     repairs: tuple[str, ...] = ()
     #: Whether the maps of the mesh are added as columns.
     maps: bool = False
-    #: The mesh before its repairs, if rows are all its vertices; removed ones are NaN.
+    #: The mesh before its repairs, to write all its vertices as rows; removed ones are NaN.
     file_mesh: Mesh | None = None
-    #: The part of the mesh that eigenpairs are of, if not all; other vertices are NaN.
+    #: The part of the mesh that was decomposed, None for the whole; other vertices are NaN.
     part: Mesh | None = None
 
     @property
@@ -80,8 +79,8 @@ class ExportJob:
     def run(self, channel: Channel) -> Written:
         """Write the file.
 
-        `InputError` is raised if the eigenpairs are no longer in the store or damaged there, or the
-        file cannot be written; `Cancelled` if the user cancelled.
+        `InputError` is raised if the stored eigenpairs are missing or damaged, or the file cannot
+        be written; `Cancelled` if the user cancelled.
         """
         pairs, proof, known_to = None, "", None
         solved = self.part or self.mesh
@@ -105,7 +104,7 @@ class ExportJob:
 
     @property
     def _mask(self) -> str:
-        """Description of the part that eigenpairs are of; "" for the whole mesh."""
+        """Description of the part that was decomposed; "" for the whole mesh."""
         return "" if self.part is None else mask_text(self.part)
 
     def _write(
@@ -149,7 +148,7 @@ def maps_alone(mesh: Mesh) -> Features:
 def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Channel) -> Eigenpairs:
     """Return the leading eigenpairs of a mesh from the store.
 
-    `InputError` is raised if they were removed or damaged.
+    `InputError` is raised if they are missing or damaged.
     """
     from meshmash_viewer.io.spectrum import find_eigenpairs
     from meshmash_viewer.model.decomposition import SPARE
@@ -170,18 +169,16 @@ def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Cha
 
 @dataclass(frozen=True, eq=False)
 class PinExportJob:
-    """Compute features by the direct sum, and write the rows of pinned vertices as a table."""
+    """Job that computes features by the direct sum, and writes a table with a row for each pin."""
 
     mesh: Mesh
-    #: Operator of the eigenpairs in the store.
     operator: OperatorOptions
     path: Path
     pins: tuple[Pin, ...]
     #: Families whose columns are written, with resolved parameters.
     families: tuple[Family, ...]
-    #: Number of leading eigenpairs to use.
     n_pairs: int
-    #: The part of the mesh that eigenpairs are of, if that is not all.
+    #: The part of the mesh that was decomposed; None for the whole.
     part: Mesh | None = None
 
     @property
@@ -191,8 +188,8 @@ class PinExportJob:
     def run(self, channel: Channel) -> Written:
         """Write the file.
 
-        `InputError` is raised if the eigenpairs are no longer in the store or damaged there, a
-        column cannot be computed, or the file cannot be written; `Cancelled` if the user cancelled.
+        `InputError` is raised if the stored eigenpairs are missing or damaged, a column cannot be
+        computed, or the file cannot be written; `Cancelled` if the user cancelled.
         """
         from meshmash_viewer.io.pins import write_pins
 

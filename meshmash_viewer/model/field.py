@@ -1,4 +1,4 @@
-"""Displayed field: its request, its values at every vertex, and steps to the next one."""
+"""The displayed field: its request, its values at every vertex, and steps of its position."""
 
 from __future__ import annotations
 
@@ -33,8 +33,7 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 if TYPE_CHECKING:
     from meshmash_viewer.model.display import Display
 
-#: Columns of a typical heat table; number of fields in memory: drawn, previous, being computed and
-#: requested.
+#: Columns of a typical heat table; fields in memory: drawn, previous, computed and requested.
 _HEAT_COLUMNS, _FIELDS = 40, 4
 #: Approximate number of contour lines, before their spacing is rounded.
 _LINES = 8
@@ -42,28 +41,27 @@ _LINES = 8
 
 @dataclass(frozen=True)
 class FieldRequest:
-    """One field of one spectrum; equal requests give equal fields."""
+    """Request for a field of a spectrum; equal requests have equal fields."""
 
-    #: Compared by identity.
+    #: Eigenpairs, compared by identity.
     spectrum: Eigenpairs
-    #: Length unit of the mesh.
     unit: str
-    #: A resolved family (`Family.resolved`), so that parameters without effect are equal.
+    #: A result of `Family.resolved`, so that parameters without effect are equal.
     family: Family
-    #: Vertices that limits are computed from; not compared.
+    #: Vertices from which limits are computed; not compared.
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
-    #: Shape (n, 3): Coordinates of the mesh, which identify it in `same_mesh`; not compared.
+    #: Coordinates of the mesh for `same_mesh`, shape (n, 3); not compared.
     places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
-    #: Shape (n,): Whether a vertex is hidden, and so has no influence on limits; not compared.
+    #: Mask of hidden vertices, which do not influence limits, shape (n,); not compared.
     hidden: npt.NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)
-    #: Identity of `hidden`, which is compared in its place; 0 for None.
+    #: Identity of `hidden`, compared in place of the array; 0 for None.
     hides: int = 0
-    #: Name of the pin of the vertex that the field starts from; "" for none.
+    #: Name of the pin at the source vertex of the field; "" for none.
     pin: str = ""
 
     @property
     def description(self) -> Description:
-        """Texts of the field; some have more details after the field was computed."""
+        """Texts of the field; some are more detailed once the field is computed."""
         texts = self.family.describe(self.spectrum, self.unit)
         vertex = _vertex(self.family)
         if not self.pin or vertex is None:
@@ -73,11 +71,11 @@ class FieldRequest:
 
     @property
     def caption(self) -> str:
-        """Caption that distinguishes the field from others of its family in a gallery."""
+        """Caption that distinguishes the field from other fields of its family in a gallery."""
         return self.description.caption or self.description.quantity
 
     def same_mesh(self, other: FieldRequest) -> bool:
-        """Whether two requests have the same coordinates; units may differ."""
+        """Return whether two requests have the same coordinates; units may differ."""
         return self.places is other.places
 
 
@@ -85,13 +83,12 @@ class FieldRequest:
 class Field:
     """Values at every vertex, with their description."""
 
-    #: Shape (n,): In `unit`; NaN where a vertex is on no face.
+    #: Values in `unit`, shape (n,); NaN at vertices without a face.
     values: npt.NDArray[np.float32] = field(repr=False)
-    #: The request that the values answer.
     request: FieldRequest = field(repr=False)
     #: Whether more accurate values for the same request will follow.
     draft: bool = False
-    #: Length unit of the first mesh, where values are scaled to its area (`at_size`).
+    #: Length unit of the first mesh, if values are scaled to its area (`at_size`).
     first_unit: str | None = None
     _limits: dict[LimitPolicy | None, tuple[float, float]] = field(default_factory=dict, repr=False)
 
@@ -112,13 +109,13 @@ class Field:
         automatic = automatic_limits(signed=signed, tailed=self.family.tailed)
         given = self.family.given_limits
         low, high = given[:2] if given is not None else automatic.limits(values, sample)
-        if self.signed and not signed:  # differences from a mean, on the scale of the values
+        if self.signed and not signed:  # differences from a mean, as wide as the values
             return -0.5 * (high - low), 0.5 * (high - low)
         return low, high
 
     @cached_property
     def _basis(self) -> tuple[npt.NDArray[np.float32], bool]:
-        """Values that automatic limits are taken from, and whether these are signed."""
+        """Values from which automatic limits are computed, and whether they are signed."""
         shared = self.family.limits_of(self.request.spectrum)
         values, signed = (self.values, self.signed) if shared is None else shared
         return self._visible(values), signed
@@ -138,7 +135,7 @@ class Field:
         return not (self.signed or self.labels)
 
     def scaled(self, ends: tuple[float, float], logarithmic: bool | None) -> Limits:
-        """Return limits on a linear or logarithmic scale; None chooses by `spans_decades`."""
+        """Return limits on a linear or logarithmic scale; for None, `spans_decades` decides."""
         wanted = self.spans_decades if logarithmic is None else logarithmic
         if not (wanted and self.has_log_scale):
             return Limits(*ends)
@@ -154,11 +151,11 @@ class Field:
         return values if hidden is None else np.where(hidden, np.float32(np.nan), values)
 
     def beyond(self, limits: Limits) -> tuple[bool, bool]:
-        """Whether there are values below the lower limit, and above the upper one."""
+        """Return whether values lie below the lower limit, and whether above the upper limit."""
         return beyond_limits(limits, self._extremes)
 
     def prepare_colors(self, policy: LimitPolicy | None) -> None:
-        """Fill the caches that the colours under a policy need; may be called in any thread."""
+        """Compute and cache the limits under a policy; may be called from any thread."""
         self.limits(policy)
         _ = self.spans_decades, self._extremes
 
@@ -176,7 +173,7 @@ class Field:
     def as_map(self) -> VertexMap:
         """Return the values as a map of the mesh, with the name that the render shows."""
         is_map = self.family.own and not self.family.of_pairs
-        quantity = self.quantity.partition(": ")[0]  # without a share of the whole
+        quantity = self.quantity.partition(": ")[0]  # without a share after the colon
         name = self.title if is_map else plain_text(f"{self.title} {quantity}")
         if not self.labels:
             return VertexMap(name, self.values, unit=self.unit)
@@ -185,19 +182,19 @@ class Field:
         return VertexMap(name, keys, labels)
 
     def kept_colors(self, display: Display) -> tuple[float, ...]:
-        """Return the entry of `OwnMaps.colors` that gives a map of these values these colours."""
+        """Return the entry of `OwnMaps.colors` for a map that looks like this field."""
         return tuple(map(float, (*self.colors(display)[0], self.signed)))
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
-        """Return the field on another mesh, with the values at `vertices`; NaN for -1."""
+        """Return the field on another mesh: the values at `vertices` of this mesh, NaN for -1."""
         values = np.where(vertices >= 0, self.values[vertices], np.float32(np.nan))
         return replace(self, values=values, _limits=dict(self._limits))
 
     def at_size(self, length: float, unit: str) -> Field:
-        """Return the field as on this mesh shrunk by `length`, in the unit of the first mesh.
+        """Return the field as on this mesh divided by `length`, in the unit of the first mesh.
 
-        Eigenfunctions have unit norm, so their values, and sums of these, are larger on a smaller
-        shape. Fields without eigenpairs (curvatures, maps, geodesic distances) are not scaled.
+        Eigenfunctions have unit norm, so values and their sums are larger on a smaller shape.
+        Fields without eigenpairs (curvatures, maps, geodesic distances) are not scaled.
         """
         if not self.family.needs_pairs or (unit == self.request.unit and np.isclose(length, 1.0)):
             return self
@@ -215,12 +212,12 @@ class Field:
 
     @cached_property
     def texts(self) -> Description:
-        """Texts of the family."""
+        """Texts of the field."""
         return self.request.description
 
     @property
     def labels(self) -> tuple[Label, ...]:
-        """Names of the values 0, 1, 2 …, where the field consists of labels."""
+        """Labels of the values 0, 1, 2 …; empty for a field of numbers."""
         return self.texts.labels
 
     @property
@@ -261,7 +258,7 @@ class Field:
         return self.spacing or (0.0 if self.signed else None)
 
     def value_text(self, vertex: int, digits: int = 5) -> str:
-        """Write the value at a vertex with its unit, or the name of its label."""
+        """Format the value at a vertex with its unit, or return the name of its label."""
         value = float(self.values[vertex])
         if not math.isfinite(value):
             return "no value"
@@ -303,10 +300,10 @@ def reversed_map(name: str) -> str:
 
 
 class LiveFeatures:
-    """Computes fields, with one precomputed table per family that has been shown.
+    """Computation of fields, with one precomputed table per family that has been shown.
 
     `compute` uses the table of the family if it exists, else the direct sum; `prepare` builds the
-    table, which makes the next requests of its family fast. They may run in different threads.
+    table for fast later requests of its family. The methods may run in different threads.
     """
 
     def __init__(self) -> None:
@@ -331,15 +328,15 @@ class LiveFeatures:
         self._tables = {}
 
     def compute(self, asked: FieldRequest) -> Answer | None:
-        """Compute the values of a field; None if that needs a table that is not built yet."""
+        """Return the values of a field; None if they need a table that is not built yet."""
         return asked.family.compute(asked.spectrum, self._tables.get(asked.family.name))
 
     def prepared(self, asked: FieldRequest) -> bool:
-        """Whether `prepare` has nothing to do."""
+        """Return whether the table for a request exists or none is needed."""
         return asked.family.prepared(asked.spectrum, self._tables.get(asked.family.name))
 
     def prepare(self, asked: FieldRequest, cancel: CancelCallback | None = None) -> None:
-        """Build the table for fields like this one, unless it exists.
+        """Build the table for the family of a request, unless the table exists.
 
         `Cancelled` is raised if `cancel` returned True; the table is then unchanged or missing,
         never incomplete.
@@ -356,11 +353,11 @@ class LiveFeatures:
 
 
 def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
-    """Estimate the bytes that a window holds for fields and live features of a mesh.
+    """Estimate the memory of fields and live features of a mesh in bytes.
 
-    ``4 n (40 + columns + 32 / 2 + 4)``: heat table, a table of all columns of one feature,
-    similarity table (one direction for two columns), fields. Eigenpairs are memory-mapped from the
-    store and not counted.
+    ``4 n (40 + columns + max(columns, 32) / 2 + 4)``: heat table, a table of all columns of one
+    feature, similarity table (one direction for two columns), fields. Eigenpairs are memory-mapped
+    from the store and not counted.
     """
     columns = _HEAT_COLUMNS + n_columns + (max(n_columns, 32) + 1) // 2 + _FIELDS
     return 4 * n_vertices * columns
@@ -376,7 +373,7 @@ def request_of(document: Document) -> FieldRequest | None:
     spectrum, display, ready = document.known, document.display, document.ready
     if ready is None:
         return None
-    assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  it comes with the mesh
+    assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  set with the mesh
     chosen = shown_family(display)
     if chosen.needs_pairs and not len(spectrum):
         return None
@@ -394,14 +391,14 @@ def request_of(document: Document) -> FieldRequest | None:
 
 
 def _vertex(family: Family) -> int | None:
-    """Return the vertex that the field of a family starts from, if there is one."""
+    """Return the source vertex of the field of a family, or None."""
     names = (name for name, each in family.declared().items() if each.vertex and not each.many)
     vertex: int | None = getattr(family, next(names, ""), None)
     return vertex
 
 
 def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
-    """Compute the field of a request; None if `live.prepare` has to be called first."""
+    """Return the field of a request; None if `live.prepare` has to be called first."""
     answer = live.compute(request)
     if answer is None:
         return None
@@ -409,7 +406,7 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
 
 
 def step(document: Document, steps: int) -> bool:
-    """Move the position by a number of steps, up to the ends of its range (`FAR` for an end).
+    """Move the position by a number of steps within its range; `FAR` steps reach an end.
 
     Return whether the position has changed.
     """

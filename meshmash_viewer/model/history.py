@@ -14,9 +14,8 @@ from psygnal import Signal
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: Largest number of steps.
 _MAX_STEPS = 500
-#: Seconds within which changes of the same label are one step, such as those of a dragged slider.
+#: Seconds within which changes with the same label are one step, as while a slider is dragged.
 _ONE_GESTURE = 0.7
 
 
@@ -43,13 +42,13 @@ class _Part:
 
 
 class History:
-    """The changes that can be undone and redone.
+    """Changes that can be undone and redone.
 
     The state consists of named parts, which `keep` declares.
     """
 
     changed = Signal()
-    #: All changes were forgotten because another mesh was opened.
+    #: Emitted after all changes were removed because another mesh was opened.
     started = Signal()
 
     def __init__(self) -> None:
@@ -72,8 +71,8 @@ class History:
         """Declare a part of the state, whose values are immutable.
 
         `read` returns its value and `restore` sets it. `is_ready` returns False for a value that
-        must be computed first, starts the computation, and arranges another call of `undo`. A part
-        is recorded and restored together with the part `alongside`, after it.
+        must be computed first, starts the computation, and arranges another call of `undo`. With
+        `alongside`, the part is recorded with the part of that name, and restored after it.
         """
         self._parts[part] = _Part(read, restore, is_ready, alongside)
 
@@ -101,7 +100,7 @@ class History:
         return self.future[-1].label if self.future else ""
 
     def record(self, label: str, *parts: str, before: Mapping[str, Any] | None = None) -> None:
-        """Record a change of some parts; call it before the change, or pass values `before` it."""
+        """Record a change of some parts; call before the change, or pass the values `before` it."""
         if self._paused:
             return
         alongside = (name for name, each in self._parts.items() if each.alongside in parts)
@@ -126,20 +125,20 @@ class History:
             self.past = (*self.past[:-1], replace(self.past[-1], when=-math.inf))
 
     def start(self, *steps: Step) -> None:
-        """Forget all changes; `steps` can be undone from now on."""
+        """Remove all changes; `steps` become the changes that can be undone."""
         self.past, self.future, self._future_before = steps, (), ()
         self.started.emit()
         self.changed.emit()
 
     def complete(self, step: Step, state: Mapping[str, Any]) -> bool:
-        """Set the state that undoing a step restores; return whether it is the last step."""
+        """Set the state that undoing a step restores; return whether the step is the last one."""
         last = self.past[-1:] == (step,)
         done = replace(step, state=state)
         self.past = tuple(done if each is step else each for each in self.past)
         return last
 
     def amend(self, part: str, changed: Callable[[Any], Any]) -> None:
-        """Replace the value of a part in all steps by a function of it."""
+        """Replace the value of a part by ``changed(value)`` in all steps."""
         for steps in ("past", "future", "_future_before"):
             amended = (
                 replace(step, state={**step.state, part: changed(step.state[part])})
@@ -164,7 +163,7 @@ class History:
             self._paused = before
 
     def undo(self) -> None:
-        """Revert the last change, or request what is missing for it (`is_ready` of `keep`)."""
+        """Revert the last change, or request the values missing for it (`is_ready` of `keep`)."""
         if self.past:
             step = self.past[-1]
             if not all(self._parts[part].is_ready(value) for part, value in step.state.items()):

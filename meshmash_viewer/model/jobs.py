@@ -36,11 +36,11 @@ from meshmash_viewer.work import Channel, Job
 
 @dataclass(frozen=True)
 class ReadJob:
-    """Read a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
+    """Job that reads a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
 
-    `unit` is as `quantities.parse_unit` takes it; empty for the unit that the format states.
-    `repairs` are made in this order, unless `source`, the hash of the numbers they were made for,
-    differs from the hash of the file; then a remark reports it.
+    `unit` is a text for `quantities.parse_unit`; empty for the unit stated in the file. `repairs`
+    are applied in this order. If `source`, the hash of the mesh for which they were made, differs
+    from the hash of the mesh in the file, they are left out, and a remark reports it.
     """
 
     path: Path
@@ -93,7 +93,7 @@ class _OnMesh:
 
 @dataclass(frozen=True, eq=False)
 class InspectJob(_OnMesh):
-    """Inspect a mesh passed in memory; returns `MeshReady`."""
+    """Job that inspects a mesh passed in memory; returns `MeshReady`."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
@@ -105,7 +105,7 @@ class InspectJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class RegionsJob(_OnMesh):
-    """Measure the regions of a label set, see `regions`; returns `RegionsReady`."""
+    """Job that measures the regions of a label set, see `regions`; returns `RegionsReady`."""
 
     labels: VertexMap
     maps: tuple[VertexMap, ...] = ()
@@ -132,9 +132,9 @@ class RegionsJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class ScaleJob(_OnMesh):
-    """Change the size of the voxels with `Mesh.in_voxels`; returns `MeshReady`.
+    """Job that changes the voxel size with `Mesh.in_voxels`; returns `MeshReady`.
 
-    `repairs` are those already made on `mesh`.
+    `repairs` are the repairs already made on `mesh`.
     """
 
     voxel: Voxel
@@ -153,7 +153,7 @@ class ScaleJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class RepairJob(_OnMesh):
-    """Apply one repair of `health.REPAIRS`, after others; returns `MeshReady`."""
+    """Job that applies one repair of `health.REPAIRS` after `earlier` ones; returns `MeshReady`."""
 
     repair: str
     path: Path | None = None
@@ -174,7 +174,7 @@ class RepairJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class PartJob(_OnMesh):
-    """Look up eigenpairs on a mask of a mesh, or on the whole mesh; returns `PartReady`."""
+    """Job that looks up eigenpairs on a mask of a mesh, or on the whole; returns `PartReady`."""
 
     #: Shape (n,); None for the whole mesh.
     mask: npt.NDArray[np.bool_] | None = None
@@ -193,7 +193,7 @@ class PartJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class PreviewJob(_OnMesh):
-    """Approximate the first eigenfunctions within seconds; returns `Eigenpairs` or None."""
+    """Job that approximates the first eigenfunctions; returns `Eigenpairs` or None in seconds."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
@@ -207,7 +207,7 @@ class PreviewJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class DecomposeJob(_OnMesh):
-    """Solve the eigenproblem into the store; sends and returns `Eigenpairs`, see `decompose`."""
+    """Job that computes and stores eigenpairs; sends and returns `Eigenpairs`, see `decompose`."""
 
     operator: OperatorOptions
     target: Target
@@ -222,7 +222,7 @@ class DecomposeJob(_OnMesh):
 
 @dataclass(frozen=True)
 class JobState:
-    """The running job, its start time, and the seconds that it was expected to take."""
+    """The running job, its start time, and its expected duration in seconds."""
 
     job: Job
     progress: Progress
@@ -231,7 +231,7 @@ class JobState:
     expected: float | None = None
 
     def progressed(self, progress: Progress) -> JobState:
-        """Return the state with a progress, whose missing remaining time is estimated."""
+        """Return the state with new progress; a missing remaining time is estimated."""
         if progress.remaining is None and self.expected is not None:
             left = self.began + self.expected - time.monotonic()
             progress = replace(progress, remaining=left if left > 0.0 else None)
@@ -240,7 +240,7 @@ class JobState:
 
 @contextmanager
 def heard_warnings() -> Iterator[list[str]]:
-    """Collect the sentences of mesh warnings; other warnings are issued again."""
+    """Collect the messages of mesh warnings, and issue other warnings again."""
     heard: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeshWarning)
@@ -253,7 +253,7 @@ def heard_warnings() -> Iterator[list[str]]:
 
 
 def _read(path: Path, unit: str, channel: Channel) -> tuple[Mesh, str]:
-    """Read a mesh; return it with the hash of the unscaled numbers in its file."""
+    """Return the mesh in a file, and its content hash before scaling by the voxel size."""
     from meshmash_viewer.io.read import read_mesh
 
     voxel, name = parse_unit(unit)
@@ -267,7 +267,7 @@ def _read(path: Path, unit: str, channel: Channel) -> tuple[Mesh, str]:
 
 
 def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
-    """Return a mesh before and after each repair, and a sentence on the one that failed."""
+    """Return the mesh before and after each repair, and a sentence about a failed repair."""
     series = [mesh]
     for name in names:
         try:
@@ -282,8 +282,8 @@ def _inspect(
 ) -> MeshReady:
     """Measure the health of a mesh, and look up its stored eigenpairs in a second thread.
 
-    Checking 300 eigenvectors of a million vertices against their checksums takes a second, and the
-    health several.
+    For a million vertices, checking the checksums of 300 eigenvectors takes a second, and measuring
+    the health several seconds.
     """
     with ThreadPoolExecutor(1) as thread:
         stored = thread.submit(_stored, mesh, operator, channel)
@@ -309,7 +309,6 @@ def _inspect(
 def _stored(
     mesh: Mesh, operator: OperatorOptions, channel: Channel
 ) -> tuple[Eigenpairs | None, str]:
-    """Look up the eigenpairs of a mesh in the store."""
     from meshmash_viewer.io.spectrum import find_eigenpairs
 
     return find_eigenpairs(mesh, operator, cancel=channel.cancelled)
@@ -318,8 +317,8 @@ def _stored(
 class Work:
     """The running job of a document.
 
-    ``requested`` carries a `Job`, whose runner calls `started`, `progressed` and `ended`.
-    ``finished`` carries the last `JobState` of a job that has ended.
+    ``requested`` is emitted with a `Job`; its runner calls `started`, `progressed` and `ended`.
+    ``finished`` is emitted with the last `JobState` of a job that has ended.
     """
 
     changed = Signal()
@@ -331,18 +330,18 @@ class Work:
         self.job: JobState | None = None
 
     def request(self, job: Job) -> None:
-        """Request that a job runs, such as an export."""
+        """Request to run a job, such as an export."""
         self.requested.emit(job)
 
     def cancel(self) -> None:
-        """Ask the running job to stop."""
+        """Request to stop the running job."""
         if self.job is not None:
             self.job = replace(self.job, cancelling=True)
             self.changed.emit()
             self.cancel_requested.emit()
 
     def started(self, job: Job, expected: float | None = None) -> None:
-        """Record that a job runs now, and the seconds that it is expected to take."""
+        """Record the start of a job, and its expected duration in seconds."""
         self.job = JobState(job, Progress("starting"), began=time.monotonic(), expected=expected)
         self.changed.emit()
 

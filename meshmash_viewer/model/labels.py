@@ -29,12 +29,12 @@ from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 _Act = TypeVar("_Act", bound=Callable[..., None])
-#: Names of predicted label sets.
+#: Pattern of the names of predicted label sets.
 _PREDICTED = re.compile(r"class( \d+)*")
 
 
 def _said(act: _Act) -> _Act:
-    """Show the `InputError` of a method as a notice; such a method has changed nothing."""
+    """Show the `InputError` of a method, raised before any change, as a notice."""
 
     @wraps(act)
     def acting(self: Labels, *given: Any) -> None:
@@ -52,7 +52,7 @@ class Labels:
     A set is a map with labels, see `VertexMap`. Every change is a step of the history.
     """
 
-    #: The current set or its regions are others; contents of sets: `OpenMesh.spectrum_changed`.
+    #: Emitted for another current set or other regions; for contents see `spectrum_changed`.
     changed = Signal()
 
     def __init__(
@@ -69,7 +69,7 @@ class Labels:
         self._selection, self._hiding = selection, hiding
         self._notices, self._work = notices, work
         self._chosen = ""
-        #: The last measured regions, the same with numbers of points, and their label set.
+        #: The last measured regions, these regions with counts of points, and their label set.
         self.measured: Regions | None = None
         self.regions: Regions | None = None
         self.regions_of: VertexMap | None = None
@@ -98,7 +98,7 @@ class Labels:
 
     @property
     def predicted(self) -> VertexMap | None:
-        """The last predicted set, see `Classes`; None without one."""
+        """The last predicted set, see `Classes`; None without a prediction."""
         return next(filter(self._is_predicted, reversed(self.sets)), None)
 
     def _is_predicted(self, known: VertexMap) -> bool:
@@ -111,7 +111,7 @@ class Labels:
         self.changed.emit()
 
     def _follow(self) -> None:
-        """Make a set current once it is displayed, unless it is a prediction."""
+        """Make the displayed set the current set, unless it is a prediction."""
         name = self._maps.displayed
         made = (each.name for each in self.sets if not self._is_predicted(each))
         if name != self._chosen and name in made:
@@ -136,7 +136,7 @@ class Labels:
 
     @_said
     def new_label(self) -> None:
-        """Add a label in the next colour; without a set, make one."""
+        """Add a label in the next colour, or a set if there is none."""
         known = self.current
         if known is None:
             self.new_set()
@@ -149,7 +149,7 @@ class Labels:
 
     @_said
     def rename(self, key: int, name: str) -> None:
-        """Name a label; a name that is taken gets a number."""
+        """Rename a label; a number is appended if the name is taken."""
         taken = [label.name for label in self._set.labels if label.key != key]
         wanted = distinct_name(name, ())
         if not wanted:
@@ -161,17 +161,17 @@ class Labels:
 
     @_said
     def recolor(self, key: int, color: str) -> None:
-        """Give a label another colour, "#rrggbb"."""
+        """Set the colour of a label, "#rrggbb"."""
         self._change_one("colour of a label", key, color=checked_color(color))
 
     @_said
     def lock(self, key: int, locked: bool) -> None:
-        """Lock a label, so that its vertices cannot get another label, or unlock it."""
+        """Lock or unlock a label; vertices of a locked label cannot be assigned to another."""
         self._change_one("lock of a label" if locked else "unlocking", key, locked=locked)
 
     @_said
     def join(self, keys: Sequence[int]) -> None:
-        """Give the vertices of some labels to the first of them, and remove the others."""
+        """Assign the vertices of some labels to the first label, and remove the other labels."""
         if len(keys) < 2:
             raise InputError("Joining takes two labels or more: choose them in the list.")
         self._refuse_locked(keys)
@@ -179,7 +179,7 @@ class Labels:
 
     @_said
     def delete(self, keys: Collection[int]) -> None:
-        """Remove labels from their vertices and the set; without labels the set is removed."""
+        """Remove labels from their vertices and the set; remove a set without labels."""
         known = self._set
         if not keys:
             raise InputError("No label is chosen: choose those to delete in the list.")
@@ -193,10 +193,10 @@ class Labels:
 
     @_said
     def assign(self, key: int | None) -> None:
-        """Give the selected vertices to a label, or remove their labels (None).
+        """Assign the selected vertices to a label, or remove their labels (None).
 
-        Vertices of locked labels do not change. A notice states the number of vertices that are
-        locked, or were changed while another field is displayed.
+        Vertices of locked labels do not change. A notice states the number of locked vertices, and
+        the number of changed vertices if another field is displayed.
         """
         known, mask = self._set, self._selection.mask
         if mask is None:
@@ -231,7 +231,7 @@ class Labels:
             self._notices.say(f"{'; '.join(said)}.")
 
     def assign_nth(self, number: int) -> None:
-        """Give the selected vertices to the label at a place of the list, from 1."""
+        """Assign the selected vertices to the label at a position of the list, from 1."""
         known = self.current
         if known is None or number > len(known.labels):
             has = "is no label set"
@@ -281,13 +281,12 @@ class Labels:
             self.accept_counts(self.measured, self.measured)
 
     def accept_counts(self, measured: Regions, counted: Regions) -> None:
-        """Store measured regions with numbers of points, if they are the last measurement."""
+        """Store `counted`, regions with counts of points, if `measured` is the last measurement."""
         if measured is self.measured and counted is not self.regions:
             self.regions = counted
             self.changed.emit()
 
     def _drop_regions(self) -> None:
-        """Forget the regions if their mesh is closed."""
         mesh = self._opened.mesh
         if self.regions is not None and (
             mesh is None or self.regions.mesh.vertices is not mesh.vertices
@@ -312,7 +311,7 @@ class Labels:
         raise InputError(f"{known.name} has no label of number {key}: choose another.")
 
     def _mask(self, keys: Collection[int]) -> npt.NDArray[np.bool_]:
-        """Return whether each vertex has one of some labels, shape (n,)."""
+        """Return the mask of the vertices with some labels, shape (n,)."""
         mask = np.isin(self._set.values, list(keys))
         if not mask.any():
             raise InputError("No vertex has that label yet: give it some first.")
@@ -324,7 +323,7 @@ class Labels:
                 raise InputError(f"Label {label.name} is locked: unlock it first.")
 
     def _merge(self, what: str, keys: Collection[int], to: int) -> None:
-        """Give the vertices of some labels the number `to`, and remove these labels."""
+        """Assign the vertices of some labels to label number `to`, and remove these labels."""
         known = self._set
         labels = tuple(label for label in known.labels if label.key not in keys)
         given = np.isin(known.values, list(keys))
@@ -345,7 +344,7 @@ class Labels:
     ) -> None:
         changes: dict[str, Any] = {} if labels is None else {"labels": labels}
         if values is not None:
-            values.flags.writeable = False  # the map does not copy it
+            values.flags.writeable = False  # the map keeps this array
             changes["values"] = values
         self._maps.change(what, replace(self._set, **changes))
 
@@ -371,7 +370,7 @@ def label_sizes(mesh: Mesh, known: VertexMap, hidden: Mask | None = None) -> Lab
 
 
 def _free_color(labels: Sequence[Label]) -> str:
-    """Return the first unused colour of `PIN_COLORS`, or repeat these if all are used."""
+    """Return the first unused colour of `PIN_COLORS`; repeat colours if all are used."""
     taken = {label.color.upper() for label in labels}
     free = [color for color in PIN_COLORS if color not in taken]
     return free[0] if free else PIN_COLORS[len(labels) % len(PIN_COLORS)]

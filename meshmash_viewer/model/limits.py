@@ -17,7 +17,7 @@ Sample: TypeAlias = npt.NDArray[np.int64] | None
 
 #: Smallest lower limit of a log scale.
 _TINY = 1e-36
-#: Ratio of the 99th percentile to the 1st from which colours follow the logarithm by default.
+#: Ratio of the 99th to the 1st percentile above which the scale is logarithmic by default.
 MANY_DECADES = 100.0
 
 
@@ -46,7 +46,7 @@ class Limits(NamedTuple):
 
 
 class LimitPolicy(Protocol):
-    """Interface of the rules that choose limits; they are frozen and compared by value."""
+    """Interface of rules that choose limits; implementations are frozen and compared by value."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         """Return limits ``low < high`` for values of shape (n,), ignoring NaN.
@@ -122,7 +122,7 @@ class PercentileLimits(Parameters):
 
 @dataclass(frozen=True)
 class LockedLimits(Parameters):
-    """Two fixed numbers, whatever the field."""
+    """Two fixed numbers, independent of the field."""
 
     low: float = parameter(MISSING, Number())
     high: float = parameter(MISSING, Number())
@@ -132,7 +132,7 @@ class LockedLimits(Parameters):
 
 
 def spans_decades(ends: Ends, values: Values) -> bool:
-    """Whether a field has a log scale by default: no negative values, and over two decades.
+    """Return whether the default scale is logarithmic: no negative values, over two decades.
 
     `ends` are the 1st and the 99th percentile over the surface; decades are counted between them.
     """
@@ -155,7 +155,7 @@ def logarithmic_limits(ends: Ends, values: Values, sample: Sample = None) -> Lim
 
 
 def beyond_limits(limits: Limits, extremes: Ends) -> tuple[bool, bool]:
-    """Whether there are values below the lower limit, and above the upper one."""
+    """Return whether values lie below the lower limit, and whether above the upper limit."""
     margin = 1e-6 * (limits.high - limits.low)
     return extremes[0] < limits.low - margin, extremes[1] > limits.high + margin
 

@@ -1,4 +1,4 @@
-"""Maps of a document: adding from files and results, renaming, restoring, removing."""
+"""Maps of a document: added from files and results, renamed, restored and removed."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _NAMED = 4
 
 
 class Maps:
-    """Adds maps to the open mesh, and renames and removes them."""
+    """The maps of the open mesh, with methods that add, rename and remove maps."""
 
     #: Files to read, and the arguments `shown` and `labels` of `open`.
     requested = Signal(object, bool, bool)
-    #: The former and the new name of a map, before views are refreshed.
+    #: Former and new name of a map; emitted before views are refreshed.
     renamed = Signal(str, str)
 
     def __init__(
@@ -42,7 +42,7 @@ class Maps:
         self._history, self._notices = history, notices
         #: Names of the maps in the mesh file itself.
         self.in_file: frozenset[str] = frozenset()
-        #: Names of maps of files that were changed or renamed after reading; a session stores them.
+        #: Names of maps of files that were changed or renamed; a session stores these maps.
         self.edited: frozenset[str] = frozenset()
         #: Files of the last session that are still being read.
         self.pending: tuple[Path, ...] = ()
@@ -55,19 +55,19 @@ class Maps:
         self._kind = display.kind
 
     def begin(self, mesh: Mesh) -> None:
-        """Begin with another mesh, whose maps are all in its file."""
+        """Reset the state for another mesh, whose maps are all in its file."""
         self.in_file = frozenset(each.name for each in mesh.maps)
         self.edited, self.pending, self._kept, self._names = frozenset(), (), frozenset(), ()
 
     @property
     def names(self) -> list[str]:
-        """Names of the maps in their order, those of `pending` files included."""
+        """Names of the maps in their order, including maps of `pending` files."""
         mesh = self._opened.mesh
         names = [] if mesh is None else [each.name for each in mesh.maps]
         return list(dict.fromkeys([*self._names, *names])) if self.pending else names
 
     def sort(self, names: Sequence[str]) -> None:
-        """Sort the maps, also those added later from `pending` files, in the order of names."""
+        """Sort the maps in the order of `names`, also maps added later from `pending` files."""
         self._names, mesh = tuple(names), self._opened.mesh
         if mesh is not None and self._sorted(mesh) is not mesh:
             with self._history.paused():
@@ -80,22 +80,22 @@ class Maps:
         return mesh if maps == list(mesh.maps) else mesh.with_only_maps(*maps)
 
     def _is_there(self, now: Mesh, read: VertexMap) -> bool:
-        """Whether a map that is read again for the last session is in the mesh already."""
+        """Return whether a map that is read for the last session is already in the mesh."""
         if read.name in self.edited:
             return True
         if self._names and read.name in self._kept:
-            return True  # the session has another map of this name
+            return True  # the session stored another map of this name
         if read.name in self.in_file and any(_is_numbered(at, read.name) for at in self._kept):
             return True
         return any((each.name, each.path) == (read.name, read.path) for each in now.maps)
 
     def _same(self, now: Mesh, read: VertexMap) -> str:
-        """Return the name of the map of the last session that equals a map of a file, or ""."""
+        """Return the name of a map of the last session that equals a map of a file, or ""."""
         of = (each for each in now.maps if each.name in self._kept)
         return next((each.name for each in of if read.path and _are_equal(each, read)), "")
 
     def open(self, paths: Sequence[Path], *, shown: bool = True, labels: bool = False) -> None:
-        """Request that files with values per vertex are read.
+        """Request to read files with values per vertex.
 
         For `shown` and `labels` see `add`.
         """
@@ -118,13 +118,13 @@ class Maps:
         labels: bool = False,
         colors: tuple[float, ...] = (),
     ) -> None:
-        """Add maps of a mesh, if it is still open, and show the last one.
+        """Add maps of a mesh, if the mesh is still open, and show the last map.
 
         `colors` is the entry of `OwnMaps.colors` of the last map. With `labels`, maps of whole
-        numbers become label sets, and the last set is shown; if there is none, a notice says why.
+        numbers become label sets, and the last set is shown; without a set, a notice says why.
 
-        Without `shown`, the maps belong to the last session: adding them is not recorded, undoing
-        earlier steps does not remove them, and maps that were changed since are left out.
+        Without `shown`, the maps belong to the last session: adding them is not recorded, undo of
+        earlier steps does not remove them, and maps that were changed since then are left out.
         """
         now = self._still(mesh)
         if now is None:
@@ -144,7 +144,7 @@ class Maps:
             maps, faults = _as_labels(given)
         more = now.with_maps(*maps)
         added = more.maps[len(now.maps) :]
-        # a session stores maps that became label sets or got another name
+        # a session stores maps that became label sets or were renamed
         self.edited |= {
             each.name
             for each, was in zip(added, given, strict=True)
@@ -181,13 +181,13 @@ class Maps:
             self._opened.spectrum_changed.emit()
 
     def can_rename(self, name: str) -> bool:
-        """Whether a map can be renamed: it has no labels, and is not in the mesh file."""
+        """Return whether a map can be renamed: it has no labels, and is not in the mesh file."""
         mesh = self._opened.mesh
         named = [] if mesh is None else [each for each in mesh.maps if each.name == name]
         return any(name not in self.in_file and not each.labels for each in named)
 
     def rename(self, name: str, wanted: str) -> None:
-        """Rename a map, and move its limits to the new name; a name that is taken gets a number.
+        """Rename a map, also in the limits; a number is appended if the new name is taken.
 
         Nothing changes if `can_rename` is False, or the name is blank. A session stores a renamed
         map of a file.
@@ -210,7 +210,7 @@ class Maps:
             self._notices.say(f"There is a map called {wanted} already: this one is {given}.")
 
     def _rename_choices(self, name: str, given: str) -> None:
-        """Move what is stored under the name of a map to another name."""
+        """Move the choice, colours and limits of a map to its new name."""
         display = self._display
         maps, keys = display[OwnMaps], [OwnMaps(chosen=each).limits_key for each in (name, given)]
         colors = tuple((given if each == name else each, ends) for each, ends in maps.colors)
@@ -222,7 +222,7 @@ class Maps:
         display.set_log_scale(None, keys[0])
 
     def follow_names(self, before: Mesh, now: Mesh) -> None:
-        """Move what is stored under the names of maps that undo or redo has renamed."""
+        """Move the choices, colours and limits of maps that undo or redo has renamed."""
         former, names = ({each.name for each in mesh.maps} for mesh in (before, now))
         new = [each for each in now.maps if each.name not in former]
         for known in (each for each in before.maps if each.name not in names):
@@ -231,7 +231,7 @@ class Maps:
                     self._rename_choices(known.name, same.name)
 
     def exchange(self, label: str, names: Collection[str], maps: Sequence[VertexMap]) -> None:
-        """Replace maps by others as one change, or without a label as part of the last change."""
+        """Replace maps by others as one change; without `label`, as part of the last change."""
         mesh = self._opened.mesh
         if mesh is not None:
             for name in names:
@@ -242,12 +242,12 @@ class Maps:
             self._opened.spectrum_changed.emit()
 
     def is_made_here(self, known: VertexMap) -> bool:
-        """Whether a map was made in this program, not read from a file."""
+        """Return whether a map was made in this program, not read from a file."""
         return not known.path and known.name not in self.in_file | self.edited
 
     @property
     def unsaved(self) -> KeptMaps:
-        """The maps of the mesh whose present state is in no file."""
+        """The maps of the mesh whose current values or names are in no file."""
         mesh = self._opened.mesh
         assert mesh is not None
         maps = (
@@ -258,7 +258,7 @@ class Maps:
         return KeptMaps(tuple(maps), mesh.content_hash, sorted(self.edited))
 
     def restore(self, mesh: Mesh, maps: Sequence[VertexMap], edited: Collection[str]) -> None:
-        """Add the maps that a session stored; those in `edited` replace maps of the mesh file."""
+        """Add the maps of a session; maps named in `edited` replace maps of the mesh file."""
         now = self._still(mesh)
         if now is not None:
             for each in maps:
@@ -283,7 +283,7 @@ class Maps:
             self._opened.spectrum_changed.emit()
 
     def grow(self, mesh: Mesh, grew: MapGrew) -> None:
-        """Add values to a map that is being computed, and show it; missing values are NaN."""
+        """Add values to the map that is being computed, and show it; missing values are NaN."""
         shown = self.settled()
         if shown is None or self._still(mesh) is None:
             return
@@ -295,13 +295,13 @@ class Maps:
         values[grew.vertices] = grew.values
         grown = VertexMap(name, values, unit=power_unit(mesh.unit, -2))
         more = shown.ready.mesh.with_maps(grown)
-        self._growing = more.maps[-1]  # it may have a number after its name
+        self._growing = more.maps[-1]  # its name may have a number appended
         self._take(more)
         self.show(self._growing.name)
         self._opened.spectrum_changed.emit()
 
     def end_growing(self, whole: bool) -> None:
-        """Keep the computed map if it is complete, else remove it and show the former family."""
+        """Keep the computed map if it is complete; else remove it and show the former family."""
         shown, grown = self.settled(), self._growing
         if shown is None or grown is None or self._mesh is None:
             return
@@ -340,7 +340,7 @@ class Maps:
         return replace(shown, ready=replace(shown.ready, mesh=mesh))
 
     def _still(self, mesh: Mesh) -> Mesh | None:
-        """Return the open mesh if it has the vertices of this mesh, else None."""
+        """Return the open mesh if it has the vertices of `mesh`, else None."""
         now = self._opened.mesh
         return now if now is not None and now.vertices is mesh.vertices else None
 
@@ -350,7 +350,7 @@ class Maps:
 
 
 def _as_labels(maps: Sequence[VertexMap]) -> tuple[list[VertexMap], list[str]]:
-    """Convert maps of whole numbers to label sets; return all maps, and why some have no labels."""
+    """Convert maps of whole numbers to label sets; return all maps, and failures."""
     result, faults = list[VertexMap](), list[str]()
     for each in maps:
         try:
@@ -363,12 +363,12 @@ def _as_labels(maps: Sequence[VertexMap]) -> tuple[list[VertexMap], list[str]]:
 
 
 def _is_numbered(name: str, taken: str) -> bool:
-    """Whether a name is `taken` with a number after it."""
+    """Return whether a name consists of `taken` and a number."""
     return name.startswith(f"{taken} ") and name.removeprefix(taken).strip().isdigit()
 
 
 def _are_equal(one: VertexMap, read: VertexMap, *, numbered: bool = True) -> bool:
-    """Whether two maps are equal; with `numbered`, the name of `one` may have a number."""
+    """Return whether two maps are equal; if `numbered`, the name of `one` may have a number."""
     named = one.name == read.name or (numbered and _is_numbered(one.name, read.name))
     about = (one.unit, one.labels) == (read.unit, read.labels)
     same = one.values.shape == read.values.shape
@@ -376,7 +376,7 @@ def _are_equal(one: VertexMap, read: VertexMap, *, numbered: bool = True) -> boo
 
 
 def _with_more(mesh: Mesh, maps: Sequence[VertexMap], former: object) -> object:
-    """Add maps to a former state of a mesh in the history."""
+    """Return a state of the mesh in the history, with maps added."""
     if not isinstance(former, Shown) or former.ready.mesh.vertices is not mesh.vertices:
         return former
     ready = replace(former.ready, mesh=former.ready.mesh.with_maps(*maps))

@@ -20,7 +20,7 @@ from meshmash_viewer.io.atomic import log_folder
 
 
 class Severity(StrEnum):
-    """Severity of a notice: its colour, and how long it stays."""
+    """Severity of a notice, which determines its colour and duration."""
 
     INFORMATION = "information"
     WARNING = "warning"
@@ -36,18 +36,18 @@ class Notice:
     severity: Severity = Severity.INFORMATION
     #: Text that the button "Copy details" copies.
     details: str = ""
-    #: Function of the button, which has the text `button`.
+    #: Function that the button calls; `button` is the text of the button.
     action: Callable[[], None] | None = None
     button: str = "Undo"
-    #: Whether it disappears after some seconds although it has a button.
+    #: Whether the notice disappears after some seconds although it has a button.
     brief: bool = False
-    #: Returns whether the cause still exists; otherwise the notice is withdrawn. For the default
-    #: see `Notices.show`.
+    #: Function that returns whether the cause still exists; if not, the notice is withdrawn. For
+    #: the default see `Notices.show`.
     holds: Callable[[], bool] | None = None
 
 
 class Notices:
-    """The notices of a document; ``shown`` carries each to the message bar."""
+    """The notices of a document; the message bar shows each emitted by ``shown``."""
 
     shown = Signal(object)
 
@@ -81,7 +81,7 @@ class Notices:
         self._turn += 1
 
     def review(self) -> None:
-        """Withdraw the last notice, by emitting `shown` with None, if its cause has gone."""
+        """Withdraw the last notice if its cause no longer exists, by emitting `shown` with None."""
         notice = self.last
         if notice is not None and notice.holds is not None and not notice.holds():
             self.last = None
@@ -101,12 +101,12 @@ class Failure:
     text: str
     #: Traceback for the copy button.
     details: str = ""
-    #: Whether the input or the machine is at fault, not the program.
+    #: Whether the input or the machine caused the failure, not a defect of the program.
     correctable: bool = False
 
 
 def failure_of(fault: BaseException, doing: str = "") -> Failure:
-    """Describe an exception; `doing` is what failed, such as "Writing bunny.npz"."""
+    """Describe an exception; `doing` is the failed action, such as "Writing bunny.npz"."""
     while isinstance(fault, EmitLoopError) and fault.__cause__ is not None:
         fault = fault.__cause__  # raised by a slot connected to the model
     if isinstance(fault, InputError):
@@ -133,7 +133,7 @@ def notice_of(failure: Failure) -> Notice:
     return Notice(failure.text, Severity.ERROR, details)
 
 
-#: Packages whose versions a report lists.
+#: Packages whose versions a bug report lists.
 PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PySide6-Essentials")
 
 
@@ -170,7 +170,7 @@ def versions() -> str:
     return " · ".join([*parts, f"Python {platform.python_version()}", platform.platform()])
 
 
-#: More packages that the report of the system lists.
+#: Further packages that the system report lists.
 _MORE = ("robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow", "pyvistaqt", "pyqtgraph")
 
 

@@ -24,15 +24,15 @@ class MeshReady:
     health: Health
     #: Shape (n, 3).
     normals: npt.NDArray[np.float32]
-    #: The file of the mesh.
+    #: The file of the mesh; None for a mesh in memory.
     path: Path | None = None
-    #: Names of the repairs made since it was read, oldest first.
+    #: Names of the repairs made since the mesh was read, oldest first.
     repairs: tuple[str, ...] = ()
     #: Eigenpairs found in the store.
     known: Eigenpairs | None = None
     #: A sentence for the message bar, or "".
     remark: str = ""
-    #: Whether it was made from the mesh shown before, by a repair or another voxel size.
+    #: Whether the mesh is the previous mesh after a repair or with another voxel size.
     derived: bool = False
     #: `Mesh.area_sample`, for colour limits.
     sample: npt.NDArray[np.int64] | None = None
@@ -40,19 +40,19 @@ class MeshReady:
     small: npt.NDArray[np.bool_] | None = None
     #: The mesh before each repair that was applied after reading.
     before: tuple[Mesh, ...] = ()
-    #: Hash of the numbers in its file; repairs are repeated only for the same hash.
+    #: Hash of the mesh as read from the file; repairs are repeated only for the same hash.
     source: str = ""
-    #: Whether its repairs were repeated from the last session without a question.
+    #: Whether repairs of the last session were repeated without asking.
     unasked: bool = False
-    #: The mesh of a part of its vertices (`Mesh.masked`), if eigenpairs are computed on that part.
+    #: The part (`Mesh.masked`) on which eigenpairs are computed; None for the whole mesh.
     part: MeshReady | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class PartReady:
-    """The part of a mesh on which eigenpairs are computed, with those in the store."""
+    """The part of a mesh on which eigenpairs are computed, with its stored eigenpairs."""
 
-    #: The mesh of the part; None for the whole.
+    #: The mesh of the part; None for the whole mesh.
     part: MeshReady | None
     known: Eigenpairs | None
     #: A sentence for the message bar, or "".
@@ -112,7 +112,7 @@ class OpenMesh:
 
     def __init__(self) -> None:
         self.ready: MeshReady | None = None
-        #: A spectrum of the open mesh without pairs, for fields that need none.
+        #: `Eigenpairs` without any pair, for fields of the open mesh that need no pairs.
         self._bare: Eigenpairs | None = None
         self._spectrum: Eigenpairs | None = None
 
@@ -132,7 +132,7 @@ class OpenMesh:
 
     @property
     def unit_text(self) -> str:
-        """The unit as `Document.open_mesh` takes it: "nm", "none", or "8 nm" for voxels."""
+        """The unit as text for `Document.open_mesh`: "nm", "none", or "8 nm" for voxels."""
         return "" if self.mesh is None else written_unit(self.mesh.unit, self.mesh.voxel)
 
     @property
@@ -142,7 +142,7 @@ class OpenMesh:
 
     @property
     def repairs(self) -> tuple[str, ...]:
-        """Names of the repairs in force, oldest first."""
+        """Names of the repairs made on the open mesh, oldest first."""
         return self.ready.repairs if self.ready else ()
 
     @property
@@ -156,11 +156,11 @@ class OpenMesh:
         return None if self.ready is None or self.ready.part is None else self.ready.part.mesh
 
     def is_shown(self, mesh: Mesh | None) -> bool:
-        """Whether a mesh is the open one, possibly with other maps or in another unit."""
+        """Return whether a mesh is the open mesh, possibly with other maps or in another unit."""
         return self.ready is not None and _same(self.ready.mesh, mesh)
 
     def is_solved(self, mesh: Mesh | None) -> bool:
-        """Whether a mesh is the one that eigenpairs are computed on, compared as in `is_shown`."""
+        """Return whether eigenpairs are computed on a mesh, compared as in `is_shown`."""
         return self.solved is not None and _same(self.solved.mesh, mesh)
 
     @property
@@ -179,12 +179,12 @@ class OpenMesh:
 
     @property
     def known(self) -> Eigenpairs | None:
-        """The spectrum, which has no pairs before any is computed; None without a mesh."""
+        """The spectrum, with no pairs before the first are computed; None without a mesh."""
         return self._bare if self._spectrum is None else self._spectrum
 
     @property
     def scaled_spectrum(self) -> Eigenpairs | None:
-        """The spectrum if it has a positive eigenvalue, which times and bands need; else None."""
+        """The spectrum if it has a positive eigenvalue, as times and bands require; else None."""
         spectrum = self.spectrum
         if spectrum is None or first_nonzero(spectrum) >= len(spectrum):
             return None

@@ -1,8 +1,8 @@
 """Two linked meshes: the second displays the field that is displayed on the first.
 
-The comparison is independent of size: times and eigenvalues are scaled by the ratio of the areas,
-and so are values while limits are linked (`Pair.with_shared_limits`). Meshes on one template
-(`corresponding_vertices`) are matched by vertex index, others by features of their vertices.
+The comparison is independent of size: times and eigenvalues are scaled by the ratio of the areas.
+Values are scaled, too, while limits are linked (`Pair.with_shared_limits`). Meshes of one template
+(`corresponding_vertices`) are matched by vertex index, other meshes by features of their vertices.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ from meshmash_viewer.surface.rays import Plane
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 
-#: Links of the cameras with their labels; "free" means that neither of the others is active.
+#: Links of the cameras with their labels; "free" if neither "camera" nor "mirror" is active.
 CAMERAS = {"camera": "Linked", "mirror": "Mirrored", "free": "Free"}
 #: The other links with their labels.
 LINKS = {"kind": "Family", "position": "Index, time, band", "colors": "Colours and limits"}
-#: Features that can match vertices: they have several columns and no required parameter.
+#: Features by which vertices can be matched: several columns and no required parameter.
 MATCHED_IN: dict[str, type[BankFamily]] = {
     name: family
     for name, family in FEATURES.items()
@@ -61,14 +61,14 @@ MATCHED_IN: dict[str, type[BankFamily]] = {
 
 
 def _as_shown(pairs: Eigenpairs) -> Eigenpairs:
-    """Return the eigenpairs with the signs that are displayed."""
+    """Return the eigenpairs with the displayed signs."""
     rows = pairs.rows if pairs.alignment is None else pairs.shown_rows[: len(pairs)]
     return replace(pairs, rows=rows, alignment=None, mass=pairs.vertex_areas)
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonRequest:
-    """Eigenpairs of two meshes up to the same eigenvalue times area, and the way to match them.
+    """Eigenpairs of two meshes up to the same eigenvalue times area, and options of the match.
 
     `matched_in` is a key of `MATCHED_IN`; for `refined` and `landmarks` see `compare_shapes`.
     """
@@ -80,14 +80,14 @@ class ComparisonRequest:
     landmarks: tuple[tuple[int, int], ...] = ()
 
     def equals(self, other: ComparisonRequest) -> bool:
-        """Whether two requests have the same result."""
+        """Return whether two requests have the same result."""
         options, others = (
             (each.matched_in, each.refined, each.landmarks) for each in (self, other)
         )
         return options == others and self.same_pairs(other)
 
     def same_pairs(self, other: ComparisonRequest) -> bool:
-        """Whether two requests compare the same eigenpairs."""
+        """Return whether two requests compare the same eigenpairs."""
         return self.first.rows is other.first.rows and self.second.rows is other.second.rows
 
     def answered(self, cancel: CancelCallback | None = None) -> Comparison:
@@ -100,7 +100,7 @@ class ComparisonRequest:
         mine, other = _as_shown(self.first), _as_shown(self.second)
         vertices = corresponding_vertices(first, second)
         if vertices is not None:
-            other = replace(other, rows=self.second.rows)  # `compare_shapes` aligns them
+            other = replace(other, rows=self.second.rows)  # `compare_shapes` aligns the rows
         bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
         return compare_shapes(
             mine, other, bank, cancel, vertices,
@@ -109,10 +109,10 @@ class ComparisonRequest:
 
 
 class Pair:
-    """A second document that follows a first one.
+    """Two linked documents, of which the second follows the first.
 
-    Views connect to `changed`. `comparison_requested` carries a `ComparisonRequest`; its runner
-    calls `accept` or `give_up`.
+    Views connect to `changed`. `comparison_requested` is emitted with a `ComparisonRequest`; the
+    receiver calls `accept` or `give_up`.
     """
 
     changed = Signal()
@@ -120,10 +120,10 @@ class Pair:
 
     def __init__(self, first: Document, second: Document) -> None:
         self.first, self.second = first, second
-        #: Active links: keys of `LINKS`, and "camera" or "mirror" of `CAMERAS`. They are changed
-        #: by `link`, `link_cameras` and `set_links`.
+        #: Active links: keys of `LINKS`, and "camera" or "mirror" of `CAMERAS`. To change them, use
+        #: `link`, `link_cameras` or `set_links`.
         self.links: frozenset[str] = frozenset()
-        #: None until both meshes are decomposed and compared.
+        #: The last comparison; None until both meshes are decomposed and compared.
         self.comparison: Comparison | None = None
         #: Whether the second mesh shows the field of the first, transferred by the match.
         self.carries = False
@@ -132,19 +132,19 @@ class Pair:
         self._matched_in = next(iter(MATCHED_IN))
         self._refined = False
         self._request: ComparisonRequest | None = None
-        #: The request that `comparison` answers.
+        #: The request whose result is `comparison`.
         self._answered: ComparisonRequest | None = None
-        #: Eigenvectors of the first and vertices of the second at the last solve of the second.
+        #: At the last solve of the second: eigenvectors of the first mesh, vertices of the second.
         self._asked: tuple[Any, Any] = None, None
-        #: By name: the family of the first that was last applied to the second, as chosen and with
-        #: its parameters filled in.
+        #: By name: the family of the first mesh that was last applied to the second, before and
+        #: after `Family.filled_in`.
         self._applied: dict[str, tuple[Family, Family]] = {}
-        #: By pin number: the vertex that the user pinned on the second, as an index in its file.
+        #: By pin number: the vertex pinned by the user on the second mesh, as an index in its file.
         self._pinned: dict[int, int] = {}
-        #: The history of the first before the last vertex was pinned on the second.
+        #: The history of the first mesh before the last vertex was pinned on the second.
         self._before: tuple[Step, ...] = ()
         self._dragging = False
-        #: The steps of the second that the history of the first has recorded.
+        #: The steps of the second mesh that are recorded in the history of the first.
         self._second_past = second.history.past
         second.pins.matched = True
         self._keep_second()
@@ -177,7 +177,7 @@ class Pair:
     # -- history ------------------------------------------------------------------------------
 
     def _keep_second(self) -> None:
-        """Make pins and changes of the second mesh parts of the history of the first."""
+        """Declare pins and changes of the second mesh as parts of the history of the first."""
         history, self._second_past = self.first.history, self.second.history.past
         history.forget("second mesh")
         history.keep("second mesh", lambda: len(self._second_past), self._restore_second)
@@ -188,7 +188,7 @@ class Pair:
         self._follow_first_pins()
 
     def _record_second(self) -> None:
-        """Record in the history of the first that the second mesh was changed or undone."""
+        """Record a change or an undo of the second mesh in the history of the first."""
         past, known = self.second.history.past, self._second_past
         self._second_past = past
         changes = past[len(known) :] or known[len(past) :]
@@ -197,41 +197,41 @@ class Pair:
             self.first.history.record(label, before={"second mesh": len(known)})
 
     def _restore_second(self, steps: int) -> None:
-        """Undo or redo changes of the second mesh until `steps` of them are in force."""
+        """Undo or redo changes of the second mesh until its history has `steps` past steps."""
         history, before = self.second.history, -1
-        while len(history.past) not in (steps, before):  # it stops to wait for a repaired mesh
+        while len(history.past) not in (steps, before):  # an undo may wait for a mesh
             before = len(history.past)
             (history.undo if before > steps else history.redo)()
 
     # -- choices ------------------------------------------------------------------------------
 
     def link(self, name: str, on: bool) -> None:
-        """Activate or deactivate one of `LINKS`; the state of the second does not change."""
+        """Activate or deactivate one of `LINKS`; deactivation does not change the second mesh."""
         self.links = self.links | {name} if on else self.links - {name}
         self._apply_display(everything=True)
         self.changed.emit()
 
     @property
     def cameras(self) -> str:
-        """How the cameras are linked: a key of `CAMERAS`."""
+        """Link of the cameras: a key of `CAMERAS`."""
         return next((name for name in CAMERAS if name in self.links), "free")
 
     def link_cameras(self, how: str) -> None:
-        """Link the cameras, one of `CAMERAS`."""
+        """Set the link of the cameras to a key of `CAMERAS`."""
         self.links = self.links - set(CAMERAS) | {how} - {"free"}
         self._by_side = False
         self._apply_display()
         self.changed.emit()
 
     def set_links(self, links: Collection[str] | None) -> None:
-        """Activate exactly these links; None for all, with mirrored cameras for hemispheres."""
+        """Activate exactly these links; None for all, with cameras mirrored for two hemispheres."""
         self.links = frozenset({"camera", *LINKS} if links is None else links)
         self._by_side = links is None
         self._apply_display(everything=True)
         self._follow_mesh()
 
     def _follow_mesh(self) -> None:
-        """Mirror the cameras of a left and a right hemisphere, unless the user chose a link."""
+        """Mirror the cameras of a left and a right hemisphere, unless the user chose their link."""
         meshes = self.first.mesh, self.second.mesh
         sides = {brain_side(mesh.structure, mesh.name) for mesh in meshes if mesh is not None}
         if self._by_side:
@@ -241,7 +241,7 @@ class Pair:
         self._follow_spectra()
 
     def carry(self, on: bool) -> None:
-        """Show the field of the first on the second, or its own field."""
+        """Show the field of the first mesh on the second, or the own field of the second."""
         self.carries = on
         self.changed.emit()
 
@@ -286,7 +286,7 @@ class Pair:
 
     @property
     def landmarks(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of vertices, of the first and the second mesh, that the user pinned on both."""
+        """Vertex of the first and of the second mesh for each pin that the user set on both."""
         mine = {pin.number: pin.vertex for pin in self.first.pins.placed}
         return tuple(
             (mine[pin.number], pin.vertex)
@@ -331,12 +331,12 @@ class Pair:
             self._follow_pins()
 
     def drop_second(self) -> None:
-        """End the change that `drag_second` began, and match with the new landmark."""
+        """End the change that `drag_second` began, and repeat the match with the new landmark."""
         self._dragging = False
         self._follow_first_pins()
 
     def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
-        """Return the field that the second mesh shows, and colour limits for both fields.
+        """Return the field to show on the second mesh, and colour limits for both fields.
 
         With `carries`, this is the field of the first mesh, transferred by the match; otherwise
         the result of `with_shared_limits`.
@@ -353,11 +353,11 @@ class Pair:
             self.second.maps.add(other, [field.carried(found.back.indices).as_map()])
 
     def carry_maps(self, *, to_first: bool = False) -> None:
-        """Add maps of one mesh to the other under their names, with the score of each vertex.
+        """Add the maps of one mesh and the score of each vertex to the other mesh, as one change.
 
-        It is one change. Maps that were carried before are replaced; maps whose names the other
-        mesh has otherwise are left out. The other mesh then shows the map that is chosen on this
-        one, or the last carried map; so does the first mesh if families are linked.
+        Maps carried before are replaced; a map is left out if the other mesh has another map of its
+        name. The other mesh then shows the map chosen on the source mesh, or the last carried map.
+        If families are linked, so does the first mesh.
         """
         source, target = (self.second, self.first) if to_first else (self.first, self.second)
         found, here, there = self.comparison, source.mesh, target.mesh
@@ -373,7 +373,7 @@ class Pair:
             self.first.notices.say(text, Severity.WARNING)
             return
         chosen = source.maps.chosen or here.maps[0].name
-        own.sort(key=lambda each: each.name == chosen)  # the last is shown
+        own.sort(key=lambda each: each.name == chosen)  # the last map is shown
         *maps, score = found.carried(own, back=not to_first)
         if before:
             target.maps.exchange("carried maps", before, [score, *maps])
@@ -387,7 +387,7 @@ class Pair:
             self.first.maps.show(own[-1].name)
 
     def _rename_carried(self, name: str, given: str) -> None:
-        """Rename a map of the second that was carried from the first, as part of that change."""
+        """Rename the carried copy of a renamed map, in the same step of the history."""
         carried, mesh = {id(each) for each in self.carried}, self.second.mesh
         known = next((each for each in mesh.maps if each.name == name), None) if mesh else None
         if mesh is None or known is None or id(known) not in carried:
@@ -402,7 +402,7 @@ class Pair:
     def with_shared_limits(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the second field scaled for comparison, and colour limits for both fields.
 
-        The limits span those of both fields, each under the current policy. Values that depend on
+        The limits contain the limits of both fields under the current policy. Values that depend on
         the size of the mesh are scaled to the area of the first (`Field.at_size`).
 
         Returns
@@ -415,7 +415,7 @@ class Pair:
         if "colors" not in self.links or key != second.family.limits_key:
             return None
         policy, logarithmic = display.policies.get(key), display.log_scales.get(key)
-        second.limits(policy)  # once, before they are scaled
+        second.limits(policy)  # cached before values are scaled
         second = second.at_size(self.correspondence.length, first.request.unit)
         if (first.unit, first.signed) != (second.unit, second.signed):
             return None
@@ -430,7 +430,7 @@ class Pair:
 
     @property
     def correspondence(self) -> Correspondence:
-        """Correspondence of lengths, and after the comparison of vertices and eigenfunctions."""
+        """Correspondence of lengths; after a comparison also of vertices and eigenfunctions."""
         mesh, other, known = self.first.mesh, self.second.mesh, self.comparison
         if mesh is None or other is None or not mesh.area > 0.0:
             return Correspondence()
@@ -445,7 +445,7 @@ class Pair:
         return self._request is not None and self._request is not self._answered
 
     def accept(self, request: ComparisonRequest, comparison: Comparison) -> None:
-        """Store a comparison, if it answers the last request."""
+        """Store a comparison, if it is the result of the last request."""
         if request is self._request:
             self.comparison, self._answered = comparison, request
             spectrum = self.second.spectrum
@@ -494,7 +494,7 @@ class Pair:
         )
 
     def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
-        """Return the best matches on the second of a vertex of the first, with their scores.
+        """Return the best matches of a vertex of the first mesh on the second, with their scores.
 
         The best match is first. Matches are at least 2 % of the mesh's diagonal apart.
         """
@@ -511,7 +511,7 @@ class Pair:
             self._follow_spectra()
 
     def _follow_spectra(self) -> None:
-        """Solve the second mesh as far as the first, and compare them once both are solved."""
+        """Solve the second mesh as far as the first, then request a comparison of both."""
         self._decompose_second()
         first, second = self.first.spectrum, self.second.spectrum
         before, request = self._request, None
@@ -528,7 +528,7 @@ class Pair:
             self._request = request
             known = self._answered
             if request is None or known is None or not known.same_pairs(request):
-                self.comparison = None  # with the same pairs it is shown until the next result
+                self.comparison = None  # kept for the same pairs until the next result
             if request is not None:
                 self.comparison_requested.emit(request)
         self._apply_display(everything=True)
@@ -542,7 +542,7 @@ class Pair:
             return
         asked = first.rows, mesh.vertices
         if all(one is other for one, other in zip(asked, self._asked, strict=True)):
-            return  # the user may have cancelled the job
+            return  # requested before, and maybe cancelled by the user
         self._asked = asked
         top = matched_top(_as_shown(first), mesh.area)
         self.second.solve.operator = self.first.solve.operator
@@ -554,8 +554,8 @@ class Pair:
             self.second.solve.compute()
 
     def _apply_display(self, *, everything: bool = False) -> None:
-        """Copy linked attributes of the display that have changed from the first to the second."""
-        with self.second.history.paused():  # the history of the first records them
+        """Copy changed, linked attributes of the display of the first mesh to the second."""
+        with self.second.history.paused():  # recorded in the history of the first
             self._copy_display(everything=everything)
 
     def _copy_display(self, *, everything: bool) -> None:
@@ -591,7 +591,7 @@ class Pair:
         other.nodal_lines, other.hide_small = mine.nodal_lines, mine.hide_small
 
     def cut_second(self, plane: Plane) -> None:
-        """Cut both meshes where a plane cuts the second."""
+        """Cut both meshes at a plane given for the second."""
         if self.second.mesh is not None:
             cut = Cut.at(plane, self.second.mesh.bounds)
             self.first.display.cut = self._other_side(cut)
@@ -602,7 +602,7 @@ class Pair:
         return replace(cut, normal=(-x, y, z)) if self.cameras == "mirror" else cut
 
     def _follow_second(self) -> None:
-        """Display own maps on the first mesh after a map was added to the second."""
+        """Display own maps on the first mesh, too, once the second displays them."""
         if "kind" in self.links and self.second.display.family.own:
             self.first.display.kind = self.second.display.kind
 
@@ -612,7 +612,7 @@ class Pair:
             self._follow_spectra()  # the landmarks have changed
 
     def _follow_pins(self) -> None:
-        """Pin the best match of each pin of the first on the second, under the same number."""
+        """Pin the best match of each pin of the first mesh on the second, under the same number."""
         numbers = {pin.number for pin in self.first.pins.placed}
         self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
         found = ((pin, self._place_of(pin)) for pin in self.first.pins.placed)
@@ -622,7 +622,7 @@ class Pair:
             self.changed.emit()
 
     def _place_of(self, pin: Pin) -> int | None:
-        """Return the vertex of the second for a pin: the pinned one, or the best match."""
+        """Return the vertex of the second mesh for a pin: set by the user, or the best match."""
         index, mesh = self._pinned.get(pin.number), self.second.mesh
         if index is not None and mesh is not None:
             with contextlib.suppress(InputError):  # a repair removed the vertex

@@ -1,4 +1,4 @@
-"""Features of a mesh from overlapping pieces, for meshes too large to be solved whole."""
+"""Features computed on overlapping pieces of a mesh too large to be decomposed whole."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from meshmash_viewer.split.stitching import seam_sentence
 from meshmash_viewer.units import counted, format_quantity, format_share, power_unit
 from meshmash_viewer.work import Channel
 
-#: Minimum number of vertices of a piece, and the number that is solved in seconds.
+#: Minimum number of vertices of a piece, and a number that is decomposed in seconds.
 LEAST, _USUAL = 500, 20_000
-#: Maximum ratio of the vertices of the overlap to those of the core.
+#: Maximum ratio of overlap vertices to core vertices of a piece.
 _WIDEST = 11
 
 
 def usual_pieces(n_vertices: int) -> int:
-    """Return a number of pieces that are solved in seconds each; at least 2 for large meshes."""
+    """Return a number of pieces, each decomposed in seconds; 2 or more if possible."""
     return max(math.ceil(n_vertices / _USUAL), min(2, n_vertices // LEAST), 1)
 
 
 def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
-    """Return the family with parameters from Weyl's law in place of the spectrum of the mesh.
+    """Return the family with parameters from Weyl's law instead of the spectrum of the mesh.
 
     `InputError` is raised if its columns depend on the spectrum itself.
     """
@@ -51,7 +51,7 @@ def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
 
 
 def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
-    """Return the eigenvalue 0, the first and the last one up to a target, by Weyl's law."""
+    """Return three eigenvalues as `Eigenpairs`: 0, the first and the last, by Weyl's law."""
     top = _top(mesh, target)
     values = np.array([0.0, min(weyl_eigenvalue(mesh.area, 1), 0.5 * top), top])
     return Eigenpairs(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
@@ -61,8 +61,8 @@ def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
 class PiecesJob:
     """Job that computes features in pieces and writes them.
 
-    It sends a `MapGrew` for each piece, with the column nearest to the position of the family, such
-    as the displayed time, and returns `Written`.
+    The job sends a `MapGrew` for each piece, with the column nearest to the displayed position (a
+    time, for example), and returns `Written`.
     """
 
     mesh: Mesh
@@ -76,7 +76,7 @@ class PiecesJob:
     repairs: Sequence[str] = ()
     #: The mesh before the repairs, to write the results at all its vertices.
     file_mesh: Mesh | None = None
-    #: Whether to leave out the first pair of the whole mesh.
+    #: Whether to leave out the first eigenpair of the whole mesh.
     drop_first: bool = False
     n_jobs: int = -1
     #: Client of a Dask scheduler, see `MeshStitcher`.
@@ -107,7 +107,7 @@ class PiecesJob:
         return Written(self.path, self.family.label, text, warns=bool(remarks) or differs)
 
     def _shown(self) -> tuple[int, str]:
-        """Return the column of the map, and its name."""
+        """Return the index of the column to show as a map, and the name of the map."""
         expected = _expected(self.mesh, self.target)
         bank = _common_bank(self.family, float(expected.eigenvalues[-1]))
         places = self.family.places(expected)[: len(bank.columns)]
@@ -125,8 +125,8 @@ class PiecesJob:
     ) -> dict[str, Any]:
         """Compute features on overlapping pieces, write them stitched, and return a report.
 
-        `done` is called with the vertices and values of each piece. The report, for JSON, has the
-        relative differences at seams, and the columns whose median difference exceeds 1 %.
+        `done` is called with the vertices and values of each piece. The report for JSON contains
+        the relative differences at seams, and the columns whose median difference exceeds 1 %.
         `InputError` is raised if the columns depend on the spectrum of the whole mesh, or there are
         too many pieces.
         """
@@ -188,7 +188,7 @@ def _top(mesh: Mesh, target: Target) -> float:
 
 
 def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int) -> None:
-    """Cut into about `count` pieces, with an overlap for the longest time."""
+    """Split the mesh into about `count` pieces, with an overlap for the longest time."""
     if bank.parameter_power == 2:
         core = math.ceil(n_vertices / count)
         stitcher.split_mesh(
@@ -211,7 +211,7 @@ def described_seams(report: dict[str, Any]) -> str:
 
 
 def _common_bank(family: Family, top: float) -> FilterBank:
-    """Return the filters of a family, which must not depend on the spectrum of a piece."""
+    """Return the filters of a family; raise `InputError` if they depend on the spectrum."""
     assert isinstance(family, BankFamily), "checked before"
     one, other = (family.bank(top * np.array([0.0, share, 1.0]), bound=top) for share in (0.2, 0.5))
     if one.normalised or not np.array_equal(one.parameters, other.parameters):

@@ -16,15 +16,14 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.history import History
 from meshmash_viewer.model.open_mesh import OpenMesh
 
-#: Colours of the pins in the order of their numbers: those of Okabe & Ito 2008, distinct for every
-#: kind of colour vision, then the farthest ones in CIELAB, with and without colour blindness.
+#: Colours of the pins by number: the palette of Okabe & Ito 2008, distinct for every kind of colour
+#: vision, then the most distant colours in CIELAB, with and without colour blindness.
 PIN_COLORS = (
     "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442",
     "#6611FF", "#BB0033", "#CCCC88", "#6677FF", "#006666",
 )  # fmt: skip
 
 
-#: Largest number of characters of a name.
 LONGEST_NAME = 60
 _COLOR = re.compile("#[0-9A-Fa-f]{6}")
 
@@ -34,16 +33,16 @@ class Pin:
     """A vertex that the user marked, with its name and colour."""
 
     vertex: int
-    #: From 1.
+    #: Number of the pin, from 1.
     number: int
-    #: Given by the user; "" for none.
+    #: Name given by the user; "" for none.
     name: str = ""
-    #: Chosen by the user, "#RRGGBB"; "" for the colour of the number.
+    #: Colour chosen by the user, "#RRGGBB"; "" for the colour of the number.
     own_color: str = ""
 
     @property
     def color(self) -> str:
-        """Colour of the pin; those of the numbers repeat after the last one."""
+        """Colour of the pin; the colours of the numbers repeat."""
         return self.own_color or PIN_COLORS[(self.number - 1) % len(PIN_COLORS)]
 
     @property
@@ -66,13 +65,12 @@ class Pins:
         self._opened, self._history = opened, history
         #: The pins in the order in which they were placed.
         self.placed: tuple[Pin, ...] = ()
-        #: Whether the pins are matches of those on another mesh, which are found again after a
-        #: repair.
+        #: Whether the pins are matches of pins on another mesh, matched again after a repair.
         self.matched = False
         history.keep("pins", lambda: self.placed, self.put)
 
     def put(self, pins: tuple[Pin, ...]) -> None:
-        """Replace the pins without a record."""
+        """Replace the pins without a step of the history."""
         self.placed = pins
         self.changed.emit()
 
@@ -82,7 +80,7 @@ class Pins:
         self.put(tuple(pins))
 
     def change(self, label: str, vertex: int, /, **attributes: Any) -> None:
-        """Change attributes of the pin of a vertex, if it has one, as one change."""
+        """Change attributes of the pin of a vertex, if there is a pin, as one change."""
         if pin_at(self.placed, vertex) is not None:
             of = (replace(p, **attributes) if p.vertex == vertex else p for p in self.placed)
             self.set(label, of)
@@ -123,7 +121,7 @@ def checked_color(text: str) -> str:
 
 
 def distinct_name(name: str, taken: Collection[str]) -> str:
-    """Return a name of at most `LONGEST_NAME` characters, with a number if it is taken."""
+    """Return a name cut to `LONGEST_NAME` characters, with a number if it is taken."""
     name = " ".join(name.split())[:LONGEST_NAME]
     if not name or name not in taken:
         return name
@@ -146,7 +144,7 @@ def same_vertex(before: Mesh, now: Mesh, vertex: int) -> int | None:
 
 
 def followed_pins(pins: Sequence[Pin], before: Mesh, now: Mesh) -> tuple[Pin, ...]:
-    """Map pins to the mesh after other repairs of the same file, one pin a vertex."""
+    """Map pins to the mesh of the same file after other repairs, with one pin per vertex."""
     moved: dict[int, Pin] = {}
     for pin in pins:
         vertex = same_vertex(before, now, pin.vertex)

@@ -22,7 +22,7 @@ _AGREES = 1e-3
 
 @dataclass(frozen=True)
 class PlacedPins:
-    """Vertex, name and colour of each pin; reasons for rows left out; other remarks."""
+    """Vertex, name and colour of each pin, reasons for rows left out, and other remarks."""
 
     pins: tuple[tuple[int, str, str], ...]
     faults: tuple[str, ...]
@@ -30,10 +30,10 @@ class PlacedPins:
 
 
 def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
-    """Find the vertices of the rows of a table.
+    """Return the pins for the rows of a table.
 
-    It is the vertex of the index in the file, or, if that is not at the position of the row, the
-    vertex nearest to the position.
+    A pin is placed at the vertex with the index of the row in the file; without an index, or if
+    this vertex is not at the position of the row, at the vertex nearest to the position.
     """
     size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
     positions, reading = _positions(mesh, table)
@@ -88,9 +88,9 @@ def _vertex_of(mesh: Mesh, index: int, position: FloatArray, agrees: float) -> i
 
 
 def _positions(mesh: Mesh, table: PinTable) -> tuple[FloatArray, str]:
-    """Return positions in the unit of the mesh, shape (n, 3), and a remark if it was assumed.
+    """Return positions in the unit of the mesh, shape (n, 3), and a remark on an assumed unit.
 
-    Without a unit they may be in voxels: the unit that brings them nearer to the mesh is assumed.
+    Positions without a unit may be in voxels: the unit with the smaller distances is assumed.
     """
     positions = table.positions
     if table.unit and mesh.unit:
@@ -118,9 +118,9 @@ def _nearest(mesh: Mesh, positions: FloatArray) -> tuple[IntArray, FloatArray]:
 def merged_pins(
     pins: Sequence[Pin], placed: Sequence[tuple[int, str, str]]
 ) -> tuple[tuple[Pin, ...], str]:
-    """Add placed pins to pins; return all, and a remark on numbered and replaced names.
+    """Return pins and placed pins together, and a remark on numbered and replaced names.
 
-    A placed pin at a pinned vertex replaces name and colour of that pin, if it has them.
+    At a pinned vertex, name and colour of the placed pin replace those of the pin unless empty.
     """
     merged = {pin.vertex: pin for pin in pins}
     taken, names = {pin.number for pin in pins}, {pin.name for pin in pins}

@@ -11,7 +11,7 @@ from meshmash_viewer.features.points import Points, ProjectedPoints
 from meshmash_viewer.model.history import History
 from meshmash_viewer.model.open_mesh import OpenMesh
 
-#: Diameter in points.
+#: Default and largest diameter, in points (the unit of length).
 DEFAULT_SIZE, LARGEST_SIZE = 7, 40
 
 
@@ -22,11 +22,11 @@ class PointSet:
     table: Points
     #: Name of the position in the table; "" if there is only one.
     position: str = ""
-    #: Hash of the content of its file.
+    #: Hash of the content of the file.
     hash: str = ""
-    #: In the unit of the mesh; None for the default of `project_points`.
+    #: Maximum distance, in the unit of the mesh; None for the default of `project_points`.
     max_distance: float | None = None
-    #: Column that colours them; "" for one colour.
+    #: Column that determines the colours; "" for one colour.
     column: str = ""
     size: int = DEFAULT_SIZE
 
@@ -51,7 +51,7 @@ class DocumentPoints:
     def __init__(self, opened: OpenMesh, history: History) -> None:
         self._opened, self._history = opened, history
         self.shown: PointSet | None = None
-        #: The points projected onto the mesh; None until that is computed.
+        #: The points projected onto the mesh; None until the projection is computed.
         self.projected: ProjectedPoints | None = None
         #: Entry of a session whose points have not been read yet.
         self._awaited: dict[str, Any] = {}

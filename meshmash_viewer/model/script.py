@@ -30,9 +30,9 @@ def reproduction_script(
 ) -> str:
     """Return a script that reads, repairs and decomposes the mesh, and computes the field.
 
-    It is a whole program that needs only this package and NumPy. For a mesh in memory it has a line
-    to complete. It writes the columns of the last export, or those that the export dialog suggests,
-    to a new file in its ``folder``. All other paths are absolute. With a `pair` it also compares
+    The script needs only this package and NumPy; for a mesh in memory, the user has to complete a
+    line. The script writes the columns of the last export, or columns suggested by the export
+    dialog, to a new file in ``folder``; other paths are absolute. With `pair`, it also compares
     the two meshes.
     """
     request = request_of(document)
@@ -68,7 +68,7 @@ def script_output(document: Document) -> str:
 
 
 def _computing(document: Document, request: FieldRequest, exported: Exported | None) -> list[str]:
-    """Return lines that compute ``values``, and ``features`` of a family that has them."""
+    """Return lines that compute ``values``, and ``features`` if the family has features."""
     family = request.family.measured_from([pin.vertex for pin in document.pins.placed])
     lines = family.script(request.spectrum)
     known = _known(document, request, exported)
@@ -81,7 +81,7 @@ def _computing(document: Document, request: FieldRequest, exported: Exported | N
 
 
 def _known(document: Document, request: FieldRequest, exported: Exported | None) -> Exported | None:
-    """Return the last export if it is of this family, mesh and number of pairs."""
+    """Return the last export if its family, mesh and number of pairs are the current ones."""
     mesh, family = document.mesh, request.family
     if exported is None or mesh is None or exported.family.name != family.name:
         return None
@@ -97,7 +97,7 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
     if path is None:
         lines = ["", f"{name} = mv.Mesh(vertices, faces, unit=...)  # the mesh in memory"]
     else:
-        where = shown_path(path.absolute())  # of a linked segment, its link
+        where = shown_path(path.absolute())  # for a linked segment, the link
         read = f"mv.read_mesh({where!r}, unit={document.unit_text!r})"
         lines = ["", f"{name} = {read}"]
     if document.repairs:
@@ -109,7 +109,7 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
 
 
 def _in_no_file(document: Document, rest: list[str]) -> list[str]:
-    """Return comments on maps that the rest of a script needs and that are in no file."""
+    """Return comments on maps that the rest of a script uses but no file contains."""
     every = any(".with_maps(mesh)" in line for line in rest)
     needed = [
         repr(each.name)
@@ -139,8 +139,8 @@ def _operator(document: Document) -> str:
 def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
     """Return lines that solve the second mesh and compare it with the first.
 
-    All its pairs are solved, as the comparison used them, even beyond the last eigenvalue of the
-    first mesh.
+    All pairs of the second mesh are computed, as the comparison used them, including pairs above
+    the last eigenvalue of the first mesh.
     """
     first, second = request.spectrum, pair.second.spectrum
     assert second is not None

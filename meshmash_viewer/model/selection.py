@@ -12,12 +12,12 @@ from meshmash_viewer.model.history import History
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.surface.masks import Mask, grown, shrunk
 
-#: How vertices change the selection: they replace it, are added to it, or removed from it.
+#: How a mask changes the selection: replaces it, is added to it, or is removed from it.
 How: TypeAlias = Literal["replace", "add", "remove"]
 
 
 class MaskOfMesh:
-    """A mask of the open mesh, which the history records and repairs map."""
+    """A mask of vertices of the open mesh, recorded in the history and mapped by repairs."""
 
     changed = Signal()
     #: Name of the part of the history.
@@ -30,7 +30,7 @@ class MaskOfMesh:
         history.keep(self.part, lambda: self.mask, self._restore)
 
     def put(self, mask: Mask | None) -> None:
-        """Replace the mask without a record."""
+        """Replace the mask without a step of the history."""
         if mask is not None:
             mask = checked_mask(mask, self._opened.mesh)
         self.mask = mask
@@ -43,7 +43,7 @@ class MaskOfMesh:
             self.put(mask)
 
     def follow(self, before: Mesh | None, now: Mesh) -> None:
-        """Map the mask from the mesh before a repair, or drop it for another file (None).
+        """Map the mask from the mesh before a repair, or remove it for another file (None).
 
         The caller emits `changed`.
         """
@@ -55,7 +55,7 @@ class MaskOfMesh:
 
 
 class Hiding(MaskOfMesh):
-    """The vertices that a user has hidden, with the faces around them."""
+    """The vertices hidden by the user, with their adjacent faces."""
 
     part = "hidden vertices"
 
@@ -64,11 +64,11 @@ class Hiding(MaskOfMesh):
         self.set(mask if self.mask is None else self.mask | mask, "hiding of vertices")
 
     def isolate(self, mask: Mask) -> None:
-        """Hide all vertices but these."""
+        """Hide all vertices outside a mask."""
         self.set(~mask, "isolation")
 
     def show_all(self) -> None:
-        """Hide none."""
+        """Show all vertices."""
         self.set(None, "showing of all vertices")
 
 
@@ -102,7 +102,7 @@ class Selection(MaskOfMesh):
             self._history.changed.emit()
 
     def take(self, mask: Mask, how: How = "replace", label: str = "selection") -> None:
-        """Replace the selection by vertices, add them or remove them, as one change."""
+        """Replace the selection by a mask, add the mask or remove it, as one change."""
         self.set(combined(self.mask, mask, how), label)
 
     def grow(self) -> None:
@@ -131,7 +131,7 @@ class Selection(MaskOfMesh):
 
 
 def combined(before: Mask | None, mask: Mask, how: How) -> Mask:
-    """Return a selection that a mask replaces, is added to, or is removed from."""
+    """Return the selection replaced by a mask, or with the mask added or removed."""
     if how == "replace":
         return mask
     if how == "add":
@@ -140,16 +140,16 @@ def combined(before: Mask | None, mask: Mask, how: How) -> Mask:
 
 
 def same_mask(one: Mask | None, other: Mask | None) -> bool:
-    """Whether two selections have the same vertices; None has no vertex."""
+    """Return whether two masks contain the same vertices; None is the empty mask."""
     if one is None or other is None:
         return not any(mask is not None and mask.any() for mask in (one, other))
     return np.array_equal(one, other)
 
 
 def checked_mask(mask: Mask, mesh: Mesh | None) -> Mask | None:
-    """Return a read-only mask, copied if it was writable; None if no vertex is in it.
+    """Return a read-only mask, copied if it was writable; None for an empty mask.
 
-    `ValueError` is raised if it is not one bool for each vertex.
+    `ValueError` is raised if the mask is not an array of one bool for each vertex.
     """
     n = 0 if mesh is None else mesh.n_vertices
     if mask.dtype != np.bool_ or mask.shape != (n,):
@@ -184,5 +184,5 @@ def mask_of_file(mesh: Mesh, in_file: Mask) -> Mask:
 
 
 def followed_mask(mask: Mask | None, before: Mesh, now: Mesh) -> Mask | None:
-    """Map a mask to the vertices of the mesh after other repairs of the same file."""
+    """Map a mask to the vertices of the mesh of the same file after other repairs."""
     return None if mask is None else mask_of_file(now, mask_in_file(before, mask))

@@ -15,7 +15,6 @@ from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.work import Job
 
-#: Default of `Solve.target`.
 DEFAULT_TARGET = Target("count", 100)
 
 
@@ -55,7 +54,7 @@ class Solve:
             self.changed.emit()
 
     def translation(self) -> Translation:
-        """Return the conversion of targets for the open mesh; for unit area without a mesh."""
+        """Return the conversion of targets for the open mesh, or for unit area without a mesh."""
         opened = self._opened
         if opened.solved is None:
             return Translation(1.0)
@@ -86,7 +85,7 @@ class Solve:
 
     @property
     def n_vertices(self) -> int:
-        """Number of vertices with a face, of the mesh or of the part that is computed."""
+        """Number of vertices with a face, of the mesh or of the part to be decomposed."""
         solved = self._opened.solved
         health = None if solved is None else solved.health
         return 0 if health is None else health.n_vertices - health.unreferenced_vertices
@@ -97,7 +96,7 @@ class Solve:
         if solved is not None:
             target = self.target
             if target.kind == "time":
-                # the target may need more pairs than there are
+                # the target may require more pairs than the mesh has
                 n_vertices = int(self.translation().n_vertices)
                 target = sufficient_target(target.value, solved.health.area, n_vertices)
             self._work.request(DecomposeJob(solved.mesh, self.operator, target))
@@ -108,13 +107,13 @@ class Solve:
         return decomposition_seconds(self.n_vertices, pairs, self.seconds_rate)
 
     def expected_of(self, job: Job) -> float | None:
-        """Return the seconds that a job is expected to take; None if that is not estimated."""
+        """Return the expected seconds of a job; None for jobs without an estimate."""
         if isinstance(job, DecomposeJob) and self._opened.is_solved(job.mesh):
             return self.expected_seconds(job.target)
         return None
 
     def _measure(self, job: JobState) -> None:
-        """Measure the speed of the machine by a job that has ended."""
+        """Update `seconds_rate` from a decomposition that has ended."""
         spectrum = self._opened.spectrum
         decomposed = isinstance(job.job, DecomposeJob) and not job.cancelling
         if decomposed and spectrum is not None and spectrum.complete:

@@ -1,6 +1,6 @@
-"""Worker process: runs the jobs of a window, so that the window stays responsive.
+"""Worker process that runs the jobs of a window, so that the window stays responsive.
 
-`Worker` is the part in the window, `serve` the part in the process. The process leads a process
+`Worker` runs in the window, `serve` in the worker process. The worker process leads a process
 group, so that all processes of the solver end with it: on request, and when the pipe is closed,
 for example by a crash of the window.
 """
@@ -35,15 +35,15 @@ from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
 from meshmash_viewer.spectral.cost import decomposition_bytes
 from meshmash_viewer.work import Job, Wire, end_group, start_child
 
-#: Function of the kind of a message and its content: "progressed" with a `Progress`, "sent" with a
-#: partial result, and at the end "finished" with the result, "failed" with a `Failure`, or
-#: "cancelled" with None.
+#: Function called with the kind of a message and its content: "progressed" with a `Progress`,
+#: "sent" with a partial result, and at the end "finished" with the result, "failed" with a
+#: `Failure`, or "cancelled" with None.
 Receiver: TypeAlias = Callable[[str, Any], None]
 
 _ENDS = ("finished", "failed", "cancelled")
 #: Seconds after which the process of a cancelled job is killed.
 _CANCEL_PATIENCE = 1.0
-#: Seconds to wait until processes have deleted their temporary files, at closing and after a crash.
+#: Seconds to wait for processes to delete their temporary files, when closing and after a crash.
 _CLOSE_PATIENCE, _CRASH_PATIENCE = 3.0, 0.5
 #: Seconds between two progress reports of a stage.
 _REPORT_SECONDS = 0.05
@@ -51,7 +51,7 @@ _REPORT_SECONDS = 0.05
 
 @dataclass(frozen=True, eq=False)
 class _Order:
-    """A job that was submitted."""
+    """A submitted job."""
 
     number: int
     job: Job
@@ -61,19 +61,19 @@ class _Order:
 
 
 class Worker:
-    """Runs one job at a time in a child process that is kept running.
+    """Runner of one job at a time in a child process that is kept running.
 
     No method but `close` blocks: a thread exchanges the messages, and calls `receive`.
     """
 
-    #: Whether jobs run in the worker's thread instead of a process, as tests of windows need.
+    #: Whether jobs run in the worker's thread instead of a process, for tests of windows.
     in_process: ClassVar[bool] = False
 
     def __init__(self, receive: Receiver) -> None:
         self._receive = receive
         #: Folder for previews and spare eigenpairs; removed by `close`.
         self.folder = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
-        self._lock = threading.Lock()  # guards the two below
+        self._lock = threading.Lock()  # guards `_process` and `_closing`
         self._process: subprocess.Popen[bytes] | None = None
         self._closing = False
         self._wire: Wire | None = None
@@ -105,7 +105,7 @@ class Worker:
         self._orders.put(self._order)
 
     def cancel(self) -> None:
-        """Ask the running job to stop, and kill its process after a second."""
+        """Request the running job to stop, and kill its process after a second."""
         order = self._order
         if order is None or order.ended.is_set():
             return
@@ -142,10 +142,10 @@ class Worker:
     # -- in the thread ------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        """Start a process, and give it one job after the other."""
+        """Start a process, and run submitted jobs in it one after the other."""
         try:
             if not self.in_process:
-                with contextlib.suppress(OSError):  # the first job tries again, and says why
+                with contextlib.suppress(OSError):  # the first job retries and reports the error
                     self._start_process()
                 _import_libraries()
                 remove_abandoned()
@@ -158,7 +158,7 @@ class Worker:
         """Run a job, and report its end.
 
         If the process ends without any message, it may have ended while it was idle, which `poll`
-        reports with a delay; the job is then tried once more in another process.
+        reports with a delay; the job is then retried once in another process.
         """
         receive = partial(self._deliver, order)
         if self._is_stopped(order):
@@ -189,24 +189,24 @@ class Worker:
     def _deliver(self, order: _Order, kind: str, content: Any) -> None:
         order.answered.set()
         if kind in _ENDS:
-            order.ended.set()  # before the receiver submits the next job
+            order.ended.set()  # set before the receiver submits the next job
         self._receive(kind, content)
 
     def _exchange(self, order: _Order) -> None:
-        """Send a job to the process, started if needed, and deliver its messages."""
+        """Start the process if needed, send a job to it, and deliver its messages."""
         if self._process is None or self._process.poll() is not None:
             self._drop_process()
             self._start_process()
         if self._wire is None:
             raise EOFError
         self._wire.send((order.number, order.job))
-        if order.stopped.is_set():  # before there was a connection
+        if order.stopped.is_set():  # stopped before the process was connected
             self._wire.send((order.number, None))
         while not order.ended.is_set():
             self._deliver(order, *self._wire.receive())
 
     def _replace_process(self, job: Job) -> Failure:
-        """Start another process after one has ended, and return the reason of its end."""
+        """Start another process, and return the reason why the previous process ended."""
         code = 0
         if self._process is not None:
             with contextlib.suppress(subprocess.TimeoutExpired):  # `_drop_process` ends it
@@ -214,7 +214,7 @@ class Worker:
         errors = self.folder / "stderr.txt"
         details = errors.read_bytes()[-4000:].decode(errors="replace") if errors.exists() else ""
         self._drop_process()
-        with contextlib.suppress(OSError):  # the next job tries again, and says why
+        with contextlib.suppress(OSError):  # the next job retries and reports the error
             self._start_process()
         if code == -9:
             text = (
@@ -233,7 +233,7 @@ class Worker:
         with self._lock:
             if self._closing:
                 return
-            # libraries print messages, which do not belong in the terminal
+            # messages printed by libraries do not belong in the terminal
             with open(self.folder / "stderr.txt", "wb") as errors:
                 child = start_child(serve, str(self.folder), stderr=errors, start_new_session=True)
             self._process = child
