@@ -1,1 +1,1 @@
-"""The docks of the window: mesh, field, spectrum, profiles."""
+"""Panels in the docks of the window, such as mesh, field, labels, spectrum and profiles."""

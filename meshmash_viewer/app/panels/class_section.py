@@ -32,10 +32,10 @@ _SCORES = (
     " it (1 is best). It is measured where whole strokes were left out of the training."
 )
 _EMPTY = "Press Classify for classes, their scores, and the importance of each column."
-#: Height in pixels.
+#: Height of the plot in pixels.
 _HEIGHT = 150
 #: By kind of columns: its name in the legend, the name of one column, and the power of length of
-#: the quantity that stands for the time of the column.
+#: the quantity in which the time of the column is written.
 _KINDS = dict(
     zip(
         KINDS,
@@ -143,7 +143,6 @@ class ClassSection(QWidget):
         self._show_importance()
 
     def _show_importance(self) -> None:
-        """Draw the importance of the columns, if there is a prediction."""
         learned = self._document.classes.learned
         self.importance.setVisible(learned is not None)
         if learned is not None:
@@ -152,7 +151,7 @@ class ClassSection(QWidget):
 
 
 class ImportancePlot(Plot):
-    """Importance of the columns, summed at each time, with a curve for each kind of columns."""
+    """Plot of the importance of the columns, summed at each time, with a curve for each kind."""
 
     def __init__(self, document: Document) -> None:
         self._learned = Learned()
@@ -188,7 +187,7 @@ class ImportancePlot(Plot):
         return found
 
     def numbers(self) -> list[Series]:
-        """The curves, and the importance of each column."""
+        """Return the curves and the importance of each column as series."""
         learned = self._learned
         curves = [
             Series(_KINDS[kind][0], *sums, _color(kind)) for kind, sums in self._sums().items()
@@ -197,7 +196,7 @@ class ImportancePlot(Plot):
         return curves + [Series(name, [time], [share]) for name, time, share in each]
 
     def legend(self) -> str:
-        """Legend and the most important columns, as rich text."""
+        """Return the legend and the most important columns as rich text."""
         names = {kind: _KINDS[kind][0].replace(" ", "&nbsp;") for kind in self._curves}
         parts = [
             f'<span style="color:{_color(kind)}">▬</span>&nbsp;{name}'
@@ -208,7 +207,7 @@ class ImportancePlot(Plot):
         return f"{' &nbsp;'.join(parts)}<br>Most important: {most}."
 
     def _described(self, at: int) -> str:
-        """Write a column with its importance: "HKS at 0.231 µm² (0.08)"."""
+        """Format a column with its importance: "HKS at 0.231 µm² (0.08)"."""
         learned = self._learned
         _, place, power = _KINDS[learned.kinds[at]]
         size = format_quantity(learned.times[at] ** (power / 2), learned.unit, power)

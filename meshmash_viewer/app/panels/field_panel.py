@@ -38,7 +38,7 @@ from meshmash_viewer.model.limits import (
 )
 from meshmash_viewer.units import distinct_digits
 
-#: Types of the limit policies with their labels; `NoneType` is `automatic_limits`.
+#: Types of the limit policies with their labels; `NoneType` stands for `automatic_limits`.
 _POLICIES: dict[str, tuple[type[Any], str]] = {
     "automatic": (NoneType, "Automatic"),
     "symmetric": (SymmetricLimits, "Symmetric about 0"),
@@ -53,7 +53,7 @@ _SCALES: dict[str, tuple[bool | None, str]] = {
     "log": (True, "Logarithmic"),
 }
 _KINDS = [kind for kind, _ in _POLICIES.values()]
-#: Names in the list by matplotlib's names. The order of the colours is visible in grey and with the
+#: Displayed names by matplotlib's names. The order of the colours is visible in grey and with the
 #: three common kinds of colour blindness (Brewer 2003, Moreland 2009; viridis and its family).
 DIVERGING = {
     "RdBu_r": "Blue – red",
@@ -83,9 +83,9 @@ def swatch_icon(name: str) -> QIcon:
 
 
 class ColorSection(QWidget):
-    """Colour map, policy of its limits, and the current limits.
+    """Controls of the colour map, its scale, the policy of its limits, and the limits.
 
-    Typing one end locks both limits: they stay when the field changes.
+    Typing one limit locks both limits, so that they stay the same when the field changes.
     """
 
     def __init__(self, document: Document) -> None:
@@ -135,7 +135,7 @@ class ColorSection(QWidget):
             field.edited.connect(self._lock)
             field.refused.connect(self.fault.setText)
         self.unit_label = make.muted()
-        # a width for all units, so that the fields do not move
+        # wide enough for all units, so that the fields do not move
         self.unit_label.setMinimumWidth(self.unit_label.fontMetrics().horizontalAdvance("mm⁻²"))
         default = PercentileLimits()
         self.percent_low = self._percent_spin("Low percentile", default.low)
@@ -151,7 +151,7 @@ class ColorSection(QWidget):
         self.setLayout(column(*parts, margins=(theme.MARGIN, 0, theme.MARGIN, theme.MARGIN)))
 
     def keep_room(self, keep: bool) -> None:
-        """Set whether hidden controls keep their room, so that the others do not move."""
+        """Set whether space is reserved for hidden controls, so that the others do not move."""
         make.keep_room(self.percentiles, keep)
 
     def _percent_spin(self, text: str, value: float) -> DecimalField:
@@ -197,7 +197,7 @@ class ColorSection(QWidget):
     # -- from the model ---------------------------------------------------------------------
 
     def set_field(self, field: Field | None, limits: Limits | None) -> None:
-        """Show the limits of the displayed field; None while there is none."""
+        """Show the limits of the displayed field; None without a field."""
         self._signed = None if field is None else field.signed
         self._field_key = "" if field is None else field.family.limits_key
         self._unit = "" if field is None else field.unit
@@ -211,7 +211,7 @@ class ColorSection(QWidget):
 
     @property
     def _key(self) -> str:
-        """Key of the limits: that of the field, or of the displayed family until it is drawn."""
+        """Limits key of the drawn field, or of the displayed family until its field is drawn."""
         family = self._document.display.family
         is_shown = self._field_key.partition(":")[0] == family.name
         return self._field_key if is_shown else family.limits_key
@@ -244,14 +244,14 @@ class ColorSection(QWidget):
             make.show_quietly(self.percent_high, policy.high)
         elif isinstance(policy, LockedLimits) and not (limits and limits.logarithmic):
             limits = Limits(policy.low, policy.high)
-        if self._labelled:  # labels have colours, but no limits
+        if self._labelled:  # labels have colours but no limits
             limits = None
         for control in (self.map_combo, self.policy_combo, self.percentiles):
             control.setEnabled(not self._labelled)
         self.scale_combo.setEnabled(not (self._labelled or signed))
         scales = [scale for scale, _ in _SCALES.values()]
         self.scale_combo.setCurrentIndex(scales.index(display.log_scales.get(self._key)))
-        # the entry names the automatic scale of this field
+        # the text of the entry includes the automatic scale of this field
         logarithmic = limits is not None and limits.logarithmic
         serves = "logarithmic" if logarithmic else "linear"
         self.scale_combo.setItemText(0, f"Automatic: {serves}")
@@ -270,7 +270,7 @@ class ColorSection(QWidget):
 
 #: Columns of the list of families, and the height of its rows in pixels.
 _COLUMNS, _LINE = 2, 28
-#: Height of the panel in pixels from which hidden controls keep their room.
+#: Height of the panel in pixels from which space is reserved for hidden controls.
 _ROOMY = 700
 
 
@@ -297,7 +297,7 @@ class FamilyList(QListWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        # Qt wraps a row that fills the whole width, so it is a pixel narrower
+        # one pixel narrower, as Qt would wrap a row that fills the whole width
         cell = QSize((self.viewport().width() - 1) // _COLUMNS, _LINE)
         for at in range(self.count()):
             self.item(at).setSizeHint(cell)
@@ -335,7 +335,7 @@ class FieldPanel(QWidget):
         self._refresh_tab()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Let hidden colour controls keep their room only in a tall panel."""
+        """Reserve space for hidden colour controls only in a tall panel."""
         super().resizeEvent(event)
         self.colors.keep_room(self.height() >= _ROOMY)
 

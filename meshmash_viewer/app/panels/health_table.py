@@ -102,11 +102,11 @@ class _Question:
 
 
 class HealthTable(QWidget):
-    """A row for each kind of fault: state, name, number, and a button that repairs it.
+    """Table with a row for each kind of fault: state, name, number, and a repair button.
 
     A click on a name marks the faults on the render, and describes their repair; another click or
-    Escape removes the marks. `second` is whether the table is that of the second mesh, whose
-    controls have other names.
+    Escape removes the marks. If `second`, the table is for the second mesh, and its controls have
+    other object names.
     """
 
     def __init__(self, document: Document, *, second: bool = False) -> None:
@@ -114,21 +114,21 @@ class HealthTable(QWidget):
         self._prefix, self._whose = ("second_", " of the second mesh") if second else ("", "")
         self.setObjectName(f"{self._prefix}health_table")
         self._document = document
-        #: The render that marks faults, once it is loaded.
+        #: The render on which faults are marked; None until it is loaded.
         self.scene: MeshView | None = None
-        #: The row whose faults are marked, their places once found, and index of the place in view.
+        #: The row of the marked faults, their places once found, and index of the visible place.
         self._chosen: _Row | None = None
         self._places: FaultPlaces | None = None
         self._at = -1
         self._thread: LatestThread[_Question] | None = None
-        #: Mark, name, count, and button if there is a repair, of each row.
+        #: For each row: description, mark, name, count, and repair button or None.
         self._rows = [(each, QLabel(), self._name(each), *self._controls(each)) for each in _ROWS]
         rows: list[tuple[QWidget | QLayout, ...]] = []
         for each, mark, name, count, button in self._rows:
             mark.setFixedSize(14, 18)
             for label in (mark, name, count):
                 label.setToolTip(each.tooltip)
-            # text and button share a cell, so that a column is not as wide as the longest of both
+            # name and button share a cell: separate columns would be wider
             rows.append((mark, row(name, None, *([] if button is None else [button])), count))
         self.setLayout(grid(*rows, (self._build_steps(),), spacing=(theme.GAP, 1)))
         self._escape = QShortcut(QKeySequence("Esc"), self, self.end, enabled=False)
@@ -164,7 +164,7 @@ class HealthTable(QWidget):
             tip=f"{label} (can be undone)",
         )
         button.hide()
-        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # hiding would move the focus of a click
+        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # hiding moves the focus of a click
         button.installEventFilter(self)
         return count, button
 
@@ -311,12 +311,11 @@ class HealthTable(QWidget):
                 button.setEnabled(idle)
         for step in (self._previous, self._next):
             step.setEnabled(self._places is not None and self._places.n_groups > 0)
-        # Escape cancels a job first
+        # while a job runs, Escape cancels the job
         self._escape.setEnabled(self._chosen is not None and idle)
 
 
 def _found(question: _Question, cancel: CancelCallback) -> _Found:
-    """Find the places of the faults in a row, and describe their repair."""
     from meshmash_viewer.app.view.surface import Marks
 
     row, mesh = question.row, question.mesh

@@ -42,15 +42,15 @@ _Measured: TypeAlias = tuple[Mesh, VertexMap, Mask | None]
 
 
 class LabelPanel(QWidget):
-    """Controls of the label sets; keys 1 to 9 give the selected vertices to a label."""
+    """Controls of the label sets; keys 1 to 9 assign the selected vertices to a label."""
 
-    #: Path, a function that writes the file, and a noun for its content.
+    #: Path of a file, a function that writes the file, and a noun for its content.
     write_requested = Signal(object, object, str)
 
     def __init__(self, document: Document) -> None:
         super().__init__()
         theme.named(self, "label_panel", "Labels")
-        #: The render, once it is loaded.
+        #: The render; None until it is loaded.
         self.scene: MeshView | None = None
         self._field: Field | None = None
         self._document = document
@@ -180,7 +180,7 @@ class LabelPanel(QWidget):
             path = ask_to_save(self, self._document, "labels", name, "Labels", LABEL_WRITERS)
             if path is not None:
                 chosen = [each for each in known.labels if each.key in self.table.chosen]
-                if path.name.endswith(".label") and len(chosen) == 1:  # the format holds one label
+                if path.name.endswith(".label") and len(chosen) == 1:  # for a single label
                     known = replace(known, labels=tuple(chosen))
                 work = partial(write_labels, path, known, mesh)
                 self.write_requested.emit(path, work, "Labels")
@@ -208,7 +208,6 @@ class LabelPanel(QWidget):
             scene.look_at(np.flatnonzero(table.mask(row)))
 
     def _isolate(self, row: int) -> None:
-        """Hide all vertices outside a region."""
         table = self._document.labels.regions
         if table is not None:
             self._document.hiding.isolate(table.mask(row))
@@ -223,7 +222,6 @@ class LabelPanel(QWidget):
         ask(dialog, lambda: recolor(key, dialog.selectedColor().name()))
 
     def _show_menu(self, place: QPoint) -> None:
-        """Show the menu of the chosen labels."""
         labels, chosen = self._document.labels, self.table.chosen
         shown = [each for each in self.table.labels if each.key in chosen]
         if not shown:
@@ -255,7 +253,7 @@ class LabelPanel(QWidget):
         menu.popup(place)
 
     def event(self, event: QEvent) -> bool:
-        """Handle digits while a control of the panel has the focus."""
+        """Handle digit keys while a control of the panel has the focus."""
         return given_to_label(event, self._document.labels) or super().event(event)
 
     # -- from the model -----------------------------------------------------------------------
@@ -324,7 +322,7 @@ class LabelPanel(QWidget):
                 " key; or open a file with labels."
             )
         mask = self._document.selection.mask
-        # both texts have as many lines, so that nothing below moves
+        # both texts have equally many lines, so that the controls below do not move
         text = "Select vertices, then press the key of a label."
         if mask is not None:
             count = counted(int(np.count_nonzero(mask)), "vertex")
@@ -348,7 +346,7 @@ class LabelPanel(QWidget):
 
     @property
     def idle(self) -> bool:
-        """Whether the sizes of the labels are computed."""
+        """Whether the sizes of the labels have been computed."""
         return not self._thread.working
 
     def closeEvent(self, event: QCloseEvent) -> None:

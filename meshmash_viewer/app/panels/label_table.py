@@ -15,9 +15,9 @@ from meshmash_viewer.units import counted, engineering, grouped, power_unit
 from meshmash_viewer.vertex_map import Label
 
 COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
-#: Widths of the columns in pixels; the column of names has the rest.
+#: Widths of the columns in pixels; the column of names takes the remaining width.
 _WIDTHS = {COLOR: 34, VERTICES: 64, AREA: 74, SHOWN: 23, LOCK: 23}
-#: Width of the names in pixels below which the column of vertices is hidden.
+#: Width of the column of names in pixels below which the column of vertices is hidden.
 _NAME_WIDTH = 110
 #: Least and largest number of visible rows.
 _LEAST, _MOST = 3, 9
@@ -37,7 +37,7 @@ class _Rows(Rows):
         self._sizes: LabelSizes | None = None
 
     def show_labels(self, labels: tuple[Label, ...]) -> None:
-        """Show other labels, whose sizes are not computed yet."""
+        """Replace the labels; their sizes are empty until `show_sizes`."""
         self.beginResetModel()
         self.labels, self._sizes = labels, None
         self.endResetModel()
@@ -64,7 +64,7 @@ class _Rows(Rows):
 
     @property
     def _area_unit(self) -> tuple[int, str]:
-        """Exponent of ten by which areas are scaled, and their unit, for the largest area."""
+        """Power of ten by which areas are multiplied, and their unit, for the largest area."""
         largest = 0.0 if self._sizes is None else float(self._sizes.areas.max())
         return engineering(largest, power_unit(self._document.unit, 2))
 
@@ -79,7 +79,6 @@ class _Rows(Rows):
         return make.untinted(theme.pixmap(name, colors.text if on else colors.border_strong, 16))
 
     def is_hidden(self, row: int) -> bool:
-        """Whether all vertices of a label are hidden."""
         return self._sizes is not None and bool(self._sizes.hidden[row])
 
     def text(self, row: int, column: int) -> str:
@@ -117,7 +116,7 @@ class _Rows(Rows):
 
 
 def given_to_label(event: QEvent, labels: Labels) -> bool:
-    """Give the selection to the label of a digit key; return whether it was such a key."""
+    """Assign the selection to the label of a digit key; return False for other events."""
     kinds = QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress
     if not isinstance(event, QKeyEvent) or event.type() not in kinds:
         return False
@@ -131,7 +130,7 @@ def given_to_label(event: QEvent, labels: Labels) -> bool:
 
 
 class LabelTable(Table):
-    """The labels of the current set; a double click or F2 edits a name."""
+    """Table of the labels of the current set; a double click or F2 edits a name."""
 
     #: Number of the label whose colour was clicked.
     color_requested = Signal(int)
@@ -172,7 +171,7 @@ class LabelTable(Table):
         return [self._rows.labels[row].key for row in rows]
 
     def show_labels(self, labels: tuple[Label, ...], name: str) -> None:
-        """Show the labels of a set; keep chosen rows of the same set, or choose a new label."""
+        """Show the labels of a set; in the same set, keep the chosen rows or choose a new label."""
         before, chosen = {each.key for each in self._rows.labels}, set(self.chosen)
         if name != self._set_name:
             before, chosen, self._set_name = set(), set(), name
@@ -210,7 +209,7 @@ class LabelTable(Table):
             self._document.labels.lock(label.key, not label.locked)
 
     def event(self, event: QEvent) -> bool:
-        """Handle Delete here, not as a shortcut of the window."""
+        """Handle the Delete key in the table, not as a shortcut of the window."""
         deletes = isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Delete
         if deletes and event.type() == QEvent.Type.ShortcutOverride:
             event.accept()

@@ -45,7 +45,7 @@ _WIDTH = 280
 
 
 class MeshPanel(QWidget):
-    """Left panel, whose foot with Compute and the proof does not scroll."""
+    """Left panel; its foot with the Compute button and the proof does not scroll."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -105,7 +105,7 @@ class MeshPanel(QWidget):
         self.setMinimumWidth(max(_WIDTH, self._content.minimumSizeHint().width() + 16))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Follow the width of the contents, which changes with counts, unit and style."""
+        """Adapt the width to the contents, which change with counts, unit and style."""
         if watched is self._content and event.type() == QEvent.Type.LayoutRequest:
             self._fit()
         return super().eventFilter(watched, event)
@@ -127,7 +127,7 @@ class MeshPanel(QWidget):
                 selectable=True,
                 alignment=Qt.AlignmentFlag.AlignRight,
             )
-            # a long value is cut off and does not widen the panel; the tooltip shows all of it
+            # a long value is cut off and does not widen the panel; the tooltip shows it whole
             label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             self._facts[name] = label
         self.unit_combo = UnitCombo(self._document)
@@ -187,7 +187,7 @@ class MeshPanel(QWidget):
             lambda: document.take_part(None, then_compute=True),
             role="link",
         )
-        # one below the other, so that they do not widen the panel
+        # stacked, so that they do not widen the panel
         buttons = row(self.selection_button, None), row(self.whole_button, None)
         return column(self.part_label, *buttons, spacing=0)
 
@@ -291,7 +291,7 @@ class MeshPanel(QWidget):
         self.progress_bar = QProgressBar(textVisible=False)
         theme.named(self.progress_bar, "progress_bar", "Progress")
         make.keep_room(self.progress_bar)
-        # the labels share one place of fixed size, so that the buttons above do not move
+        # both labels share one place of fixed size, so that the buttons above do not move
         self.progress_label = make.reserved_note("progress_label", 4, "muted", "What is being done")
         self.proof_label = make.reserved_note("proof_label", 4, "proof", "Proof of the eigenpairs")
         self.proof_label.setToolTip(
@@ -307,11 +307,11 @@ class MeshPanel(QWidget):
         return theme.named(foot, "mesh_panel_foot")
 
     def _note_refusal(self) -> None:
-        """Note whether the press of the button ended the typing of an invalid number."""
+        """Record whether pressing the button ended the typing of an invalid number."""
         self._refused = any(each.just_refused for each in self.findChildren(NumberField))
 
     def _compute(self) -> None:
-        if not self._refused:  # else the number was replaced, which the user has not seen yet
+        if not self._refused:  # the user has not seen yet that the number was replaced
             self._document.solve.compute()
 
     def _refresh_job(self) -> None:
@@ -321,7 +321,7 @@ class MeshPanel(QWidget):
             (self.cancel_button, state is not None and not state.cancelling),
         ):
             if not usable and button.hasFocus():
-                self.window().setFocus()  # keys are commands then; Qt would focus the next control
+                self.window().setFocus()  # Qt would focus the next control, which takes keys
             button.setEnabled(usable)
         self.progress_bar.setVisible(state is not None)
         self._status_stack.setCurrentIndex(0 if state is None else 1)
@@ -355,7 +355,7 @@ class MeshPanel(QWidget):
 
 
 def _size(extent: np.ndarray, unit: str) -> str:
-    """Write three lengths in one unit: "15.9 × 15.8 × 6.04 µm", "(1.92 × 2.65 × 0.18)×10⁷"."""
+    """Format three lengths in one unit: "15.9 × 15.8 × 6.04 µm", "(1.92 × 2.65 × 0.18)×10⁷"."""
     largest = float(extent.max())
     exponent, written = engineering(largest, unit)
     power = math.floor(math.log10(largest)) + exponent if largest > 0.0 else 0

@@ -39,17 +39,17 @@ _MATCHES = {"pair_best_label": "Best match", "pair_next_label": "Next best"}
 
 
 class PairPanel(QWidget):
-    """Results and options of the comparison; without a second mesh a hint."""
+    """Results and options of the comparison; a hint without a second mesh."""
 
     open_requested = Signal()
     close_requested = Signal()
-    #: Path of a file for the match.
+    #: Path of the file for the match.
     save_requested = Signal(object)
-    #: The field of the first mesh is to be stored as a map of the second.
+    #: Request to store the field of the first mesh as a map of the second.
     keep_requested = Signal()
-    #: Files with values per vertex of the second mesh are to be chosen.
+    #: Request to choose files with values per vertex of the second mesh.
     maps_requested = Signal()
-    #: Results of the second mesh are to be written to a file.
+    #: Request to write results of the second mesh to a file.
     export_requested = Signal()
 
     def __init__(self, document: Document) -> None:
@@ -84,7 +84,7 @@ class PairPanel(QWidget):
             role="link",
         )  # fmt: skip
         self.unit_label = make.muted("Its unit")
-        #: Layout of the unit of the second mesh.
+        #: Layout of the unit control of the second mesh.
         self._unit = QVBoxLayout()
         self.figures = make.Facts(_FIGURES)
         for label in self.figures.findChildren(QLabel):
@@ -159,7 +159,7 @@ class PairPanel(QWidget):
             "Write features, eigenpairs or maps of the second mesh to a file",
             self.export_requested,
         )  # fmt: skip
-        #: Controls of the second mesh, made anew for each second mesh.
+        #: Controls of the second mesh, created for each second mesh.
         self.health: HealthTable | None = None
         self._unit_combo: UnitCombo | None = None
         self._second = QVBoxLayout()
@@ -274,7 +274,7 @@ class PairPanel(QWidget):
             self.matrix.show_matrix(found.functional.matrix)
         self.carry_check.setEnabled(found is not None)
         for control in (self.save_button, self.keep_button, *self.carry_buttons):
-            control.setEnabled(found is not None and not pair.comparing)  # the match is not final
+            control.setEnabled(found is not None and not pair.comparing)  # not during a comparison
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         for control in (self.map_button, self.export_button):
             control.setEnabled(other is not None)
@@ -346,7 +346,7 @@ class PairPanel(QWidget):
         ] or [""]
 
     def _match_text(self, pair: Pair) -> str:
-        """Explain the best matches of the last pin, and the numbers after them."""
+        """Return an explanation of the best matches of the last pin and their scores."""
         if pair.comparison is None or not pair.first.pins.placed:
             return ""
         feature, found = MATCHED_IN[pair.matched_in].short, pair.comparison
@@ -377,7 +377,7 @@ class PairPanel(QWidget):
 
     @property
     def _meshes(self) -> list[Mesh]:
-        """The open meshes, the first one first."""
+        """The open meshes, in the order first, second."""
         both = self._document.mesh, self._pair.second.mesh if self._pair else None
         return [each for each in both if each is not None]
 
@@ -392,14 +392,14 @@ class PairPanel(QWidget):
 
 
 def _written_distance(found: Comparison) -> str:
-    """Write the spectral distance with its definition."""
+    """Format the spectral distance with its definition."""
     text = f"{format_number(found.distance)}: norm of the difference of λ × area"
     share = found.relative_distance
     return f"{text}, {format_share(share)} of that of the first" if math.isfinite(share) else text
 
 
 def _written_match(found: Comparison) -> str:
-    """Write how vertices are matched, and the share that is matched mutually."""
+    """Format the method of the match, and the share of mutual matches."""
     if found.given:
         return "by index: same faces"
     how = "by features" if found.functional is None else "by ZoomOut"
@@ -408,7 +408,7 @@ def _written_match(found: Comparison) -> str:
 
 
 def _written_functions(found: FunctionMatches) -> str:
-    """Write how many eigenfunctions of the first mesh have a match on the second."""
+    """Format the number of eigenfunctions of the first mesh without a match."""
     missing, total = int((~found.determined).sum()), len(found.indices)
     if not missing:
         return f"all {total:,} are matched"

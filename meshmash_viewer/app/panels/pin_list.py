@@ -19,20 +19,20 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.units import NO_BREAK, format_position
 
-#: Largest number of pins with a line in the legend and a profile; these are the oldest.
+#: Largest number of pins with a line in the legend and a profile; the oldest pins are shown.
 MOST_SHOWN = 40
-#: Largest width of a pin's name in pixels; "Vertex 1,234" is not shortened.
+#: Largest width of a pin's name in pixels; the default name "Vertex 1,234" is not shortened.
 _WIDEST = 72
 
 
 class PinLegend(QScrollArea):
-    """A line for each of the first `MOST_SHOWN` pins: colour, number, name, and a remove button."""
+    """Legend of the first `MOST_SHOWN` pins: colour, number, name, and a remove button."""
 
     #: Vertex of the pin under the pointer, -1 for none.
     pointed = Signal(int)
-    #: Vertex of a pin that was clicked twice.
+    #: Vertex of a double-clicked pin.
     activated_pin = Signal(int)
-    #: Vertex of a pin, and the position on the screen, of a right click.
+    #: Vertex of a right-clicked pin, and the position on the screen.
     menu_requested = Signal(int, QPoint)
 
     def __init__(self, document: Document) -> None:
@@ -47,14 +47,14 @@ class PinLegend(QScrollArea):
         self._column = column(None, spacing=0, margins=(theme.GAP, 0, 0, 0))
         content.setLayout(self._column)
         self.setWidget(content)
-        #: Lines by pin and text, as the name of a vertex may change with a repair.
+        #: Lines by pin and text, as a repair can change the name of a vertex.
         self._rows: dict[tuple[Pin, str], QWidget] = {}
         self._short = False
         follow(document.pins.changed, self._refresh)
         self._refresh()
 
     def set_short(self, short: bool) -> None:
-        """Set whether lines show the numbers alone, with names in tooltips."""
+        """Set whether lines show only numbers, with names in tooltips."""
         if short != self._short:
             self._short = short
             self._refresh()
@@ -203,9 +203,9 @@ class PinTable(Table):
 
     #: Vertex of the pin under the pointer, -1 for none.
     pointed = Signal(int)
-    #: Vertex of a pin that was clicked twice.
+    #: Vertex of a double-clicked pin.
     activated_pin = Signal(int)
-    #: Vertex of a pin, -1 below them, and the position on the screen.
+    #: Vertex of a right-clicked pin, -1 below the rows, and the position on the screen.
     menu_requested = Signal(int, QPoint)
     #: Vertex of a pin, and the name that was typed.
     renamed = Signal(int, str)

@@ -20,7 +20,7 @@ _HINT = "Open a table of synapses or other points; Measure then counts them in e
 
 
 class PointSection(QWidget):
-    """Opens and removes points, and sets their colour, size and largest distance."""
+    """Controls to open and remove points, and to set their colour, size and largest distance."""
 
     open_requested = Signal()
     remove_requested = Signal()

@@ -32,20 +32,20 @@ _VIEWS = {
     if family.export and family.profile is not Family.profile
 }
 
-#: Number of eigenfunctions in view; the curves of hundreds would fill the plot.
+#: Number of eigenfunctions shown at once; the curves of hundreds would fill the plot.
 _AT_ONCE = 60
 #: Largest distance in pixels between the pointer and the curve that it highlights.
 _NEAR = 8.0
-#: Width of the panel in logical pixels below which the legend shows numbers alone.
+#: Width of the panel in logical pixels below which the legend shows only numbers.
 _NARROW = 340
-#: Eigenpairs, and vertices at which they are read.
+#: Eigenpairs, and vertices at which eigenfunctions are read.
 _Request: TypeAlias = tuple[Eigenpairs, tuple[int, ...]]
 
 
 def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.float64]:
     """Read the k eigenfunctions at m vertices, shape (k, m).
 
-    They are read one by one, as NumPy holds the interpreter lock while it copies from the disk.
+    Eigenfunctions are read one by one, as NumPy keeps the interpreter lock during a copy from disk.
     """
     (spectrum, vertices), rows = request, []
     for at in range(len(spectrum)):
@@ -56,13 +56,13 @@ def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.floa
 
 
 class ProfilePanel(PlotPanel):
-    """Bottom panel; shows the displayed family unless the user chooses another one."""
+    """Bottom panel with profiles of the displayed family, or of a family chosen by the user."""
 
     #: Vertex of the pin under the pointer in a list or on the plot, -1 for none.
     pin_pointed = Signal(int)
-    #: Vertex of a pin that was double-clicked in a list.
+    #: Vertex of a pin double-clicked in a list.
     pin_activated = Signal(int)
-    #: Vertex of a pin, -1 for none, and the position on the screen.
+    #: Vertex of a right-clicked pin, -1 for none, and the position on the screen.
     menu_requested = Signal(int, QPoint)
 
     def __init__(self, document: Document) -> None:
@@ -74,8 +74,7 @@ class ProfilePanel(PlotPanel):
         self._drawn: tuple[Eigenpairs, Family] | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
-        #: Eigenfunctions at pinned vertices, and the last request; values stay until new ones have
-        #: been read.
+        #: Eigenfunctions by pinned vertex, kept until the last request has been answered.
         self._values: dict[int, npt.NDArray[np.float64]] = {}
         self._requested: _Request | None = None
         self._reader = LatestThread(_values_at, self._take, parent=self)
@@ -150,7 +149,7 @@ class ProfilePanel(PlotPanel):
         self._select(float(marker.value()), 0.0)
 
     def _stop_paging(self, *_: object) -> None:
-        """Keep the range after the user has zoomed."""
+        """Keep the range of the plot after the user has zoomed."""
         self._paged = False
 
     def _hover(self, x: float, y: float) -> None:
@@ -160,7 +159,7 @@ class ProfilePanel(PlotPanel):
             places, heights = curve.getData()
             if places is None or not len(places):
                 continue
-            # distance from the line between two points, too
+            # also the distance from the line between two points
             height = np.interp(x, places, heights)
             distance = np.hypot((places - x) / wide, (heights - y) / tall).min()
             distance = min(float(distance), abs(float(height) - y) / tall)
@@ -175,13 +174,13 @@ class ProfilePanel(PlotPanel):
             self.pin_pointed.emit(vertex)
 
     def point_at(self, vertex: int) -> None:
-        """Highlight the pin of a vertex, or none for -1, unless the pointer is on a pin here."""
+        """Highlight the pin of a vertex, or no pin (-1); a pin under the pointer has precedence."""
         self._pointed_outside = vertex
         self._bring_forward()
 
     @property
     def chosen_pin(self) -> int:
-        """Vertex of the pin under the pointer, here or outside, or chosen in the table; or -1."""
+        """Vertex of the pin under the pointer in any view, or chosen in the table; -1 for none."""
         pointed = self._hovered if self._hovered >= 0 else self._pointed_outside
         return pointed if pointed >= 0 or not self.table.isVisible() else self.table.chosen
 
@@ -236,7 +235,7 @@ class ProfilePanel(PlotPanel):
         if spectrum is None or not there:
             self._reader.drop()
             self._requested, self._values = None, {}
-            self._drawn = self._profile = None  # they refer to a mesh that may be closed
+            self._drawn = self._profile = None  # release a mesh that may be closed
             return
         request = spectrum, tuple(pin.vertex for pin in pins)
         if request != self._requested:
@@ -274,7 +273,7 @@ class ProfilePanel(PlotPanel):
             self._mark(spectrum)
 
     def _key(self) -> tuple[Eigenpairs, Family] | None:
-        """The spectrum and the family that the curves depend on; None without a spectrum."""
+        """Return the spectrum and family on which the curves depend; None without a spectrum."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None:
             return None
@@ -311,7 +310,7 @@ class ProfilePanel(PlotPanel):
             item.setZValue(1.0 if forward else 0.0)
 
     def _turn_page(self, at: float, last: float) -> None:
-        """Show the page of `_AT_ONCE` eigenfunctions with the displayed one."""
+        """Show the range of `_AT_ONCE` eigenfunctions that contains the displayed one."""
         if not self._family.signed or not self._paged:
             return
         page = int(at) // _AT_ONCE

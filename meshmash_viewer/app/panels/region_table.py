@@ -15,8 +15,8 @@ from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.units import engineering, grouped
 from meshmash_viewer.vertex_map import Label
 
-#: Titles of columns of `regions`; others have their names. The first column of the table combines
-#: label and part.
+#: Titles of columns of `regions`; the default is the name of the column. The first column of the
+#: table combines label and part.
 _TITLES = {"neck_width": "Neck", "lambda2": "λ₂", "loops": "Loops"}
 _NOT_SHOWN = ("label", "part")
 _FIRST = ("area", "neck_width", "volume", "extent")
@@ -35,11 +35,10 @@ class _Rows(Rows):
         self.table: Regions | None = None
         self._colors: dict[str, str] = {}
         self._columns: list[str] = []
-        #: Power of ten that a column is multiplied by, and its unit.
+        #: By column: the power of ten by which it is multiplied, and its unit.
         self._units: dict[str, tuple[int, str]] = {}
 
     def show_regions(self, table: Regions | None, labels: tuple[Label, ...]) -> None:
-        """Show other regions."""
         self.beginResetModel()
         self.table, self._colors = table, {each.name: each.color for each in labels}
         named = [] if table is None else [each for each in table.columns if each not in _NOT_SHOWN]
@@ -57,7 +56,7 @@ class _Rows(Rows):
 
     @property
     def titles(self) -> list[str]:
-        # "Mean" of "mean Mean curvature"
+        # "mean Mean curvature" has the title "Mean"
         short = (
             each if each.startswith("sum ") else each.partition(" ")[0] for each in self._columns
         )
@@ -96,7 +95,7 @@ class _Rows(Rows):
         return float(self.table[self._columns[column - 1]][row]) if column else row
 
     def tip(self, row: int, column: int) -> str:
-        """Return the name of the label, with the number of the part if it has several."""
+        """Return the name of the label, with the number of the part if there are several."""
         assert self.table is not None
         label, part = str(self.table["label"][row]), int(self.table["part"][row])
         several = part > 1 or label in self.table["label"][row + 1 : row + 2]
@@ -109,7 +108,7 @@ def _largest(values: np.ndarray[Any, Any]) -> float:
 
 
 class RegionTable(Table):
-    """Table of regions, which a click on a title sorts."""
+    """Table of regions; a click on the title of a column sorts the rows."""
 
     #: Row in `Regions` that was clicked, or double-clicked.
     region_clicked = Signal(int)
@@ -130,7 +129,7 @@ class RegionTable(Table):
         self.doubleClicked.connect(lambda index: self.region_activated.emit(self._row_of(index)))
 
     def show_regions(self, table: Regions | None, labels: tuple[Label, ...]) -> None:
-        """Show regions with the colours of their labels, or none."""
+        """Show regions with the colours of their labels; an empty table for None."""
         if table is self._rows.table:
             return
         self._rows.show_regions(table, labels)

@@ -24,12 +24,12 @@ _COMMANDS = (
     "grow_selection", "shrink_selection", "fill_selection", "invert_selection", "clear_selection",
     "cut",
 )  # fmt: skip
-#: Milliseconds from a change until the selection is counted.
+#: Milliseconds from a change of the selection until its vertices are counted.
 _REST = 120
 
 
 class SelectBar(QToolBar):
-    """Toolbar that is visible while the tool is active."""
+    """Toolbar that is visible while the *Select* tool is active."""
 
     def __init__(self, document: Document, tool: SelectTool, actions: Actions) -> None:
         super().__init__("Select")
@@ -72,7 +72,7 @@ class SelectBar(QToolBar):
             tip="Select only what is connected with the pinned vertex",
         )  # fmt: skip
         to = make.muted(" Up to ")
-        #: For each mode the controls that belong to it.
+        #: Controls of each mode.
         self._of_modes: dict[str, tuple[QWidget, ...]] = {
             "brush": (make.muted(" Radius "), self.radius),
             "lasso": (self.through,),
@@ -89,7 +89,7 @@ class SelectBar(QToolBar):
         self.addWidget(self.count_label)  # last, so that its width does not move the commands
         tool.changed.connect(self._refresh)
         tool.changed.connect(self._count_soon)
-        #: Delays counting, so that it is not repeated at each move of a stroke.
+        #: Delay before counting, so that vertices are not counted at each move of a stroke.
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(self._count)
         listen((document.selection.changed, document.mesh_changed), self._count_soon)
@@ -97,7 +97,6 @@ class SelectBar(QToolBar):
         self._count()
 
     def _refresh(self) -> None:
-        """Show the options of the mode, and their values."""
         tool = self._tool
         self.setVisible(tool.on)
         self.mode_combo.setCurrentIndex(self.mode_combo.findData(tool.mode))
@@ -124,14 +123,13 @@ class SelectBar(QToolBar):
             self._rest.start()
 
     def _count(self) -> None:
-        """Show the number and the area of the selected vertices."""
         mesh, mask = self._document.mesh, self._document.selection.mask
         if not self._tool.on:
             return
         if mesh is None or mask is None:
             self.count_label.setText(" Nothing selected ")
             return
-        chosen = np.flatnonzero(mask)  # most often few
+        chosen = np.flatnonzero(mask)  # usually few vertices
         texts = [counted(len(chosen), "vertex")]
         if self._tool.prepared:
             texts.append(format_quantity(float(mesh.vertex_areas[chosen].sum()), mesh.unit, 2, 4))

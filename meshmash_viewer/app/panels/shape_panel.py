@@ -27,9 +27,9 @@ _FACTS = {"shape_distance_label": "Moved by (rms)", "shape_wave_label": "Shortes
 
 
 class ShapePanel(QWidget):
-    """Controls of the drawn shape, whose colours still show the field."""
+    """Controls of the drawn shape; its colours show the displayed field."""
 
-    #: Path of a file for the shape.
+    #: Path of the file for the shape.
     save_requested = Signal(object)
 
     def __init__(self, document: Document) -> None:

@@ -22,7 +22,7 @@ from meshmash_viewer.units import subscript
 
 
 class SpectrumPanel(PlotPanel):
-    """Bottom panel; shows the plot that suits the displayed field, or the chosen one."""
+    """Bottom panel with the plot for the displayed field, or a plot chosen by the user."""
 
     def __init__(self, document: Document) -> None:
         super().__init__(document, "spectrum", "Spectrum")
@@ -50,7 +50,7 @@ class SpectrumPanel(PlotPanel):
         self.saver = PlotSaver(self.plot, document, lambda: self.view.numbers(), self._dress)
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
-        # two calls of the event loop, as the layout of a hidden plot takes as long as filling it
+        # two separate calls, as the layout of a hidden plot takes as long as filling the plot
         follow((document.spectrum_changed, document.mesh_changed), self._show_what_is_there)
         follow((document.spectrum_changed, document.mesh_changed), self._refresh_spectrum)
         follow(document.display.events, self._refresh_current)
@@ -140,7 +140,7 @@ class SpectrumPanel(PlotPanel):
         self.head.fit()
 
     def _read(self, index: int | None) -> None:
-        """Write the eigenvalue of an index, or of the displayed position for None."""
+        """Show the eigenvalue of an index, or for None of the displayed position."""
         spectrum, unit = self._document.spectrum, self._document.unit
         if spectrum is None or not len(spectrum) or self._shown != "eigenvalues":
             self.readout.setText("")
@@ -154,7 +154,7 @@ class SpectrumPanel(PlotPanel):
             f"wavelength {format_wavelength(value, unit)}"
         )
         self.readout.setText(text)
-        self.plot.setToolTip(text)  # a narrow panel has no room for the readout
+        self.plot.setToolTip(text)  # a narrow panel cuts off the readout
 
     def _dress(self) -> None:
         for view in self._views.values():

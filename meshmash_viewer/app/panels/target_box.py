@@ -27,7 +27,7 @@ from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
 from meshmash_viewer.units import counted, format_range, power_unit
 
-#: Share of zero eigenvalues from which the box offers to remove small components.
+#: Share of zero eigenvalues from which the removal of small components is offered.
 _MANY_ZEROS = 0.1
 #: Largest number of eigenpairs while no mesh is open.
 _MOST = 100_000
@@ -75,9 +75,9 @@ _WAYS = {
 
 
 class TargetBox(QWidget):
-    """The target in four quantities; a change of one is converted to the others.
+    """Controls of the target in four quantities; an edit of one updates the other three.
 
-    The quantity that was edited last is the target; the others are estimates by Weyl's law.
+    The quantity that was edited last is the target; the other three are estimated by Weyl's law.
     """
 
     def __init__(self, document: Document) -> None:
@@ -99,7 +99,7 @@ class TargetBox(QWidget):
                 whole=whole,
                 tip=way.tip,
             )
-            # as wide as the panel, not as the longest possible number
+            # the width of the panel, not of the longest possible number
             field.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             field.setMinimumWidth(132)
             field.bounds = 1.0, _MOST if whole else 1e150
@@ -126,9 +126,9 @@ class TargetBox(QWidget):
             lambda: document.repair("keep_largest_component", then_compute=True),
             role="link",
         )
-        self.keep_button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click hides it
+        self.keep_button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click hides the button
         self.keep_button.hide()
-        self._note_stack = QStackedLayout()  # both have one place, so that nothing moves
+        self._note_stack = QStackedLayout()  # note and fault share one place, so that nothing moves
         self._note_stack.addWidget(self.note)
         self._note_stack.addWidget(self.fault)
         rows = zip(self._radios.values(), self._fields.values(), strict=True)
@@ -179,7 +179,7 @@ class TargetBox(QWidget):
         self._show_note()
 
     def _offer_largest(self, ready: MeshReady, count: float) -> None:
-        """Offer to keep the largest component if the others have many of the pairs."""
+        """Offer to keep the largest component if the others account for many of the pairs."""
         others, health = ready.health.n_components - 1, ready.health
         left = health.n_vertices - health.unreferenced_vertices - health.largest_component
         what = f"{counted(others, 'component')} with {counted(left, 'vertex')}"
