@@ -1,1 +1,1 @@
-"""The window. Everything in here may import Qt; only the render imports VTK."""
+"""The main window. All of its modules may import Qt; only the render imports VTK."""

@@ -20,7 +20,7 @@ from meshmash_viewer.app.view.camera import view_label
 from meshmash_viewer.arrays import SMALL
 from meshmash_viewer.fields import FAMILIES
 
-#: Names of keys in help texts, and a key sequence that contains each.
+#: Names of keys in help texts, and a key sequence that contains the key.
 _MODIFIERS = {"Ctrl": "Ctrl+A", "Shift": "Shift+A", "Alt": "Alt+A"}
 _NAMES = {"PgDn": "PgDown", "PgUp": "PgUp", "Esc": "Esc"}
 #: Menus in the order of the menu bar.
@@ -37,7 +37,7 @@ SELECT_MODES: dict[str, tuple[str, str]] = {
     "alike": ("Alike", "Select vertices similar to the pinned one, by distance in features"),
 }
 
-#: Gestures of the mouse over the render and what they do, for the help.
+#: Mouse gestures over the render, and the effect of each, for the help.
 MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Drag", "Rotate"),
     ("Shift + drag, or right button", "Pan"),
@@ -66,16 +66,16 @@ class Command:
     Attributes
     ----------
     shortcuts : tuple of str
-        Key sequences in Qt's portable form. Those of `standard` on this operating system come
-        first; menus show the first of all.
+        Key sequences in Qt's portable form. They follow the sequences of `standard` on this
+        operating system; menus show the first sequence only.
     toolbar, icon : str
         Label on the toolbar ("" if it has no button there), and a key of `theme.ICONS`.
     separated : bool
-        Whether a separator precedes it in menu and toolbar.
+        Whether a separator precedes the command in menu and toolbar.
     needs : str
-        The condition under which it is enabled, a key in `Commands.there`; "" for always.
+        The condition under which the command is enabled, a key in `Commands.there`; "" for always.
     does : tuple of str and object, optional
-        Name and argument of the method that implements it; by default the method `name`.
+        Name and argument of the method that implements the command; by default the method `name`.
     """
 
     name: str
@@ -338,7 +338,7 @@ class Actions:
     def fill_menus(self, window: QMainWindow) -> dict[str, QMenu]:
         """Fill the menu bar of a window; return its menus and submenus by name."""
         menus: dict[str, QMenu] = {}
-        taken = set("il")  # narrow letters: the line under a mnemonic would be too short
+        taken = set("il")  # the underline of these narrow letters would be too short to see
         for name in MENUS:
             at = next(at for at, letter in enumerate(name.lower()) if letter not in taken)
             taken.add(name[at].lower())
@@ -362,7 +362,7 @@ class Actions:
                 toolbar.addAction(self._actions[each.name])
 
     def fit_toolbar(self, toolbar: QToolBar, width: int) -> None:
-        """Show as few toolbar buttons without text as needed for the toolbar to fit a width."""
+        """Hide the text of as few toolbar buttons as needed for the toolbar to fit a width."""
         for name in _BY_ICON:
             self._actions[name].setPriority(QAction.Priority.NormalPriority)
         for name in _BY_ICON:
@@ -371,7 +371,7 @@ class Actions:
             self._actions[name].setPriority(QAction.Priority.LowPriority)
 
 
-#: Commands whose buttons lose their text if the toolbar is too wide, the first one first.
+#: Commands whose buttons lose their text if the toolbar is too wide, in this order.
 _BY_ICON = ("help", "flip", "nodal_lines", "reset_camera", "save_picture", "export", "play")
 _ROLES = {"quit": QAction.MenuRole.QuitRole, "about": QAction.MenuRole.AboutRole}
 
@@ -382,7 +382,7 @@ def native_keys(*sequences: QKeySequence | str) -> str:
 
 
 def native_text(text: str) -> str:
-    """Replace the names of keys in a text, as "Ctrl + wheel", by those of the operating system."""
+    """Replace key names in a text ("Ctrl + wheel") by the names on this operating system."""
     for name, sequence in _MODIFIERS.items():
         native = _native(QKeySequence(sequence)).removesuffix("A").rstrip("+")
         text = re.sub(rf"\b{name}(?= \+)", native, text)

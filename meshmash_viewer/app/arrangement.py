@@ -1,4 +1,4 @@
-"""What is around the render: the docks of the panels, and the status bar."""
+"""Docks of the panels, and contents of the status bar."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FIELD_WIDTH = 316
 _PLOT_WIDTH = 130
 #: Width of the window below which the two plots are tabs of one dock area.
 _NARROW = 1240
-#: Widths of the window, with one render and with two, below which Field is a tab of the left area.
+#: Window widths below which Field is a tab of the left area, for one render and for two.
 _NARROW_ONE, _NARROW_PAIR = 1000, 1100
 #: Panels that are tabs of the left area.
 _LEFT = ("mesh", "shape", "pair", "label")
@@ -61,14 +61,14 @@ class Dock(QDockWidget):
         bar.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         hide = f"Hide {title}"
         self._close = make.icon_button(f"{name}_dock_close", hide, self.close, tip=hide)
-        self._close.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # as the buttons of Qt's own docks
+        self._close.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # like the buttons of Qt's own docks
         bar.setLayout(row((QLabel(title),), self._close, margins=(theme.MARGIN, 4, 6, 4)))
         self.setTitleBarWidget(bar)
         theme.notifier().changed.connect(self._refresh)
         self._refresh()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Pass unhandled keys to the window, also if the dock floats."""
+        """Pass unhandled keys to the window; Qt does not do so for a floating dock."""
         super().keyPressEvent(event)
         window = self.parentWidget()
         if self.isFloating() and window is not None:
@@ -83,7 +83,7 @@ class Arrangement:
 
     def __init__(self, window: QMainWindow) -> None:
         self._window = window
-        #: Whether the plots are tabs, two meshes are compared, and Field is in the left area.
+        #: Whether the plots are tabs, two meshes are compared, and Field is a tab at the left.
         self._narrow = self._comparing = self._field_aside = False
         window.setDockNestingEnabled(True)
         areas = Qt.DockWidgetArea
@@ -108,7 +108,7 @@ class Arrangement:
         )
         for name in _LEFT[1:]:
             window.tabifyDockWidget(self.docks[_LEFT[0]], self.docks[name])
-        for name in _LEFT:  # the Tab key would reach the panels of hidden tabs otherwise
+        for name in _LEFT:  # disable panels of hidden tabs, so that the Tab key skips them
             self.docks[name].visibilityChanged.connect(
                 lambda shown, dock=self.docks[name]: dock.widget().setEnabled(shown)
             )
@@ -128,7 +128,7 @@ class Arrangement:
 
     def reset(self) -> None:
         self._window.restoreState(self._first, _VERSION)
-        # toolbars added after that state was saved would be on the line of the first one
+        # toolbars added after the state was saved would share the line of the first toolbar
         directly = Qt.FindChildOption.FindDirectChildrenOnly
         for bar in self._window.findChildren(QToolBar, options=directly)[1:]:
             self._window.insertToolBarBreak(bar)
@@ -136,9 +136,9 @@ class Arrangement:
         self.share_room()
 
     def share_room(self) -> None:
-        """Give the docks their default sizes.
+        """Resize the docks to their default sizes.
 
-        Unlike `reset`, this does not restore a state, for which Qt would make new tab bars.
+        Unlike `reset`, this method does not call `restoreState`, which makes new tab bars.
         """
         self.fit()
         sides = [self.docks["mesh"], self.docks["field"]]
@@ -170,7 +170,7 @@ class Arrangement:
             window.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
 
     def set_comparing(self, comparing: bool) -> None:
-        """Adapt the docks to two renders, or to one."""
+        """Adapt the docks to two renders, or to a single render."""
         self._comparing = comparing
         self._fit_field()
         if comparing:
@@ -216,12 +216,12 @@ class Arrangement:
         aside = self._window.tabifiedDockWidgets(self.docks["field"])
         self._field_aside = self._is_field_aside and self.docks["mesh"] in aside
         plots = self._window.tabifiedDockWidgets(self.docks["spectrum"])
-        # otherwise the plots would stay tabs in a window that is wider than when it was stored
+        # `fit` then splits plots that are tabs if the window is now wider than when stored
         self._narrow = self._window.width() < _NARROW and self.docks["profile"] in plots
 
 
 class HoverLabel(QLabel):
-    """Index, value and position of the vertex under the pointer, or the size of the mesh."""
+    """Label with index, value and position of the vertex under the pointer, or the mesh size."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -229,7 +229,7 @@ class HoverLabel(QLabel):
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._document = document
         self._vertex = self._point = -1
-        #: The field that is drawn.
+        #: The drawn field.
         self.field: Field | None = None
         #: Whether a click pins the vertex.
         self.clicks_pin = True
@@ -241,12 +241,12 @@ class HoverLabel(QLabel):
         self._refresh()
 
     def show_point(self, point: int) -> None:
-        """Describe a point of the table as well, or none for -1."""
+        """Describe a point of the table before the vertex, or no point for -1."""
         self._point = point
         self._refresh()
 
     def _of_point(self) -> list[str]:
-        """Describe the point under the pointer, with its value in the column that colours it."""
+        """Return the description of the point under the pointer, and its value in the column."""
         points = self._document.points
         if points.projected is None or points.shown is None or self._point < 0:
             return []
@@ -272,7 +272,7 @@ class HoverLabel(QLabel):
                 named = field.labels or not math.isfinite(field.values[vertex])
                 value = field.value_text(vertex)
                 parts.append(value if named else f"value {value}")
-            # in the unit of the file, which *Go to vertex or position* reads
+            # in the unit of the file, as *Go to vertex or position* expects
             place = ", ".join(format_number(x, 6) for x in mesh.vertices[vertex])
             parts.append(f"at ({place}){NO_BREAK}{mesh.unit}".rstrip())
             if self.clicks_pin:
@@ -295,7 +295,7 @@ def progress_text(state: JobState) -> str:
 
 
 def show_progress(bar: QProgressBar, state: JobState) -> None:
-    """Show the completed fraction of a job; the maximum is 0 if it is unknown."""
+    """Show the completed fraction of a job; the bar's maximum is 0 if the fraction is unknown."""
     fraction = state.progress.fraction
     bar.setMaximum(0 if fraction is None else _STEPS)
     if fraction is not None:
@@ -303,7 +303,7 @@ def show_progress(bar: QProgressBar, state: JobState) -> None:
 
 
 class StatusProgress(QWidget):
-    """Progress in the status bar while `dock`, whose panel shows it as well, is hidden."""
+    """Progress of the running job in the status bar, shown while the panel in `dock` is hidden."""
 
     def __init__(self, document: Document, dock: QDockWidget) -> None:
         super().__init__()

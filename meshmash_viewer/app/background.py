@@ -1,4 +1,4 @@
-"""Background work of a window: jobs, file access, and threads that serve the newest request."""
+"""Background work of a window: jobs, file access, and threads that process the newest request."""
 
 from __future__ import annotations
 
@@ -38,17 +38,18 @@ Request = TypeVar("Request")
 
 
 class LatestThread(QThread, Generic[Request]):
-    """Works on one request at a time; a newer request replaces the waiting one.
+    """Thread that processes one request at a time; a newer request replaces the waiting one.
 
-    `work` is called in the thread with a request, and a function that returns True once the answer
-    is not needed; it may then raise `Cancelled`. `take`, a bound method of a QObject, is called in
-    the thread of that object with a request and its answer, or with the exception that was raised;
-    `answered` may also be emitted with intermediate answers. The work begins when no newer request
-    has come for `rest` seconds. With `one_core`, linear algebra uses this thread only: further
-    threads would compete with the interface thread, and make products several times slower while
-    the solver runs. That limit applies to the whole process, and is removed after each request.
+    `work` is called in this thread with a request and a function that returns True once the answer
+    is not needed; `work` may then raise `Cancelled`. `take`, a bound method of a QObject, is called
+    in the object's thread with a request and its answer, or with the exception raised by `work`.
+    The work begins after `rest` seconds without a newer request. With `one_core`, linear algebra
+    uses this thread only: more threads would compete with the interface thread, and make products
+    several times slower while the solver runs. The limit applies to the whole process and is
+    removed after each request.
     """
 
+    #: A request and its answer; `work` may also emit the signal with intermediate answers.
     answered = Signal(object, object)
 
     def __init__(
@@ -62,7 +63,7 @@ class LatestThread(QThread, Generic[Request]):
     ) -> None:
         super().__init__(parent)
         if parent is not None:
-            # a running thread must not be destroyed; the reference is weak to avoid a cycle
+            # Qt aborts if a running thread is destroyed; the weak reference avoids a cycle
             held = weakref.ref(self)
             parent.destroyed.connect(lambda: _close(held))
         if take is not None:
@@ -79,7 +80,7 @@ class LatestThread(QThread, Generic[Request]):
 
     @property
     def working(self) -> bool:
-        """Whether a request is waiting or being worked on."""
+        """Whether a request is waiting or being processed."""
         return self._working
 
     def ask(self, request: Request) -> None:
@@ -91,14 +92,14 @@ class LatestThread(QThread, Generic[Request]):
                 self._condition.notify()
 
     def drop(self) -> None:
-        """Drop the waiting request, and cancel the current one."""
+        """Drop the waiting request, and cancel the current request."""
         with self._condition:
             self._next = None
             self._dropped = True
             self._condition.notify()
 
     def close(self) -> None:
-        """Cancel, and wait until the thread has ended."""
+        """Cancel the current request, and wait until the thread has ended."""
         with self._condition:
             self._closing = True
             self._condition.notify()
@@ -107,7 +108,7 @@ class LatestThread(QThread, Generic[Request]):
     # -- in the thread ------------------------------------------------------------------------
 
     def stays(self, seconds: float) -> bool:
-        """Wait; return whether the current request is still the latest after some seconds."""
+        """Return, after some seconds, whether the current request is still the latest."""
         with self._condition:
             return not self._condition.wait_for(
                 lambda: self._next is not None or self._given_up(), seconds
@@ -118,9 +119,9 @@ class LatestThread(QThread, Generic[Request]):
             pass
 
     def _serve(self) -> bool:
-        """Work on the next request; return False after `close`.
+        """Process the next request; return False after `close`.
 
-        No reference to the request is kept, as it may hold a mesh or an open file.
+        No reference to the request is kept, because it may contain a mesh or an open file.
         """
         request = self._take()
         if request is None:
@@ -147,7 +148,7 @@ class LatestThread(QThread, Generic[Request]):
                     continue
                 latest = self._next
                 if self._rest and self._condition.wait(self._rest):
-                    continue  # there is a newer request, or the thread is closed
+                    continue  # a newer request has arrived, or the thread is being closed
                 if self._next is latest:
                     self._next, self._dropped = None, False
                     return latest
@@ -162,7 +163,7 @@ class LatestThread(QThread, Generic[Request]):
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Return the controller of linear algebra libraries; its construction is slow."""
+    """Return the controller of the linear algebra libraries, cached because it is slow to make."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
@@ -176,15 +177,15 @@ def _close(held: weakref.ref[LatestThread[Any]]) -> None:
 
 Result = TypeVar("Result")
 
-#: Milliseconds after which a message says that files are being read.
+#: Milliseconds of reading files after which a message is shown.
 _SLOW = 400
 SHOW_IN_FOLDER = "Show in folder"
 
 
 class BackgroundIO(QObject):
-    """Runs functions one after the other in a thread, and shows failures as notices.
+    """Thread for file access: runs functions in sequence, and shows failures as notices.
 
-    It also reads the files of maps that the document requests.
+    The thread also reads the map files that the document requests.
     """
 
     _done = Signal(object, object)
@@ -224,7 +225,7 @@ class BackgroundIO(QObject):
         self._pool.start(task)
 
     def read_maps(self, paths: tuple[Path, ...], shown: bool, labels: bool) -> None:
-        """Read maps, or label sets, for the open mesh; show a message for each that fails."""
+        """Read maps or label sets for the open mesh; show a message for each unreadable file."""
         from meshmash_viewer.io.maps import maps_and_remarks
 
         document, mesh = self._document, self._document.mesh
@@ -260,7 +261,7 @@ class BackgroundIO(QObject):
             QTimer.singleShot(_SLOW, self, say)
 
     def close(self) -> None:
-        """Disconnect, and wait for the running task."""
+        """Disconnect the signals, and wait for the running task."""
         self._document.maps.requested.disconnect(self.read_maps)
         self._done.disconnect(self._end)
         self._pool.waitForDone()
@@ -279,7 +280,7 @@ def say_saved(document: Document, text: str, path: Path) -> None:
 def saved_notice(
     document: Document, text: str, path: Path, severity: Severity = Severity.INFORMATION
 ) -> Notice:
-    """Return the notice of `say_saved`."""
+    """Return the notice that `say_saved` shows."""
 
     def show_folder() -> None:
         folder = path.absolute().parent
@@ -290,16 +291,16 @@ def saved_notice(
     return Notice(text, severity, action=show_folder, button=SHOW_IN_FOLDER, brief=True)
 
 
-#: Jobs that wait for others, and for which others wait.
+#: Jobs that wait for the running job, and that are completed before another job starts.
 _EXPORTS = ExportJob, PinExportJob, RegionsJob
 
 
 class Tasks(QObject):
-    """Runs the jobs of a document, one at a time.
+    """Queue that runs the jobs of a document, one at a time.
 
     A job that reads another mesh, or computes another decomposition, cancels the running job and
-    is run next: converged pairs are in the store already. An export is queued, and other jobs wait
-    for a running export.
+    is run next; pairs that have converged are stored already. An export is queued, and other jobs
+    wait for a running export.
     """
 
     _received = Signal(str, object)
@@ -317,7 +318,7 @@ class Tasks(QObject):
         listen(document.mesh_changed, self._on_mesh_changed)
 
     def _prepare(self, kind: str, content: object) -> None:
-        """Pass a message of the worker on; compute the geometry of a new mesh in this thread."""
+        """Pass on a message of the worker, after computing the geometry of a new mesh."""
         if isinstance(content, MeshReady):
             geometry_of(content.mesh)
         self._received.emit(kind, content)
@@ -326,7 +327,7 @@ class Tasks(QObject):
         getattr(self, f"_on_{kind}")(content)
 
     def run(self, job: Job) -> None:
-        """Run a job now, or queue it."""
+        """Run a job now, or add it to the queue."""
         if self.job is None and self._queue:
             self._queue.append(job)  # the next job is about to be started
         elif self.job is None:
@@ -352,12 +353,12 @@ class Tasks(QObject):
             self.worker.cancel()
 
     def cancel(self) -> None:
-        """Cancel the running job, and drop the waiting ones."""
+        """Cancel the running job, and drop the waiting jobs."""
         self._queue.clear()
         self.worker.cancel()
 
     def close(self) -> None:
-        """Stop all jobs; no process and no temporary file remains."""
+        """Stop all jobs, end their processes and delete their temporary files."""
         self._document.work.requested.disconnect(self.run)
         stop_listening(self)
         self._queue.clear()
@@ -379,7 +380,7 @@ class Tasks(QObject):
             self._start(self._queue.pop(0))
 
     def _on_mesh_changed(self) -> None:
-        """Cancel a job on a mesh that is no longer displayed, as after an undo."""
+        """Cancel the job if its mesh is no longer displayed, for example after an undo."""
         job, document = self.job, self._document
         if isinstance(job, DecomposeJob | PreviewJob | ClassesJob):
             stale = not document.is_solved(job.mesh)
@@ -405,7 +406,7 @@ class Tasks(QObject):
         try:
             notice, whole = self._accept(result)
         except Exception:
-            self._end()  # a listener has failed, but the job has ended
+            self._end()  # the job has ended, although a listener has failed
             raise
         self._end(notice, whole)
 

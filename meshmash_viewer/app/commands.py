@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
 #: Checkable commands that set the attribute of the display of the same name.
 _SHOWN = ("nodal_lines", "label_borders", "label_graph", "hide_small")
-#: Commands whose keys a focused field handles itself.
+#: Commands whose keys are handled by the focused input field, if any.
 _OF_FIELDS = ("cancel", "undo", "redo")
 
 
 class Commands:
-    """Implements each command by the method of its name.
+    """Dispatcher of the commands: calls the method named like the command.
 
-    It is a method of this class, a tool, `opening`, `pictures`, `pins`, the document or the render.
+    The method belongs to this class, a tool, `opening`, `pictures`, `pins`, document or render.
     """
 
     def __init__(
@@ -65,12 +65,12 @@ class Commands:
         self.pictures = Pictures(window, document, settings, background_io, opening)
         self.pins = PinCommands(window, document, settings, actions, background_io, opening)
         opening.pins_requested.connect(self.pins.read)
-        #: Made with the render.
+        #: The tools, None until the render is made.
         self.select_tool: SelectTool | None = None
         self.cutting: Cutting | None = None
         self.point_tool: PointTool | None = None
         display = document.display
-        #: Commands that call a function of another name.
+        #: Functions of the commands whose function has another name.
         self._calls: dict[str, Callable[..., object]] = {
             "quit": window.close,
             "reset_layout": arrangement.reset,
@@ -108,7 +108,7 @@ class Commands:
         step(self._document, steps)
 
     def _do(self, command: Command, checked: bool) -> None:
-        # actions are disabled with a delay of some milliseconds
+        # an action is disabled some milliseconds after its condition ceases to hold
         if command.needs not in self.there():
             return
         if command.name not in _OF_FIELDS and not settle_typing():
@@ -169,7 +169,7 @@ class Commands:
         actions["similar"].setEnabled(bool(document.pins.placed) and document.spectrum is not None)
         if not document.can_flip:
             actions["flip"].setEnabled(False)
-        # the family of the request knows whether its values are signed, which depends on the mesh
+        # whether values are signed depends on the mesh, so read the family of the request
         request = request_of(document)
         if request is not None and not request.family.signed and not request.family.contoured:
             actions["nodal_lines"].setEnabled(False)
@@ -221,7 +221,7 @@ class Commands:
         self.write(path, shape_writer(self._document, path), "Shape")
 
     def keep_match(self) -> None:
-        """Carry the field of the first mesh to the second by the match, and keep it as a map."""
+        """Transfer the field of the first mesh to the second by the match, and add it as a map."""
         pair, controller = self._opening.pair, self._opening.controller
         if pair is not None and controller is not None and controller.field is not None:
             pair.keep(controller.field)
@@ -268,7 +268,7 @@ class Commands:
     def choose_theme(self, mode: theme.Mode) -> None:
         self._settings.theme = mode
         theme.set_mode(mode)
-        self.refresh()  # a click on the checked theme has unchecked it
+        self.refresh()  # check the action again: a click on the current theme unchecks it
 
     def full_screen(self, on: bool) -> None:
         (self._window.showFullScreen if on else self._window.showNormal)()
@@ -301,7 +301,7 @@ class Commands:
 
 
 def _shown_map(document: Document, controller: Controller | None) -> VertexMap | None:
-    """Return the displayed field as a map; None if it is a draft, or of approximate pairs."""
+    """Return the displayed field as a map; None for a draft or a field of approximate pairs."""
     field, spectrum = None if controller is None else controller.field, document.spectrum
     if field is None or field.draft:
         return None

@@ -22,39 +22,39 @@ if TYPE_CHECKING:
 
 #: Seconds without a newer request after which the table for the last request is built.
 _REST = 0.15
-#: Milliseconds after which the title says that a field is being computed.
+#: Milliseconds after which the title indicates that a field is being computed.
 _LATE = 200
 
 
 class Link(Protocol):
-    """Link of the fields of two meshes (`app.second_view.SecondView`)."""
+    """Interface that links the fields of two meshes (see `app.second_view.SecondView`)."""
 
     def draw(self, source: Controller) -> None:
-        """Draw the fields of both meshes after the field of one has changed."""
+        """Draw the fields of both meshes after the field of `source` has changed."""
 
     def adapted(
         self, source: Controller, field: Field, limits: Limits, colormap: ColorMap
     ) -> tuple[Field, Limits, ColorMap]:
-        """Return field, limits and colours of one mesh as displayed next to the other mesh."""
+        """Return field, limits and colours of `source`, adapted to those of the other mesh."""
 
 
 class Controller(QObject):
-    """Draws the mesh, the pins and the displayed field of a document.
+    """Controller that draws the mesh, the pins and the displayed field of a document.
 
-    A tick of a slider changes the document's display, which calls `refresh`. A thread computes
-    the newest requested field (`_compute`). `_take` receives it, and drops a field of another mesh
-    or family. `show` calls `draw`, through `link` if two meshes are compared. `draw` adds the
-    limits and passes the field to the view. Another thread builds tables that make the next fields
-    fast; a field computed without its table is then computed again.
+    A tick of a slider changes the document's display, whose signal calls `refresh`. A thread
+    computes the newest requested field (`_compute`). `_take` receives the field, and drops a field
+    of another mesh or family. `show` calls `draw`, through `link` if two meshes are compared.
+    `draw` adds the limits and passes the field to the view. Another thread builds tables that make
+    the next fields fast; a field computed without its table is then computed again.
     """
 
-    #: A field has been passed to the view, with its limits (low, high); None for no field.
+    #: The field passed to the view, or None, and its limits (low, high).
     drawn = Signal(object, object)
 
     def __init__(self, document: Document, view: MeshView, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document, self._view = document, view
-        #: The last field that was computed.
+        #: The last computed field.
         self.field: Field | None = None
         self.live = LiveFeatures()
         #: Whether the requested field takes long or cannot be computed.
@@ -83,7 +83,7 @@ class Controller(QObject):
         listen((*colors, events.log_scales, events.nodal_lines), self.show)
 
     def close(self) -> None:
-        """Disconnect, and wait for the threads."""
+        """Disconnect the signals, and wait for the threads."""
         stop_listening(self)
         self._patience.stop()
         self._fields.close()
@@ -105,7 +105,7 @@ class Controller(QObject):
     # -- a tick -------------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Request the field that the document displays now, unless it is requested already."""
+        """Request the field selected in the document, unless it is requested already."""
         request = request_of(self._document)
         self._policies = self._document.display.policies
         if request == self._wanted:
@@ -122,14 +122,14 @@ class Controller(QObject):
             self._fields.ask(request)
 
     def _compute(self, request: FieldRequest, _cancel: CancelCallback) -> Field | None:
-        """Compute a field and its limits, in the thread."""
+        """Compute a field and its limits; runs in the thread `_fields`."""
         field = compute_field(request, self.live)
         if field is not None:
             field.prepare_colors(self._policies.get(field.family.limits_key))
         return field
 
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
-        """Receive the answer to a request; None if its table has to be built first."""
+        """Receive a field; the answer is None if its table has to be built first."""
         wanted, shown = self._wanted, self.field
         if wanted is None or not wanted.same_mesh(request):
             return
@@ -140,7 +140,7 @@ class Controller(QObject):
             self._tables.ask(wanted)
         if request != wanted and shown is not None and shown.request == wanted:
             return  # the wanted field is still displayed
-        # the field of an earlier position of the slider is shown, one of another family is not
+        # show the field of an earlier slider position, but no field of another family
         if answer is not None and request.family.name == wanted.family.name:
             self._accept(answer)
             if request != wanted:
@@ -153,7 +153,7 @@ class Controller(QObject):
         self.show()
 
     def show(self) -> None:
-        """Draw the last field, through `link` if two meshes are compared."""
+        """Draw the last computed field, through `link` if two meshes are compared."""
         if self.link is None:
             self.draw()
         else:
@@ -183,7 +183,7 @@ class Controller(QObject):
         if self._wanted is not None:
             try:
                 title = self._wanted.description.title
-            except InputError:  # the thread reports it
+            except InputError:  # reported by the thread
                 title = self._wanted.family.label
             self._view.set_awaited(title)
             self._give_up_waiting()
@@ -232,12 +232,12 @@ class Controller(QObject):
             self._shown = None
             if before is not None and before.vertices is ready.mesh.vertices and camera:
                 self._view.set_camera(camera)
-                # the view is fitted again to a new colour bar only if the user has not moved it
+                # a new colour bar refits the view only if the user has not moved the camera
                 self._view.turned_by_hand = turned
                 self.draw()
 
     def _hide(self) -> None:
-        """Update the hidden vertices; limits are those of the visible ones."""
+        """Update the hidden vertices, and the limits, which depend on visible vertices only."""
         hidden = self._document.hidden
         if self._document.is_shown(self._view.mesh) and self._view.renderer.hidden is not hidden:
             self._view.set_hidden(hidden)

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 
 class Cutting:
-    """Changes the clipping plane of the document's display."""
+    """Commands that change the clipping plane of the document's display."""
 
     def __init__(self, document: Document, scene: MeshView) -> None:
         self._document, self._scene = document, scene
         scene.cut_handle.moved = self._put
 
     def cut(self, on: bool) -> None:
-        """Cut the mesh at the last plane, at first an oblique one, or show it whole."""
+        """Cut the mesh at the last plane, initially an oblique plane, or show the whole mesh."""
         display = self._document.display
         if on and not display.cut.placed:
             self.reset_cut()
@@ -52,7 +52,7 @@ class Cutting:
         mesh = self._document.mesh
         if mesh is not None:
             self._put(Plane(normal, float(normal @ mesh.bounds.mean(axis=0))))
-            self._document.history.end_gesture()  # so that a drag that follows is another undo step
+            self._document.history.end_gesture()  # a following drag is a separate undo step
 
     def _put(self, plane: Plane) -> None:
         mesh = self._document.mesh

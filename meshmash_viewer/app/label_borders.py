@@ -20,15 +20,15 @@ from meshmash_viewer.vertex_map import VertexMap
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Mesh, labels, hidden vertices, and which of `_DRAWN` are wanted.
+#: Mesh, labels, hidden vertices, and whether each layer in `_DRAWN` is requested.
 _Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None, tuple[bool, bool]]
 _Found: TypeAlias = dict[str, Marks | None]
-#: Layers of marks of the render.
+#: Names of the layers of marks in the render.
 _DRAWN = ("borders", "graph")
 
 
 class LabelBorders(QObject):
-    """Finds borders and graph in a thread after each change of the labels, and draws them."""
+    """Drawing of borders and graph, which a thread computes after each change of the labels."""
 
     def __init__(self, document: Document, scene: MeshView, parent: QObject) -> None:
         super().__init__(parent)
@@ -50,7 +50,7 @@ class LabelBorders(QObject):
         self.refresh()
 
     def refresh(self) -> None:
-        """Draw the borders and the graph of the current set, or none."""
+        """Draw the requested borders and graph of the current label set."""
         document, before, display = self._document, self._drawn, self._document.display
         mesh, known, hidden = document.mesh, document.labels.current, document.hidden
         wanted = display.label_borders, display.label_graph
@@ -76,7 +76,7 @@ class LabelBorders(QObject):
         return not self._thread.working
 
     def close(self) -> None:
-        """Wait for the thread."""
+        """Wait until the thread has ended."""
         self._thread.close()
 
     def _take(self, asked: _Asked, found: _Found | Exception | None) -> None:

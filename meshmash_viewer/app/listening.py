@@ -1,9 +1,9 @@
 """Connections of widgets to signals of the model, called at once or deferred.
 
-An update of a widget takes milliseconds, and one change of the model concerns many widgets. Updates
-that only affect the display are therefore queued, each once. They begin when a frame has been
-drawn, or after 48 ms without one, and run in short turns of the event loop, so that input and
-frames are handled between them.
+An update of a widget takes milliseconds, and one change of the model affects many widgets. Updates
+that only affect the display are therefore queued, each at most once. The queue is processed after
+the next frame is drawn, or after 48 ms without a frame, in short turns of the event loop, so that
+input and frames are handled between the turns.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import Any, TypeAlias
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
-#: Milliseconds until deferred calls begin without a frame, and at least between two turns that
-#: frames begin; seconds after which a turn ends. Painting takes milliseconds after each turn,
-#: however little has changed, so there should be few turns.
+#: `_DELAY`: milliseconds until the queue is processed if no frame is drawn, and minimum time
+#: between two turns started by frames. `_TURN`: seconds after which a turn ends. Qt paints for
+#: milliseconds after each turn, however little has changed, so there should be few turns.
 _DELAY, _TURN = 48, 0.008
-#: Milliseconds between turns. A timer of 0 would fire only when no other event is pending, which
-#: may be never while slow frames are drawn.
+#: Milliseconds between turns. A timer of 0 ms would fire only when no other event is pending,
+#: possibly never while slow frames are drawn.
 _PAUSE = 1
 
 
@@ -31,14 +31,14 @@ def listen(signals: Any, slot: Callable[[], None]) -> None:
     """Call a bound method of a Qt object at once, without arguments, when a signal is emitted.
 
     `signals` is a psygnal signal or group, such as ``document.spectrum_changed`` or
-    ``display.events``, or a tuple of them. The slot is referenced weakly, and not called after Qt
-    has deleted its object.
+    ``display.events``, or a tuple of signals and groups. The slot is referenced weakly, and is not
+    called after Qt has deleted its object.
     """
     _connect(signals, slot, _call)
 
 
 def follow(signals: Any, slot: Callable[[], None]) -> None:
-    """Call a slot as `listen` does, but deferred: for updates that only affect the display."""
+    """Connect like `listen`, but queue the call: for updates that only affect the display."""
     _connect(signals, slot, lambda held: _turns().note(held))
 
 
@@ -50,17 +50,17 @@ def stop_listening(owner: QObject) -> None:
 
 
 def later(slot: Callable[[], None]) -> None:
-    """Call a bound method of a Qt object deferred, once for several requests."""
+    """Queue the call of a bound method of a Qt object; several requests make one call."""
     _turns().note(weakref.WeakMethod(slot))
 
 
 def hasten() -> None:
-    """Begin with the pending calls, as a frame has been drawn; wait if the last turn was recent."""
+    """Process the queue soon because a frame was drawn; wait if the last turn was recent."""
     _turns().hasten()
 
 
 def catch_up() -> None:
-    """Make all pending calls now, for tests and screenshots."""
+    """Make all queued calls now, for tests and screenshots."""
     _turns().finish()
 
 
@@ -89,7 +89,7 @@ def _call(held: _Held) -> None:
 
 
 class _Turns(QObject):
-    """The queue of pending calls, in the order of their first request."""
+    """Queue of deferred calls, in the order of their first request."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class _Turns(QObject):
             self._timer.start(_DELAY)
 
     def hasten(self) -> None:
-        if self._timer.remainingTime() > _PAUSE:  # otherwise each frame would delay the turn
+        if self._timer.remainingTime() > _PAUSE:  # do not postpone a turn that is about to begin
             long_ago = perf_counter() - self._ended > _DELAY / 1000.0
             self._timer.start(_PAUSE if long_ago else _DELAY)
 
@@ -122,7 +122,7 @@ class _Turns(QObject):
         begun = perf_counter()
         while self._due:  # at least one call in each turn
             if len(self._due) > 1:
-                self._timer.start(_PAUSE)  # before the call, which may raise
+                self._timer.start(_PAUSE)  # before the call, because the call may raise
             self._call_first()
             self._ended = perf_counter()
             if self._ended - begun > _TURN:
@@ -138,7 +138,7 @@ _known: _Turns | None = None
 
 
 def _turns() -> _Turns:
-    """Return the queue; it is made at the first use, which needs an application."""
+    """Return the queue, made at the first use because a timer requires an application."""
     global _known
     if _known is None or not shiboken6.isValid(_known):
         _known = _Turns()

@@ -56,20 +56,20 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.shape_source import DrawnShape
     from meshmash_viewer.model.pair import Pair
 
-#: Widgets that lose the focus on Return, so that keys are commands again.
+#: Widgets that lose the focus on Return, so that keys trigger commands again.
 _FIELDS = (QLineEdit, QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 
 
 class MainWindow(ScriptedWindow):
-    """One document in one window.
+    """Main window, which displays one document.
 
     With `fresh`, stored settings are ignored. With `deferred`, render and plots are made by a later
-    call of `load`, so that the window is shown before their libraries are imported.
+    call of `load`, so that the window can be shown before VTK and the plot library are imported.
     """
 
     #: The window has been closed, and its tasks have ended. It cannot be shown again.
     closed = Signal()
-    #: Whether render and panels are made. A class attribute, as Qt sends events during `__init__`.
+    #: Whether render and panels exist. A class attribute because Qt sends events during `__init__`.
     loaded = False
 
     def __init__(
@@ -93,7 +93,7 @@ class MainWindow(ScriptedWindow):
 
         self._opened: Path | None = None
         self._closed = False
-        #: Whether the field that was drawn last is signed; None without a field.
+        #: Whether the last drawn field is signed; None without a field.
         self._signed: bool | None = None
         self.stage = Stage()
         self.setCentralWidget(self.stage)
@@ -135,7 +135,7 @@ class MainWindow(ScriptedWindow):
         self._on_mesh_changed()
         self._show_stage()
         self.commands.refresh()
-        # so that keys are commands from the start, and no button has the focus
+        # focus the stage, not a button, so that keys trigger commands from the start
         self.stage.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.stage.setFocus()
         if not deferred:
@@ -159,7 +159,7 @@ class MainWindow(ScriptedWindow):
         self.statusBar().addPermanentWidget(self.status_progress, 1)
 
     def _place(self) -> None:
-        """Set the stored size and layout, or the default ones."""
+        """Restore the stored size and layout, or set the default size and layout."""
         screen = QGuiApplication.primaryScreen().availableGeometry()
         self.resize(min(1440, screen.width() - 40), min(900, screen.height() - 60))
         self.arrangement.share_room()
@@ -168,7 +168,7 @@ class MainWindow(ScriptedWindow):
             self.arrangement.restore(layout)
 
     def load(self) -> None:
-        """Make the render and the panels, whose libraries are imported first."""
+        """Make the render and the panels, after importing their libraries."""
         if self.loaded or self._closed:
             return
         from meshmash_viewer.app.controller import Controller
@@ -274,8 +274,8 @@ class MainWindow(ScriptedWindow):
     def open_mesh(self, path: str | Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
         """Read a mesh file, or a link with a segment, restore its session, and add maps from files.
 
-        The unit of the session is used unless another is given. If reading fails, the open mesh
-        stays.
+        An empty `unit` stands for the unit of the session. If reading fails, the previous mesh
+        stays open.
         """
         path = link_file(parse_link(path)) if is_link(path) else Path(path)
         self.opening.read(path, unit, maps)
@@ -286,7 +286,7 @@ class MainWindow(ScriptedWindow):
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and not ready.derived:
-            if ready.path != self._opened:  # another unit leaves the panels as they are
+            if ready.path != self._opened:  # a change of the unit does not raise the panel
                 self.arrangement.docks["mesh"].raise_()
             self._opened = ready.path
             if ready.path is not None:
@@ -306,7 +306,7 @@ class MainWindow(ScriptedWindow):
             action.triggered.connect(lambda _checked=False, path=path: self.opening.open_path(path))
 
     def _on_drawn(self, field: Field | None, limits: Limits) -> None:
-        """Pass the field that was drawn to the panels and to the vibration."""
+        """Pass the drawn field to the panels and to the source of vibrating shapes."""
         self.hover_label.field = field
         self.field_panel.set_field(field, limits)
         self.profile_panel.table.set_field(field)
@@ -347,7 +347,7 @@ class MainWindow(ScriptedWindow):
         self.stage.message_bar.keep_clear(self.scene.title_size, self.scene.bar_width)
 
     def _point_at_pin(self, vertex: int) -> None:
-        """Highlight the profile of the pin under the pointer, if there is one."""
+        """Highlight the profile of the pin under the pointer, if any."""
         pinned = pin_at(self.document.pins.placed, vertex) is not None
         self.profile_panel.point_at(vertex if pinned else -1)
 
@@ -372,7 +372,7 @@ class MainWindow(ScriptedWindow):
                 self.opening.second_view.scene.set_theme(theme.is_dark())
 
     def say_refusal(self, sentence: str) -> None:
-        """Show why a field rejects its text, or remove that message for ""."""
+        """Show why an input field rejects its text, or remove the message for ""."""
         notice = self.stage.message_bar.notice
         if sentence:
             self._refusal = sentence
@@ -383,15 +383,15 @@ class MainWindow(ScriptedWindow):
     # -- events -------------------------------------------------------------------------------
 
     def event(self, event: QEvent) -> bool:
-        """Assign the selection to a label by a digit key, while the Select tool is on."""
+        """Assign the selection to a label if a digit key is pressed while the Select tool is on."""
         labels = self.document.labels if self.loaded and self.select_tool.on else None
         taken = labels is not None and labels.current is not None and given_to_label(event, labels)
         return taken or super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Move the focus from a field to the render on Return.
+        """Move the focus from an input field to the render on Return.
 
-        A field passes Return on only if it has accepted its text.
+        The window receives Return only if the field has accepted its text.
         """
         field = QApplication.focusWidget()
         if isinstance(field, _FIELDS) and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
@@ -401,13 +401,13 @@ class MainWindow(ScriptedWindow):
             super().keyPressEvent(event)
 
     def childEvent(self, event: QChildEvent) -> None:
-        """Filter wheel events of the tab bars that Qt makes for tabbed docks."""
+        """Install the wheel filter on the tab bars that Qt makes for tabbed docks."""
         super().childEvent(event)
         if event.polished() and isinstance(child := event.child(), QTabBar):
             self._field_wheel.watch(child)
 
     def changeEvent(self, event: QEvent) -> None:
-        """Update the *Full screen* action, as macOS has a button of its own."""
+        """Update the *Full screen* action: on macOS, a button of the window has the same effect."""
         super().changeEvent(event)
         if event.type() == QEvent.Type.WindowStateChange:
             self.actions_["full_screen"].setChecked(self.isFullScreen())
@@ -430,7 +430,7 @@ class MainWindow(ScriptedWindow):
         self.drop_areas.hide()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Open the files that were dropped, see `Opening.open_paths`."""
+        """Open the dropped files, see `Opening.open_paths`."""
         if paths := self._show_drop(event):
             event.acceptProposedAction()
             second = self.drop_areas.point_at(event.position().toPoint()) == 1

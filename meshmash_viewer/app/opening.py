@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 class Opening(QObject):
-    """Opens files in a window, and holds the views of both meshes and their sessions."""
+    """Commands that open files in a window; owner of the second view and of the sessions."""
 
     #: A second mesh was opened (its `Pair`) or closed (None).
     pair_changed = Signal(object)
@@ -66,16 +66,16 @@ class Opening(QObject):
         self.scene: MeshView | None = None
         self.controller: Controller | None = None
         self.second_view: SecondView | None = None
-        #: The session that is being restored, and that of the second mesh.
+        #: Sessions being restored, of the first and of the second mesh.
         self.restoration: Restoration | None = None
         self._second_restoration: Restoration | None = None
-        #: Of two meshes that are opened together: both paths, and the maps of the second.
+        #: Paths of two meshes that are opened together, and map files of the second mesh.
         self._waiting: tuple[Path, Path, list[Path]] | None = None
         follow(document.mesh_changed, self._open_waiting)
         follow((document.mesh_changed, document.spectrum_changed), self._name_first)
 
     def _name_first(self) -> None:
-        """Write name and number of pairs of the first mesh above its render."""
+        """Show name and number of eigenpairs of the first mesh above its render."""
         mesh, spectrum = self._document.mesh, self._document.spectrum
         parts = [(mesh.name if mesh is not None else "") or "First mesh"]
         if spectrum is not None and len(spectrum):
@@ -88,13 +88,13 @@ class Opening(QObject):
         self.open_paths([path])
 
     def open_paths(self, paths: Sequence[Path], *, as_second: bool = False) -> None:
-        """Open the first session or mesh among files, and add all maps and tables among them.
+        """Open the first session or mesh among files, and add all maps and tables.
 
-        Two meshes are opened for a comparison. With `as_second` the mesh and the maps are for the
-        second mesh; without a second mesh, maps are added to the first. Tables of pins and points
-        are for the first mesh.
+        Two meshes are opened for a comparison. With `as_second`, the mesh file is opened as the
+        second mesh, and maps are added to the second mesh, or to the first if there is no second.
+        Tables of pins and points are always added to the first mesh.
         """
-        if paths[0].suffix != LINK_ENDING:  # the file of a link is in an internal folder
+        if paths[0].suffix != LINK_ENDING:  # link files are stored in an internal folder
             self._settings.folder = paths[0].parent
         maps, others = _divided(paths)
         pins = [] if others else [path for path in maps if is_pin_table(path)]
@@ -128,7 +128,7 @@ class Opening(QObject):
             self._document.notices.say(f"Opening {others[0].name}; two meshes at most.")
 
     def _open_waiting(self) -> None:
-        """Open the second of two meshes that are opened together, once the first is open."""
+        """Open the second of two meshes opened together, once the first mesh is open."""
         if self._waiting is None or self._document.path != self._waiting[0]:
             return
         if self.scene is not None and self.restoration is None:
@@ -136,7 +136,7 @@ class Opening(QObject):
             self.open_second(path, maps)
 
     def drop_texts(self, paths: Sequence[Path]) -> tuple[str, ...]:
-        """Describe what `open_paths` does, and what it does `as_second` if that differs."""
+        """Describe the effect of `open_paths`, and its effect with `as_second` if different."""
         first, (maps, others) = self._document.mesh, _divided(paths)
         values = maps[0].name if len(maps) == 1 else counted(len(maps), "map")
         if not others:
@@ -154,8 +154,8 @@ class Opening(QObject):
     def read(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
         """Read a mesh file, restore its stored session, and add maps from files.
 
-        The unit of the session is used unless another is given. If reading fails, the open mesh
-        stays.
+        An empty `unit` stands for the unit of the session. If reading fails, the previous mesh
+        stays open.
         """
         self.last_session.save()
         session = self.last_session.stored(path)
@@ -174,7 +174,7 @@ class Opening(QObject):
         self._begin(restoration)
 
     def _offer_fresh_start(self, path: Path, session: Session) -> None:
-        """Show what the session has restored, with a button that opens the file without it."""
+        """List the restored items, with a button that opens the file without its session."""
         made = {
             "pin": len(self._document.pins.placed),
             "map": self.last_session.restore_maps(self.last_session.path(path), session.kept_maps),
@@ -197,10 +197,10 @@ class Opening(QObject):
         self._document.open_mesh(path)
 
     def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
-        """Return the camera, empty without a render, and the pair, for a session."""
+        """Return the camera (empty without a render) and the pair, to be stored in a session."""
         camera = self.scene.camera() if self.scene is not None else None
         if camera and self.scene is not None and not self.scene.turned_by_hand:
-            camera["fitted"] = True  # the whole mesh fills the render
+            camera["fitted"] = True  # the camera is fitted to the whole mesh
         return camera or {}, self.pair
 
     def add_map(self) -> None:
@@ -242,7 +242,7 @@ class Opening(QObject):
             self.open_second(path)
 
     def _ask_for_mesh(self, title: str) -> Path | None:
-        # the endings of FreeSurfer's surfaces are names of surfaces, such as .pial
+        # the ending of a FreeSurfer file is the name of the surface, such as .pial
         patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
         path, _ = QFileDialog.getOpenFileName(
             self._window,
@@ -266,12 +266,12 @@ class Opening(QObject):
 
     @property
     def scenes(self) -> list[MeshView]:
-        """The renders that exist: of the first mesh, then of the second."""
+        """The existing renders: of the first mesh, then of the second mesh."""
         first = [] if self.scene is None else [self.scene]
         return first if self.second_view is None else [*first, self.second_view.scene]
 
     def open_second(self, path: Path, maps: Sequence[Path] = (), unit: str = "") -> None:
-        """Read a second mesh as `read` does; if that fails, an open second mesh stays."""
+        """Read a second mesh like `read`; if reading fails, the previous second mesh stays open."""
         session = self.last_session.stored(path)
         document = self._make_view(None).document
         if session is None:
@@ -282,7 +282,7 @@ class Opening(QObject):
             document.open_mesh(path, unit, None, maps, *(known if session.source else ()))
 
     def _make_view(self, links: Collection[str] | None) -> SecondView:
-        """Return the view of the second mesh, made if needed, with `links` (`Pair.set_links`)."""
+        """Return the view of the second mesh, made if needed; pass `links` to `Pair.set_links`."""
         from meshmash_viewer.app.second_view import SecondView
 
         view = self.second_view
@@ -337,7 +337,7 @@ class Opening(QObject):
         restoration.begin()
 
     def look(self) -> None:
-        """Restore the camera and the second mesh of a session, once mesh and render are loaded."""
+        """Restore camera and second mesh of a session, once the first mesh and render are ready."""
         restoration = self.restoration
         if self.scene is None or restoration is None or not restoration.done:
             return
@@ -357,7 +357,7 @@ class Opening(QObject):
         self._open_waiting()
 
     def store_session(self, path: Path) -> None:
-        """Write a session file, and next to it the maps that are in no other file.
+        """Write a session file, and next to it a file of the unsaved maps.
 
         `InputError` is raised if a file cannot be written.
         """
@@ -393,7 +393,7 @@ class Opening(QObject):
 
 
 def _write_maps(session: Path, document: Document | None, of: str = "") -> list[str]:
-    """Write the maps that are in no file to a file next to a session; return the file names."""
+    """Write the unsaved maps to a file next to a session file; return the names of the files."""
     if document is None or document.mesh is None or not document.maps.unsaved.maps:
         return []
     name = f"{session.name.removesuffix(SESSION_ENDING)}{of}{KEPT_MAPS_ENDING}"
@@ -403,11 +403,11 @@ def _write_maps(session: Path, document: Document | None, of: str = "") -> list[
 
 
 def _divided(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Divide files into those of maps, pins or points, and the others."""
+    """Divide files into files of maps, pins or points, and other files."""
     maps = [path for path in paths if is_map_file(path) or _is_table(path)]
     return maps, [path for path in paths if path not in maps]
 
 
 def _is_table(path: Path) -> bool:
-    """Whether a file is a table, of points or of maps, by its ending."""
+    """Return whether a file is a table of points or maps, by its ending."""
     return path.suffix.lower() in POINT_ENDINGS

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 class Pictures:
-    """The commands that save or copy the render, with their dialogs."""
+    """Commands that save or copy the render, with their dialogs."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class Pictures:
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self._opening = opening
-        #: Name of the mesh and path of the last picture; meshes of the current preview.
+        #: Name of the mesh and path of the last saved picture; meshes of the current preview.
         self._saved: tuple[str, Path] | None = None
         self._previewed: list[weakref.ref[Mesh]] = []
         #: Open modeless dialogs by command.
@@ -72,11 +72,11 @@ class Pictures:
         later(dialog.look)
 
     def _scenes(self) -> list[MeshView]:
-        """The renders that have a mesh."""
+        """Return the renders that display a mesh."""
         return [scene for scene in self._opening.scenes if scene.mesh is not None]
 
     def _seen(self) -> list[Frame]:
-        """Return the content of the renders; empty until the stand-in of a large mesh is made."""
+        """Return the content of the renders; empty until large meshes have been simplified."""
         from meshmash_viewer.app.view.figure import frame_of
 
         frames = []
@@ -85,7 +85,7 @@ class Pictures:
             if pixels is None:
                 return []
             frames.append(frame_of(scene.renderer, pixels))
-        # weak references, as the meshes may be closed before the next picture
+        # weak references, so that a mesh closed before the next picture is freed
         self._previewed = [_reference(scene.renderer) for scene in self._scenes()]
         return frames
 
@@ -116,11 +116,11 @@ class Pictures:
 
     @contextmanager
     def _busy(self, text: str) -> Iterator[None]:
-        """Show a message and a busy pointer while the interface thread draws."""
+        """Show a message and a busy pointer while the interface thread is drawing."""
         self._document.notices.say(text)
         QGuiApplication.setOverrideCursor(Qt.CursorShape.BusyCursor)
         try:
-            # paints the message before the draw blocks the thread
+            # paint the message before drawing blocks the thread
             QGuiApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
             yield
         finally:
@@ -154,7 +154,7 @@ class Pictures:
             self._open("movie", MovieDialog(self._document, scene, path, self._window), "Movie")
 
     def _raise_open(self, name: str) -> bool:
-        """Raise the dialog of a command if it is open; return whether it is open."""
+        """Raise the dialog of a command if it is open; return whether the dialog is open."""
         dialog = self._open_dialogs.get(name)
         if dialog is not None:
             dialog.raise_()
@@ -162,7 +162,7 @@ class Pictures:
         return dialog is not None
 
     def _open(self, name: str, dialog: GalleryDialog | MovieDialog, product: str) -> None:
-        """Open a modeless dialog, and show a message when it has saved its `product`."""
+        """Open a modeless dialog, and show a message when its `product` has been saved."""
 
         def take_saved(path: Path) -> None:
             self._settings.folder = path.parent
@@ -198,10 +198,10 @@ class Pictures:
         self._document.notices.say(f"Writing {path.name} …")
 
         def write() -> None:
-            try:  # in a child process, since pyvista holds the interpreter lock for seconds
+            try:  # in a child process, because pyvista holds the GIL for seconds
                 call_in_child(write_scene, surface, path, look=self._stop_if_closed)
             finally:
-                remove_left_overs(path.parent)  # temporary files of a process that was ended
+                remove_left_overs(path.parent)  # temporary files of a terminated process
 
         self._background_io.run(
             f"Writing {path.name}",
@@ -228,7 +228,7 @@ class Pictures:
         """Stop writing scenes, and close open dialogs."""
         self._closed = True
         for dialog in list(self._open_dialogs.values()):
-            dialog.done(0)  # this cancels the recording of a movie
+            dialog.done(0)  # cancels the recording of a movie
 
 
 def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
@@ -240,7 +240,7 @@ def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
 
 
 def _options(stored: str) -> FigureOptions:
-    """Return the options of a figure that are stored as JSON; the defaults if they are invalid."""
+    """Return figure options from JSON; default options if the JSON is invalid."""
     from meshmash_viewer.app.view.figure import FigureOptions
 
     try:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.second_view import SecondView
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Commands in the menu of a right click beside the mesh, and below a list of pins.
+#: Commands of the context menu next to the mesh, and of the context menu of the table of pins.
 _ELSEWHERE = ("reset_camera", "copy_picture", "save_picture")
 _IN_LISTS = ("import_pins", "export_pins", "clear_pins")
 _TABLES = "Tables (*.csv *.tsv *.txt)"
@@ -50,7 +50,7 @@ _DIGITS = 7
 
 
 class PinCommands:
-    """The commands on the pins of a document."""
+    """Commands on the pins of a document."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class PinCommands:
         self._dragging = False
 
     def connect(self, scene: MeshView, panel: ProfilePanel) -> None:
-        """Connect the render and the table of pins, once they are loaded."""
+        """Connect the render and the table of pins, once loaded."""
         self._panel = panel
         scene.movable_pins = True
         scene.pin_dragged.connect(self.drag)
@@ -148,7 +148,7 @@ class PinCommands:
     def add(self, table: PinTable) -> None:
         """Pin the vertices of a table.
 
-        `InputError` is raised if one of them does not exist; nothing is pinned then.
+        `InputError` is raised if a vertex does not exist; no vertex is pinned then.
         """
         mesh = self._document.mesh
         if mesh is None:
@@ -159,7 +159,7 @@ class PinCommands:
         self._accept(mesh, placed, "")
 
     def _accept(self, mesh: Mesh, placed: PlacedPins, source: str) -> None:
-        """Add imported pins if their mesh is still open, and show what was left out."""
+        """Add imported pins if their mesh is still open, and report the rows left out."""
         document, left_out = self._document, placed.faults
         if not document.is_shown(mesh):
             document.notices.say("No pin was set: its mesh is not open any more.", Severity.WARNING)
@@ -188,7 +188,7 @@ class PinCommands:
         self._document.work.request(dialog.job())
 
     def fly_to(self, vertex: int) -> None:
-        """Move the camera so that a vertex is in the middle."""
+        """Move the camera so that a vertex is in the middle of the render."""
         scene = self._opening.scene
         if scene is not None and self._document.is_shown(scene.mesh):
             scene.centre_on(vertex)
@@ -196,7 +196,7 @@ class PinCommands:
     # -- one pin ------------------------------------------------------------------------------
 
     def drag(self, vertex: int, to: int) -> None:
-        """Move a pin to another vertex; all moves until `drop` are one change."""
+        """Move a pin to another vertex; all moves until `drop` are one undo step."""
         if not self._dragging:
             self._dragging = True
             self._document.history.record("move of a pin", "pins")
@@ -204,12 +204,12 @@ class PinCommands:
             self._document.pins.change("move of a pin", vertex, vertex=to)
 
     def drop(self) -> None:
-        """End the change that `drag` began."""
+        """End the undo step that `drag` began."""
         self._dragging = False
         self._document.history.changed.emit()
 
     def rename(self, vertex: int, name: str) -> None:
-        """Name the pin of a vertex; a number is appended, with a message, if the name is taken."""
+        """Rename the pin of a vertex; if the name is taken, append a number and show a message."""
         document, pin = self._document, pin_at(self._document.pins.placed, vertex)
         if pin is None:
             return
@@ -250,7 +250,7 @@ class PinCommands:
     # -- menus --------------------------------------------------------------------------------
 
     def show_menu(self, vertex: int, place: QPoint, elsewhere: Sequence[str] = _ELSEWHERE) -> None:
-        """Show the menu of a vertex, or for -1 that of the commands `elsewhere`."""
+        """Show the menu of a vertex, or for -1 a menu of the commands `elsewhere`."""
         document, mesh, controller = self._document, self._document.mesh, self._opening.controller
         if mesh is None:
             return
@@ -273,7 +273,7 @@ class PinCommands:
         _open(menu, place)
 
     def show_list_menu(self, vertex: int, place: QPoint) -> None:
-        """Show the menu of a pin in the table, or for -1 that of the table."""
+        """Show the menu of a pin in the table of pins, or for -1 the menu of the table."""
         self.show_menu(vertex, place, _IN_LISTS)
 
     def show_second_menu(self, second: SecondView, vertex: int, place: QPoint) -> None:
@@ -297,7 +297,7 @@ class PinCommands:
         _open(menu, place)
 
     def _on_first(self, pin: Pin | None) -> int:
-        """Return the vertex of the first mesh that has the pin of the same number; -1 for none."""
+        """Return the vertex of the first mesh whose pin has the same number; -1 for none."""
         number = None if pin is None else pin.number
         return next(
             (each.vertex for each in self._document.pins.placed if each.number == number), -1
@@ -310,7 +310,7 @@ def _open(menu: QMenu, place: QPoint) -> None:
 
 
 def close_menus() -> None:
-    """Close the open menus, whose entries refer to a mesh that has been replaced."""
+    """Close the open menus, because their entries refer to a mesh that has been replaced."""
     while isinstance(menu := QApplication.activePopupWidget(), QMenu):
         menu.close()
 
@@ -330,7 +330,7 @@ def vertex_menu(
 ) -> QMenu:
     """Return the menu of a vertex, with entries for its pin and the displayed field, if any.
 
-    The ``objectName`` of an entry is ``menu_<name>``. `say` shows a message.
+    The ``objectName`` of an entry is ``menu_<name>``. `say` is called to show a message.
     """
     menu = theme.named(QMenu(parent), "vertex_menu", "What can be done at this vertex")
 

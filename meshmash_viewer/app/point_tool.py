@@ -1,4 +1,4 @@
-"""Points over the render: opened from a table, projected and coloured in a thread."""
+"""Points drawn over the render: reading from a table, projection and colouring in a thread."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
 #: Width of the dialog that asks for a position or a unit.
 _WIDE = 440
-#: Mesh, points to draw, regions in which to count them, and the projection if it is known.
+#: Mesh, points to draw, regions in which points are counted, and the projection if computed.
 _Asked: TypeAlias = tuple[Mesh, PointSet, Regions | None, ProjectedPoints | None]
 _Drawn: TypeAlias = tuple[ProjectedPoints, PointCloud, Regions | None]
-#: Result of reading a table: projected points, a question, or None if it is no table of points.
+#: Result of reading a table: projected points, an error to resolve, or None if it has no points.
 _Read: TypeAlias = tuple[PointSet, ProjectedPoints] | SeveralPositionsError | FarPointsError | None
 
 
@@ -52,12 +52,12 @@ class _Table:
     path: Path
     unit: str = ""
     position: str = ""
-    #: Whether the file was dropped, and may be a table of values per vertex.
+    #: Whether the file was dropped; it may then be a table of values per vertex.
     dropped: bool = False
 
 
 class PointTool(QObject):
-    """Opens tables of points for the first mesh, and draws them."""
+    """Commands that open a table of points for the first mesh; drawing of the points."""
 
     def __init__(
         self,
@@ -79,18 +79,18 @@ class PointTool(QObject):
 
     @property
     def idle(self) -> bool:
-        """Whether the drawn and counted points are those of the document."""
+        """Whether the points of the document have been drawn and counted."""
         return not self._thread.working
 
     def close(self) -> None:
-        """Wait for the thread."""
+        """Disconnect, and wait until the thread has ended."""
         self._document.points.requested.disconnect(self._restore)
         self._thread.close()
 
     # -- reading ------------------------------------------------------------------------------
 
     def open_points(self) -> None:
-        """Ask for a table of points, and draw them."""
+        """Ask for a table of points, and draw the points."""
         patterns = " ".join(f"*{ending}" for ending in POINT_ENDINGS)
         chosen, _ = QFileDialog.getOpenFileName(
             self._window,
@@ -107,7 +107,7 @@ class PointTool(QObject):
         self._read(_Table(path, dropped=True))
 
     def remove_points(self) -> None:
-        """Remove the points from the document; their file stays."""
+        """Remove the points from the document; their file is not deleted."""
         self._document.points.set(None, "removal of points")
 
     def _read(self, table: _Table) -> None:
@@ -150,7 +150,7 @@ class PointTool(QObject):
         self._document.notices.say(" ".join([text, *found.remarks]), severity)
 
     def _ask(self, said: str, choices: list[str], then: Callable[[str], None]) -> None:
-        """Ask the user for one of several positions, or for the unit."""
+        """Ask the user to choose one of several position columns, or to enter the unit."""
         dialog = theme.named(QInputDialog(self._window), "points_dialog", "How to read the points")
         dialog.setWindowTitle("Open points")
         dialog.setLabelText(said)
@@ -165,7 +165,7 @@ class PointTool(QObject):
         ask(dialog, lambda: then(dialog.textValue()))
 
     def _restore(self, known: dict[str, Any]) -> None:
-        """Read the points of a session."""
+        """Read the points stored in a session."""
         document, mesh, path = self._document, self._document.mesh, Path(known["path"])
         assert mesh is not None  # points are restored after the mesh
         table = _Table(path, known.get("unit", ""), known.get("position", ""))

@@ -1,4 +1,4 @@
-"""Start of the application, from the command line or on a mesh in memory, and its faults."""
+"""Start of the application, for a file or a mesh in memory, and handling of uncaught exceptions."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
     from meshmash_viewer.mesh import MeshLike
 
-#: Modules of heavy libraries to import in a thread: they define no subclasses of Qt classes.
+#: Modules of large libraries, imported in a thread: they define no subclasses of Qt classes.
 _LIBRARIES = ("pyvista.plotting", "meshmash_viewer.app.view.mesh_renderer")
-#: Modules that define such subclasses, to import in the interface thread. PySide registers each
-#: class in a table that it reads without the interpreter lock, so that a class defined in another
-#: thread sometimes crashed the process.
+#: Modules that define subclasses of Qt classes, imported in the interface thread. PySide reads its
+#: table of classes without the interpreter lock, so that a class defined in another thread
+#: sometimes crashed the process.
 _WIDGETS = (
     "meshmash_viewer.app.view.mesh_view",
     "meshmash_viewer.app.panels.spectrum_panel",
     "meshmash_viewer.app.panels.profile_panel",
     "meshmash_viewer.app.panels.field_panel",
 )
-#: Seconds during which a repeated fault, such as one at every frame, is shown only once.
+#: Seconds during which a repeated exception, such as an exception at every frame, is shown once.
 _ONCE = 2.0
-#: Free bytes on disk below which Mesa stores no shaders.
+#: Free bytes on disk below which Mesa's shader cache is disabled.
 _ROOM_FOR_SHADERS = 100e6
-#: Options of glibc, and the size in bytes from which blocks are returned to the system: above that
-#: of a field of a million vertices, which is allocated at every tick, below that of a picture.
+#: Options of glibc, and the size in bytes from which freed blocks are returned to the system. It is
+#: larger than a field of a million vertices, allocated at every tick, and smaller than a picture.
 _M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD, _LARGE_BLOCK = -3, -1, 6 << 20
-#: The application, if it was made here: it is deleted with its last reference.
+#: The application made by this module, kept alive by this reference.
 _made: list[QApplication] = []
-#: The collector that replaces Python's automatic one; its timer runs as long as the process.
+#: The collector that replaces Python's automatic collection; its timer runs until the process ends.
 _collectors: list[Any] = []
-#: Windows opened by `view`, which keeps the only reference.
+#: Windows opened by `view`, kept alive until they are closed.
 _windows: dict[int, MainWindow] = {}
 
 
@@ -68,7 +68,7 @@ def application() -> QApplication:
     if isinstance(existing, QApplication):
         return existing
     _draw_without_a_full_disk()
-    # the profile that VTK needs, for all widgets, since their contexts share resources
+    # all widgets use the profile that VTK requires, because their contexts share resources
     core = QSurfaceFormat()
     core.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
     core.setVersion(3, 2)
@@ -92,9 +92,9 @@ def application() -> QApplication:
 def _give_memory_back() -> None:
     """Configure glibc to return large blocks to the system when they are freed.
 
-    By default glibc raises the threshold for this with each block freed, and fragments its heap:
-    after an hour of pictures and meshes a window held 0.2 GB more than it used. Nothing is done
-    with other C libraries.
+    By default glibc raises the size threshold whenever a larger block is freed, and its heap
+    becomes fragmented: after an hour of pictures and meshes, 0.2 GB of unused memory were not
+    returned. Other C libraries are not configured.
     """
     if sys.platform.startswith("linux"):
         option = getattr(ctypes.CDLL(None), "mallopt", None)
@@ -106,8 +106,8 @@ def _give_memory_back() -> None:
 def _draw_without_a_full_disk() -> None:
     """Disable Mesa's shader cache on an almost full disk.
 
-    Mesa maps the file of the cache into memory, and the process crashes if it cannot be extended.
-    With the cache, a start is a third of a second faster.
+    Mesa maps the cache file into memory, and the process crashes if the file cannot be extended.
+    With the cache, the start is a third of a second faster.
     """
     caches = Path(platformdirs.user_cache_dir())
     place = next(folder for folder in (caches, *caches.parents) if folder.exists())
@@ -118,17 +118,17 @@ def _draw_without_a_full_disk() -> None:
 def run_app(
     path: Path | None = None, unit: str = "", maps: Sequence[Path] = (), *, fresh: bool = False
 ) -> int:
-    """Open the window, on a mesh or session if given, until it is closed; return the exit status.
+    """Show the window, with a mesh or session if given, until closed; return the exit status.
 
-    `unit` is as in `read_mesh`, "" for the one that the file states; `maps` are files with values
-    per vertex of that mesh. With `fresh`, stored settings are ignored.
+    `unit` is as in `read_mesh`, "" for the unit stated in the file. `maps` are files with values
+    per vertex of the mesh. With `fresh`, stored settings are ignored.
     """
     app = application()
-    # Ctrl+C in the terminal, or the end of the desktop's session, closes the window; in the event
-    # loop, which would not end if the window were closed before the loop runs
+    # Ctrl+C in the terminal, or the end of the desktop session, closes the window. The timer calls
+    # from the event loop: a loop started after the window was closed would not end.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QTimer.singleShot(0, QApplication.closeAllWindows))
-    pulse = QTimer(interval=200)  # Python handles signals only while it runs code
+    pulse = QTimer(interval=200)  # Python handles signals only between Python instructions
     pulse.timeout.connect(lambda: None)
     pulse.start()
 
@@ -136,7 +136,7 @@ def run_app(
 
     window = MainWindow(fresh=fresh, deferred=True)
     window.show()
-    QTimer.singleShot(0, lambda: load_libraries(window))  # after it has been painted
+    QTimer.singleShot(0, lambda: load_libraries(window))  # after the window has been painted
     with FaultBoundary(window.document.notices.show):
         if path is not None and (unit or maps):
             window.open_mesh(path, unit, maps)
@@ -148,7 +148,7 @@ def run_app(
 
 
 def show_message(text: str) -> None:
-    """Show why no window can be opened in a message box, for a user without a console."""
+    """Show in a message box why no window can be opened, for a user without a console."""
     application()
     QMessageBox.critical(None, "MeshMash Viewer", text)
 
@@ -163,24 +163,24 @@ def view(
     mesh : MeshLike
         ``(vertices, faces)``, a `Mesh`, a ``trimesh.Trimesh`` or a pyvista ``PolyData``.
     unit : str
-        Length unit of its coordinates or size of its voxels, as `read_mesh` takes it.
+        Length unit of the coordinates or size of the voxels, as in `read_mesh`.
     name : str
         Name of the mesh in the window.
     block : bool, optional
-        Whether to wait until the window is closed. By default a script waits; a notebook or a
-        prompt (with ``%gui qt``) and a program whose event loop runs do not.
+        Whether to wait until the window is closed. The default is True in a script, and False in a
+        notebook, at a prompt (with ``%gui qt``) and in a program whose event loop is running.
 
     Returns
     -------
     MainWindow
-        Its `document` can be read and changed by the script, its `plotter` is a
-        ``pyvista.Plotter`` in mesh coordinates, and `to_pyvista` returns the displayed mesh. If the
-        caller has an application already, nothing outside the window is changed.
+        A script can read and change its `document`. Its `plotter` is a ``pyvista.Plotter`` in mesh
+        coordinates, and `to_pyvista` returns the displayed mesh. If a QApplication exists already,
+        nothing outside the window is changed.
 
     Raises
     ------
     InputError
-        If `mesh` is not valid, or there is no display or no OpenGL.
+        If `mesh` is invalid, or no display or no OpenGL is available.
 
     Examples
     --------
@@ -207,15 +207,15 @@ def view(
     window.show()
     key = id(window)
     _windows[key] = window
-    # by its key: a function with a reference to the window would keep it, and its mesh, in memory
+    # by its key: a function that refers to the window would keep window and mesh in memory
     window.closed.connect(lambda: _forget(key))
     if block is None:
         block = not _has_prompt() and QThread.currentThread().loopLevel() == 0
     if block:
-        # not the loop of the application, which may run already, and ends with its last window
+        # not `exec` of the application: it may be running already, and ends with the last window
         loop = QEventLoop()
         window.closed.connect(loop.quit)
-        # exceptions of another application are handled by it
+        # an application made by the caller handles its exceptions itself
         with nullcontext() if guest else FaultBoundary(window.document.notices.show):
             loop.exec()
     return window
@@ -228,22 +228,22 @@ def _forget(key: int) -> None:
 
 @atexit.register
 def _close_windows() -> None:
-    """Close the windows at the end of a script, which ends their processes."""
+    """Close the windows at the end of a script; this ends their child processes."""
     for window in list(_windows.values()):
         window.close()
 
 
 def _has_prompt() -> bool:
-    """Whether Python is interactive, so that commands can be typed while the window is open."""
+    """Return whether commands can be typed at a Python prompt while the window is open."""
     return hasattr(sys, "ps1") or "IPython" in sys.modules or bool(sys.flags.interactive)
 
 
 def collect_garbage_when_idle(window: MainWindow) -> None:
     """Collect garbage in the interface thread only, and only among objects made after the imports.
 
-    Another thread would free Python wrappers of widgets, on which Qt may abort the process. The
-    imported libraries are two hundred thousand permanent objects; scanning them takes more than a
-    tenth of a second, so they are frozen, and again after the first frame.
+    If another thread freed a Python wrapper of a widget, Qt could abort the process. The imported
+    libraries are two hundred thousand permanent objects. Scanning them takes more than a tenth of a
+    second, so the objects existing now, and again after the first frame, are frozen.
     """
     from pyqtgraph.util.garbage_collector import GarbageCollector
 
@@ -253,7 +253,7 @@ def collect_garbage_when_idle(window: MainWindow) -> None:
 
 
 def load_libraries(window: MainWindow) -> None:
-    """Import heavy libraries in a thread, then make render and panels of a shown window."""
+    """Import large libraries in a thread, then make render and panels of a shown window."""
 
     def load() -> Exception | None:
         try:
@@ -295,13 +295,13 @@ def _say_missing(window: MainWindow, fault: Exception) -> None:
 
 
 class Application(QApplication):
-    """Application that opens files on macOS: double-clicked, or dropped on the icon in the Dock.
+    """Application that opens files double-clicked or dropped on the Dock icon on macOS.
 
-    macOS sends them as events, not as arguments of the program.
+    macOS passes these files as events, not as arguments of the program.
     """
 
     def event(self, event: QEvent) -> bool:
-        """Open a file in the active window, or else in the newest."""
+        """Open the file of an event in the active window, or else in the newest window."""
         if isinstance(event, QFileOpenEvent) and event.file():
             from meshmash_viewer.app.main_window import MainWindow
 
@@ -315,11 +315,11 @@ class Application(QApplication):
 
 
 class FaultBoundary(QObject):
-    """Replaces Python's hooks for uncaught exceptions while it is entered.
+    """Context manager that replaces Python's hooks for uncaught exceptions.
 
-    An exception in a slot, an event handler or a thread has no caller that catches it. It is
-    received here from any thread, and `notify` is called with a `Notice` in a later turn of the
-    event loop, as it may be raised while a widget is painted.
+    An exception in a slot, an event handler or a thread has no caller that catches it. The hooks
+    receive exceptions of all threads. `notify` is called with a `Notice` later, from the event
+    loop, because the exception may occur while a widget is being painted.
     """
 
     _caught = Signal(object)
@@ -347,7 +347,7 @@ class FaultBoundary(QObject):
         if isinstance(fault, KeyboardInterrupt):
             self._before[0](type(fault), fault, trace)
             return
-        # Python keeps the last exception for a debugger, with all objects in its frames
+        # free the objects in the frames of the last exception, which Python keeps for a debugger
         sys.last_value = sys.last_traceback = None
         self._caught.emit(failure_of(fault))
 

@@ -1,6 +1,6 @@
-"""Checks that windows can be opened, and that they get OpenGL.
+"""Checks that a display and OpenGL are available.
 
-Without a display Qt aborts the process, even the kernel of a notebook: check before Qt is started.
+Without a display Qt aborts the process, even a notebook kernel, so the checks precede Qt's start.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext
 
 from meshmash_viewer.errors import InputError
 
-#: Qt platforms on Linux with windows that can use OpenGL.
+#: Qt platforms on Linux whose windows can use OpenGL.
 _DRAWN = ("xcb", "wayland", "wayland-egl", "wayland-brcm", "eglfs")
 #: The oldest version of OpenGL that VTK supports.
 _OPENGL = (3, 2)
-#: Seconds to wait for a platform.
+#: Seconds to wait until a platform has opened its display.
 _PATIENCE = 30.0
-#: Program of a child process that opens the display; it writes no core dump if Qt aborts it.
+#: Program of a child process that opens the display. No core dump is written if Qt aborts it.
 _PROBE = """
 import resource
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -36,11 +36,11 @@ QGuiApplication([])
 
 @contextmanager
 def open_display() -> Iterator[None]:
-    """Choose a Qt platform that works, and keep the display open while Qt is started.
+    """Select a Qt platform that works, and keep the display open while Qt is started.
 
-    An X11 server that loses its only client may restart, and reject the next one.
+    An X11 server that loses its only client may restart, and reject the next client.
 
-    `InputError` is raised if there is no display, or it does not respond.
+    `InputError` is raised if there is no display, or the display does not respond.
     """
     with ExitStack() as held:
         if sys.platform.startswith("linux"):
@@ -51,7 +51,7 @@ def open_display() -> Iterator[None]:
 def _choose_platform(held: ExitStack) -> None:
     """Set QT_QPA_PLATFORM to the first platform that works."""
     asked = os.environ.get("QT_QPA_PLATFORM", "")
-    # X11 first: only its window managers let the program choose the position of windows
+    # X11 first: Wayland does not allow a program to choose the position of its windows
     offered = {"xcb": "DISPLAY", "wayland": "WAYLAND_DISPLAY"}
     names = [name for name, variable in offered.items() if os.environ.get(variable)]
     faults = []
@@ -69,7 +69,7 @@ def _choose_platform(held: ExitStack) -> None:
 
 
 def check_opengl() -> None:
-    """Raise `InputError` if windows get no OpenGL, or a version older than 3.2."""
+    """Raise `InputError` if windows have no OpenGL, or a version older than 3.2."""
     if not has_opengl():
         found = ".".join(map(str, _version())) or "none"
         raise InputError(
@@ -80,13 +80,13 @@ def check_opengl() -> None:
 
 
 def has_opengl() -> bool:
-    """Whether windows get OpenGL 3.2 or newer."""
+    """Return whether windows have OpenGL 3.2 or newer."""
     return _version() >= _OPENGL
 
 
 @cache
 def _version() -> tuple[int, ...]:
-    """Return the version of OpenGL that windows get; empty for none."""
+    """Return the version of OpenGL that windows have; empty without OpenGL."""
     if sys.platform.startswith("linux") and QGuiApplication.platformName() not in _DRAWN:
         return ()  # some of these platforms abort the process when a context is made
     context, surface = QOpenGLContext(), QOffscreenSurface()
@@ -99,7 +99,7 @@ def _version() -> tuple[int, ...]:
 
 
 def _fault(platform: str, held: ExitStack) -> str:
-    """Return why no window can be opened on a platform; "" if it can."""
+    """Return the reason why no window can be opened on a platform; "" if a window can be opened."""
     if platform not in _DRAWN:
         return f"QT_QPA_PLATFORM={platform} draws no window"
     if platform == "xcb":
@@ -118,13 +118,13 @@ def _fault(platform: str, held: ExitStack) -> str:
 
 
 def _fault_of_x(held: ExitStack) -> str:
-    """Return why no window can be opened on X11, by its library xcb, within a millisecond."""
+    """Return the reason why the library xcb cannot open the display, or ""; takes under 1 ms."""
     plugins = Path(QLibraryInfo.path(QLibraryInfo.LibraryPath.PluginsPath))
     plugin = plugins / "platforms" / "libqxcb.so"
     try:
         xcb = ctypes.CDLL("libxcb.so.1")
         if plugin.exists():
-            ctypes.CDLL(str(plugin))  # the error names the library that is missing
+            ctypes.CDLL(str(plugin))  # the error message names the missing library
     except OSError as fault:
         return f"Qt's xcb lacks a library: {fault}"
     for name in ("xcb_connect", "xcb_get_setup"):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ScriptedWindow(QMainWindow):
-    """The methods of `MainWindow` for scripts, which `view` returns."""
+    """Base class of `MainWindow` with the methods for scripts."""
 
     document: Document
     scene: MeshView
@@ -40,7 +40,7 @@ class ScriptedWindow(QMainWindow):
 
     @property
     def plotter(self) -> RenderWidget:
-        """The render as a `pyvista.Plotter` in mesh coordinates; actors can be added to it."""
+        """The render as a `pyvista.Plotter` in mesh coordinates, to which actors can be added."""
         return self.scene.plotter
 
     def to_pyvista(self) -> Any:
@@ -56,14 +56,14 @@ class ScriptedWindow(QMainWindow):
         ----------
         name : str
         values : array_like, shape (n,)
-            One for each vertex of the mesh, or of its file.
+            Values per vertex of the mesh, or per vertex of its file.
         unit : str
             Unit of the values; "" for none.
 
         Raises
         ------
         InputError
-            If there is no mesh, or the number of values differs.
+            If there is no mesh, or the number of values is not the number of vertices.
         """
         mesh = self.document.mesh
         if mesh is None:
@@ -73,17 +73,17 @@ class ScriptedWindow(QMainWindow):
     def add_pins(
         self, at: npt.ArrayLike, names: Sequence[str] = (), colors: Sequence[str] = ()
     ) -> None:
-        """Pin vertices of the mesh; pins that exist already get the names and colours.
+        """Pin vertices of the mesh; existing pins are given the names and colours.
 
         Parameters
         ----------
         at : array_like
             Indices of vertices in the mesh file, shape (m,), or positions, shape (m, 3), in the
-            unit of the mesh or in its voxels, whose nearest vertices are pinned.
+            unit of the mesh or in its voxels. The vertex nearest to each position is pinned.
         names : sequence of str
             Name of each pin, "" for none.
         colors : sequence of str
-            Colour of each pin, "#RRGGBB", or "" for a default one.
+            Colour of each pin, "#RRGGBB", or "" for a default colour.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class ScriptedWindow(QMainWindow):
         Raises
         ------
         TimeoutError
-            If the window is still busy after that time.
+            If the window is still busy after the time limit.
         """
         deadline = QDeadlineTimer(round(1000.0 * seconds))
         while not (

@@ -1,4 +1,4 @@
-"""The second mesh of a comparison: its render, its tasks, and its links with the first."""
+"""The second mesh of a comparison: its render, its tasks, and its links with the first mesh."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from meshmash_viewer.units import format_share
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.style import ColorMap
 
-#: The field of the second mesh as it is displayed in the comparison, and the common limits.
+#: The field of the second mesh as displayed in the comparison, and the common limits.
 _Linked: TypeAlias = tuple[Field, Limits] | None
 
 
 class SecondView(QWidget):
-    """The render of a second mesh, linked with document, render and controller of the first."""
+    """Render of a second mesh, linked with document, render and controller of the first mesh."""
 
     #: The user has pressed the close button, or the mesh could not be read.
     close_requested = Signal()
@@ -50,9 +50,9 @@ class SecondView(QWidget):
         self.pair = Pair(document, self.document)
         self._first_scene, self._first = scene, controller
         self._turning = False
-        #: The link of the cameras at the last copy.
+        #: Value of `Pair.cameras` when a camera was last copied.
         self._cameras = self.pair.cameras
-        #: Controller of the field that waits for the field of the other mesh before it is drawn.
+        #: Controller whose field is drawn later, with the field of the other mesh.
         self._waiting: Controller | None = None
         #: Inputs and result of the last computation in `_linked`.
         self._known: tuple[tuple[Any, ...], _Linked] = (), None
@@ -81,7 +81,7 @@ class SecondView(QWidget):
         listen(pair.changed, self._draw)
         listen(pair.changed, self._follow_cameras)
         document.notices.shown.connect(self._on_notice)
-        follow(document.work.changed, self._on_job_changed)  # deferred: the notice comes first
+        follow(document.work.changed, self._on_job_changed)  # deferred, after the notice is shown
         self.scene.vertex_clicked.connect(pair.pin_second)
         self.scene.click_revoked.connect(pair.revoke_pin_second)
         self.scene.movable_pins = True
@@ -104,7 +104,7 @@ class SecondView(QWidget):
         )
 
     def shut(self) -> None:
-        """Stop all tasks, and end the links; the view cannot be used again."""
+        """Stop all tasks, and remove the links; the view cannot be used again."""
         self._first.link = None
         self._first.draw()
         self.pair.close()
@@ -132,7 +132,7 @@ class SecondView(QWidget):
             self.close_requested.emit()
 
     def _on_notice(self, notice: Notice | None) -> None:
-        """Show a notice of the second document in the message bar; None: review the shown one."""
+        """Show a notice of the second document; for None, review the displayed notice."""
         if notice is None:
             self.pair.first.notices.review()
         else:
@@ -160,10 +160,10 @@ class SecondView(QWidget):
     # -- drawing ------------------------------------------------------------------------------
 
     def draw(self, source: Controller) -> None:
-        """Draw the fields of both meshes after one of them has changed.
+        """Draw the fields of both meshes after the field of `source` has changed.
 
-        Fields with common limits are drawn together: the first one waits for the other, unless that
-        one takes long.
+        Fields with common limits are drawn together, once both are computed. A field is drawn alone
+        if the other field takes long.
         """
         other = self.controller if source is self._first else self._first
         waits = self._waiting is None and other.comes and not other.late
@@ -178,7 +178,7 @@ class SecondView(QWidget):
     def adapted(
         self, source: Controller, field: Field, limits: Limits, colormap: ColorMap
     ) -> tuple[Field, Limits, ColorMap]:
-        """Return field, limits and colour map of one mesh as displayed in the comparison."""
+        """Return field, limits and colour map of `source` as displayed in the comparison."""
         linked, first = self._linked(), self._first.field
         if linked is None:
             return field, limits, colormap
@@ -189,7 +189,7 @@ class SecondView(QWidget):
         return linked[0], linked[1], colormap
 
     def _linked(self) -> _Linked:
-        """Return `Pair.shown_field` of the last fields, computed when an input has changed."""
+        """Return `Pair.shown_field` of the last fields, computed again if an input has changed."""
         first, second = self._first.field, self.controller.field
         if first is None or second is None:
             return None
@@ -204,7 +204,7 @@ class SecondView(QWidget):
     # -- actions of the user ------------------------------------------------------------------
 
     def _turned(self) -> None:
-        """Copy the camera to the first mesh if the user moved it, else from the first mesh."""
+        """Copy this camera to the first mesh if the user moved it, else the first mesh's camera."""
         if self.scene.turned_by_hand:
             self._turn(self._first_scene, self.scene)
         else:
@@ -214,7 +214,7 @@ class SecondView(QWidget):
         self._turn(self.scene, self._first_scene)
 
     def _follow_cameras(self) -> None:
-        """Copy the camera of the first mesh if the link of the cameras has changed."""
+        """Copy the camera of the first mesh if `Pair.cameras` has changed."""
         if self.pair.cameras != self._cameras:
             self._turn_second()
 

@@ -1,4 +1,4 @@
-"""The *Select* tool: selection of vertices by strokes on the render and by ranges of the field."""
+"""The *Select* tool: selection of vertices by strokes on the render and by ranges of values."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Modes in which a drag with the left button is a stroke; in the others it turns the mesh.
+#: Modes in which a drag with the left button is a stroke; in other modes it rotates the mesh.
 _STROKES = ("brush", "lasso", "disc", "component", "part")
 #: Initial radius of the brush, as a share of the diagonal of the mesh.
 _BRUSH = 0.01
 #: The range of all values.
 _ALL = (-np.inf, np.inf)
-#: Largest number of discs that the brush selects between two positions of the pointer.
+#: Maximum number of discs selected between two positions of the pointer.
 _BETWEEN = 6
-#: Milliseconds without a new range after which the changes of a range become one undo step.
+#: Milliseconds without a new range after which the previous ranges become one undo step.
 _REST = 500
 
 _ONLY_FIRST = (
@@ -55,15 +55,15 @@ _ONLY_FIRST = (
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A mask to compute in the thread, and how it changes the selection."""
+    """A mask to compute in the thread, and its effect on the selection."""
 
     work: Callable[[], Mask]
     how: How
     label: str
-    #: Message if the mask is empty; the selection is not changed then.
+    #: Message shown if the mask is empty; if not "", an empty mask leaves the selection unchanged.
     nothing: str = ""
-    #: Whether it is one of the steps of a drag. A newer one replaces it while it waits, and all of
-    #: them are one undo step.
+    #: Whether the step belongs to a drag. A newer step replaces a waiting step of the same drag,
+    #: and all steps of a drag are one undo step.
     live: bool = False
     #: For a live step: the selection before the drag, and whether the drag has ended.
     before: Mask | None = None
@@ -71,10 +71,10 @@ class _Step:
 
 
 class SelectTool(QObject):
-    """Selects vertices of the first mesh in one of the `SELECT_MODES`.
+    """Tool that selects vertices of the first mesh in one of the `SELECT_MODES`.
 
-    Vertices replace the selection; with Shift they are added to it, with Alt removed from it. Masks
-    that take more than a few milliseconds are computed in a thread, in the order of their requests.
+    The vertices replace the selection, are added to it with Shift, or removed from it with Alt.
+    Masks that take more than a few milliseconds are computed in a thread, in the order requested.
     """
 
     #: The tool was switched on or off, or its mode, radius or range has changed.
@@ -92,25 +92,25 @@ class SelectTool(QObject):
         self.radius = 0.0
         #: Whether a lasso also selects covered vertices.
         self.through = False
-        #: Whether `alike` selects only the part that is connected with the pinned vertex.
+        #: Whether `alike` selects only vertices that are connected with the pinned vertex.
         self.connected = False
-        #: Selected range of the field; infinite where a handle is at the end of the colour bar.
+        #: Selected range of values; infinite where a handle is at the end of the colour bar.
         self.range = _ALL
-        #: Name of the family and unit of the field that `range` refers to.
+        #: Name of the family, and unit, of the field to which `range` refers.
         self._ranged: tuple[str, str] | None = None
         self._geodesics: tuple[Mesh, Geodesics] | None = None
         self._how: How = "replace"
-        #: Positions of the pointer during a stroke: all for a lasso, the last for the brush, the
-        #: first in other modes. Empty without a stroke.
+        #: Positions of the pointer during a stroke: all positions for a lasso, the last position
+        #: for the brush, the first position in other modes. Empty without a stroke.
         self._line: list[QPointF] = []
-        #: The selection before the stroke, and the one that the brush has made of it so far.
+        #: The selection before the stroke, and the current selection during a stroke of the brush.
         self._before: Mask | None = None
         self._stroke: Mask | None = None
-        #: Vertices that the brush can reach: they face the eye and are drawn.
+        #: Vertices that the brush can reach: drawn vertices that face the eye.
         self._front: Mask | None = None
         #: Vertex at the centre of a disc; -1 for none.
         self._centre = -1
-        #: The step that is being computed, then those that wait.
+        #: The step that is being computed, then the waiting steps.
         self._steps: deque[_Step] = deque()
         self._preparing: LatestThread[Mesh] = LatestThread(
             lambda mesh, _: prepared(mesh), self._take_prepared, parent=self
@@ -131,14 +131,14 @@ class SelectTool(QObject):
         self._on_mesh_changed()
 
     def close(self) -> None:
-        """Wait for the threads."""
+        """Wait until the threads have ended."""
         self._rest.stop()
         self._preparing.close()
         self._thread.close()
 
     @property
     def prepared(self) -> bool:
-        """Whether brush and disc can be used on the mesh, and its vertex areas are known."""
+        """Whether vertex areas and the geodesics for brush and disc have been computed."""
         mesh, known = self._document.mesh, self._geodesics
         return mesh is not None and known is not None and known[0].vertices is mesh.vertices
 
@@ -149,12 +149,12 @@ class SelectTool(QObject):
 
     @property
     def field(self) -> Field | None:
-        """The displayed field, of which `range` selects values."""
+        """The displayed field, to whose values `range` applies."""
         return self._controller.field
 
     @property
     def strokes(self) -> bool:
-        """Whether the left button selects; otherwise it turns the mesh, and a click pins."""
+        """Whether the left button selects; otherwise a drag rotates the mesh, and a click pins."""
         return self.on and self.mode in _STROKES
 
     # -- choices ------------------------------------------------------------------------------
@@ -170,14 +170,14 @@ class SelectTool(QObject):
         self.changed.emit()
 
     def set_second(self, scene: MeshView | None) -> None:
-        """Set the render of the second mesh, where a stroke only shows a message; None for none."""
+        """Set the render of the second mesh, or None; a stroke on it only shows a message."""
         self._second = scene
         if scene is not None:
             scene.plotter.stroke_begun.connect(lambda *_: self._say(_ONLY_FIRST))
             scene.take_strokes(self.strokes)
 
     def select_with(self, mode: str) -> None:
-        """Switch the tool on in a mode."""
+        """Set the mode, and switch the tool on."""
         self.mode, self.range = mode, _ALL
         self.select(True)
         if mode == "alike" and self._document.display.family.required != "vertex":
@@ -210,7 +210,7 @@ class SelectTool(QObject):
         self.changed.emit()
 
     def set_connected(self, connected: bool) -> None:
-        """Set whether `alike` selects only the part connected with the pinned vertex."""
+        """Set whether `alike` selects only vertices connected with the pinned vertex."""
         self.connected = connected
         if self.range != _ALL:
             self.set_range(*self.range)
@@ -224,12 +224,12 @@ class SelectTool(QObject):
         return Limits(caption.low, caption.high, caption.logarithmic)
 
     def _drag_range(self, low: float, high: float) -> None:
-        """Select a range by the positions of its ends on the colour bar, from 0 to 1."""
+        """Select a range, given the positions of its ends on the colour bar, from 0 to 1."""
         if (limits := self._limits) is not None:
             self.set_range(limits.at(low), limits.at(high))
 
     def _follow_field(self) -> None:
-        """Reset the range if the field now has another quantity."""
+        """Reset the range if the family or the unit of the field has changed."""
         field = self.field
         ranged = None if field is None else (field.family.name, field.unit)
         if ranged != self._ranged:
@@ -246,7 +246,7 @@ class SelectTool(QObject):
         self._scene.set_bar_range(shares)
 
     def fill_selection(self) -> None:
-        """Add the parts of the surface that the selection encloses."""
+        """Add the parts of the surface enclosed by the selection."""
         mesh, mask = self._document.mesh, self._document.selection.mask
         if mesh is not None and mask is not None:
             self._run(_Step(partial(filled, mesh, mask), "replace", "filling of holes"))
@@ -254,7 +254,7 @@ class SelectTool(QObject):
     # -- strokes ------------------------------------------------------------------------------
 
     def _begin(self, at: QPointF, modifiers: Qt.KeyboardModifier) -> None:
-        """Begin a stroke, which adds with Shift and removes with Alt."""
+        """Begin a stroke, which adds vertices with Shift and removes vertices with Alt."""
         mesh = self._document.mesh
         if mesh is None or not self._document.is_shown(self._scene.mesh):
             return
@@ -307,7 +307,7 @@ class SelectTool(QObject):
             self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
 
     def _brush(self, at: QPointF) -> None:
-        """Select discs around the vertices on the line from the last position of the pointer."""
+        """Select discs around the vertices on the line from the last pointer position to `at`."""
         if self._stroke is None or self._geodesics is None:
             return
         start = self._line[-1]
@@ -323,7 +323,7 @@ class SelectTool(QObject):
             self._document.selection.draw(self._stroke, "brush")
 
     def _disc(self, at: QPointF, *, last: bool) -> None:
-        """Select the vertices within the dragged distance of the one where the stroke began."""
+        """Select the vertices within the dragged distance of the first vertex of the stroke."""
         mesh, start = self._document.mesh, self._line[0]
         if mesh is None or self._centre < 0 or not self._ready():
             return
@@ -361,7 +361,7 @@ class SelectTool(QObject):
         self._run(_Step(work, self._how, "part of a label"))
 
     def _ready(self) -> bool:
-        """Return `prepared`; show a message if it is False."""
+        """Return `prepared`, and show a message if it is False."""
         if self.prepared:
             return True
         text = "The brush is being prepared for this mesh: try again in a moment."
@@ -395,9 +395,9 @@ class SelectTool(QObject):
             self.changed.emit()
 
     def _run(self, step: _Step) -> None:
-        """Compute a step in the thread, after the steps that wait."""
+        """Compute a step in the thread, after the waiting steps."""
         if len(self._steps) > 1 and step.live and self._steps[-1].live:
-            self._steps.pop()  # the new step replaces it
+            self._steps.pop()  # replaced by the new step
         self._steps.append(step)
         if len(self._steps) == 1:
             self._thread.ask(step)

@@ -1,4 +1,4 @@
-"""Conversion of the state of a window to a session, and its restoration."""
+"""Conversion of the state of a window to a session, and restoration of a session."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from meshmash_viewer.surface.masks import Mask
 
 
 def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = None) -> Session:
-    """Return the session of a document, with the second mesh of `pair` if there is one.
+    """Return the session of a document, with the second mesh of `pair`, if any.
 
     `camera` is the result of `View.to_json`, or empty without a render.
     """
@@ -80,24 +80,24 @@ def _map_files(document: Document) -> list[str]:
 
 
 class Restoration:
-    """Opens a session: checks all entries, reads the mesh, then restores the state of the document.
+    """Restoration of a session: all entries are checked, then mesh and document are restored.
 
     Parameters
     ----------
     path : Path
         File of the session.
     session : Session, optional
-        Content of that file, if it has been read.
+        Content of the session file, if already read.
     saved_itself : bool
-        Whether the program saved it (`LastSession`), not the user. It is then restored only if the
-        content of the mesh file has not changed.
+        Whether the session was saved automatically (`LastSession`), not by the user. It is then
+        restored only if the content of the mesh file has not changed.
     maps : sequence of Path
-        Files of further maps to add.
+        Files of additional maps.
 
     Raises
     ------
     InputError
-        If the file is no session, or an entry is invalid. The document is not changed then.
+        If the file is not a session, or an entry is invalid. The document is not changed then.
     """
 
     #: Everything except the camera and the second mesh has been restored.
@@ -151,7 +151,7 @@ class Restoration:
         )  # fmt: skip
 
     def stop(self) -> None:
-        """Restore nothing more."""
+        """Disconnect from the document, so that nothing more is restored."""
         self._document.work.changed.disconnect(self._advance)
         self._before = None  # frees the previous mesh with its eigenpairs
 
@@ -163,9 +163,9 @@ class Restoration:
             mine = isinstance(job, ReadJob) and job.path.absolute() == self._mesh_path
             self._started = self._started or mine
         elif not self._started:
-            pass  # a previous job has been stopped; reading starts next
+            pass  # a previous job has been stopped; reading the mesh starts next
         elif (
-            document.ready is self._before  # reading has failed, with a message
+            document.ready is self._before  # reading has failed, and a message is shown
             or document.path is None
             or document.path.absolute() != self._mesh_path
         ):
@@ -218,7 +218,7 @@ class Restoration:
         self.restored.emit()
 
     def _pins(self) -> tuple[Pin, ...]:
-        """Return the pins of the session at existing vertices, one for each vertex."""
+        """Return the pins of the session at existing vertices, at most one pin per vertex."""
         session, pins = self._session, dict[int, Pin]()
         given = zip_longest(session.pin_numbers, session.pin_names, session.pin_colors)
         for index, about in zip_longest(session.pins, given):
@@ -230,7 +230,7 @@ class Restoration:
         return tuple(pins.values())
 
     def _mask(self, text: str, entry: str) -> Mask | None:
-        """Return the mask of the mesh that a packed mask of the session encodes, if it is valid."""
+        """Return the mask encoded by an entry of the session; None if empty or invalid."""
         mesh = self._document.mesh
         assert mesh is not None
         try:
@@ -241,7 +241,7 @@ class Restoration:
         return None if in_file is None else mask_of_file(mesh, in_file)
 
     def _place(self, index: int) -> int | None:
-        """Return the vertex of the mesh for an index of the session; None if there is none."""
+        """Return the vertex of the mesh for an index of the session; None if it does not exist."""
         mesh = self._document.mesh
         assert mesh is not None
         if not self._session.file_indices:
@@ -252,12 +252,12 @@ class Restoration:
 
     @property
     def kept_maps(self) -> list[str]:
-        """Names of the files next to the session that hold the maps of no other file."""
+        """Names of the files next to the session that contain the unsaved maps."""
         return self._session.kept_maps
 
     @property
     def second(self) -> Session | None:
-        """The session of the second mesh, if there was one."""
+        """The session of the second mesh, or None."""
         session = self._session
         if not session.second_path:
             return None

@@ -1,4 +1,4 @@
-"""Data stored between runs: settings of the window, and a session of each mesh file."""
+"""Data stored between runs: settings of the window, and one session per mesh file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _RECENT_KEPT = 10
 class Settings:
     """Recent files, theme, layout and the speed of the last solve.
 
-    With `fresh`, all settings have their defaults, and stored ones are neither read nor written.
+    With `fresh`, all settings have default values, and no stored settings are read or written.
     """
 
     def __init__(self, fresh: bool = False) -> None:
@@ -58,9 +58,9 @@ class Settings:
 
     @property
     def recent(self) -> list[Path]:
-        """Recently opened mesh files that still exist, the newest first."""
+        """Recently opened mesh files that still exist, newest first."""
         stored = self._get("recent")
-        # Qt returns a list of one string as a string
+        # QSettings returns a list of one string as a string
         texts = [stored] if isinstance(stored, str) else stored or []
         return [path for path in map(Path, texts) if path.exists()]
 
@@ -89,7 +89,7 @@ class Settings:
 
     @property
     def figure(self) -> tuple[str, str]:
-        """Options of the last saved figure as JSON, and the ending of its file; may be empty."""
+        """Options of the last saved figure as JSON, and the ending of its file; "" if unknown."""
         return str(self._get("figure") or ""), str(self._get("figure_ending") or "")
 
     @figure.setter
@@ -128,19 +128,19 @@ _PAUSE = 300
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
 
-#: Maps that are in no other file, as last written, by the name of their file next to the session.
+#: Unsaved maps, as last written next to the session, by the name of their file.
 _Kept: TypeAlias = dict[str, VertexMap]
 
 
 class LastSession(QObject):
-    """Writes the session of a document's mesh file after every change, and reads it again.
+    """Automatic storage of the session of a document's mesh file after every change.
 
     The first change is written before the next frame, which may take a second on a slow machine;
-    further changes are written together after a pause. Files are written in a thread, as flushing
-    them to the disk takes up to a tenth of a second.
+    further changes are written together after a pause. Files are written in a thread, because
+    flushing them to the disk takes up to a tenth of a second.
 
-    `folder` has a session for each mesh file. `look` returns the camera (see `View.to_json`) and
-    the pair with the second mesh, if there is one.
+    `folder` contains one session per mesh file. `look` returns the camera (see `View.to_json`) and
+    the pair with the second mesh, or None.
     """
 
     _failed, _due = Signal(str), Signal()
@@ -174,14 +174,14 @@ class LastSession(QObject):
         listen(changes, self.changed)
 
     def changed(self) -> None:
-        """Write the session soon."""
+        """Request that the session is written soon."""
         self._waiting = self._document.path is not None
-        # by a signal: slow frames may delay a timer by more than the pause
+        # a queued signal, because slow frames may delay a timer by more than the pause
         if self._waiting and self._timer.remainingTime() <= 0:
             self._due.emit()
 
     def watch(self, document: Document | None) -> None:
-        """Also save unit, repairs and kept maps of a second document; None ends this."""
+        """Also save unit, repairs and unsaved maps of a second document; None ends the saving."""
         self._save_second()
         self._second, self._kept_of_second = document, {}
         self._known_of_second = Path(), None
@@ -190,7 +190,7 @@ class LastSession(QObject):
             listen(document.history.changed, self.changed)
 
     def stored(self, mesh_path: Path) -> Session | None:
-        """Return the session of a mesh file; None without a readable one."""
+        """Return the stored session of a mesh file; None if there is no readable session."""
         self._pool.waitForDone()
         if not self.path(mesh_path).exists():
             return None
@@ -201,10 +201,10 @@ class LastSession(QObject):
             return None
 
     def set_aside(self, mesh_path: Path, fault: str) -> None:
-        """Rename an unusable session, and show why."""
+        """Rename an unusable session file, and show the reason."""
         text = f"{mesh_path.name} opens without what was made on it before. {fault}"
         text += _set_aside(self.path(mesh_path))
-        # `holds`: opening the mesh does not withdraw the notice
+        # `holds` is always True, so that opening the mesh does not withdraw the notice
         self._document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
 
     def path(self, mesh_path: Path) -> Path:
@@ -212,7 +212,7 @@ class LastSession(QObject):
         return self._folder / f"{key}{SESSION_ENDING}"
 
     def save(self) -> None:
-        """Write the session now. A failure is shown as a message."""
+        """Write the session now. If writing fails, a message is shown."""
         self._timer.stop()
         self._waiting = False
         self._save_second()
@@ -221,14 +221,14 @@ class LastSession(QObject):
             return
         path = self.path(document.path)
         camera, pair = self._look()
-        if not camera:  # the render is not loaded yet, so the stored session is not restored yet
+        if not camera:  # without a render, the stored session has not been restored yet
             return
         maps = self._new_maps(document, self._kept)
         session = replace(session_of(document, camera, pair), kept_maps=list(self._kept))
         self._pool.start(lambda: self._write(path, session, maps))
 
     def close(self) -> None:
-        """Write the session, and wait for the thread."""
+        """Write the session, and wait until it is written."""
         self.save()
         self._pool.waitForDone()
 
@@ -239,7 +239,7 @@ class LastSession(QObject):
         _delete(self.path(mesh_path))
 
     def restore_maps(self, session: Path, names: Sequence[str], *, second: bool = False) -> int:
-        """Add the maps in files next to a session to a mesh; return their number."""
+        """Add the maps in files next to a session to a mesh; return the number of maps."""
         document = self._second if second else self._document
         kept = self._kept_of_second if second else self._kept
         if document is None or document.mesh is None or document.path is None or not names:
@@ -267,20 +267,20 @@ class LastSession(QObject):
     # -- details ------------------------------------------------------------------------------
 
     def _change_mesh(self) -> None:
-        """Write the session of a new mesh after a pause, in which its stored one is restored."""
+        """Write the session of a new mesh after a pause, once the stored session is restored."""
         self._waiting = self._document.path is not None
         if not self._timer.isActive():
             self._timer.start()
 
     def _save_changes(self) -> None:
-        """Write the session; if the thread is still writing, do so after the next pause."""
+        """Write the session, or try again after the next pause if the thread is still writing."""
         if self._waiting and self._timer.remainingTime() <= 0:
             if not self._pool.activeThreadCount():
                 self.save()
             self._timer.start()
 
     def _save_second(self) -> None:
-        """Write the session of the second mesh; the first time, restore its kept maps instead."""
+        """Write the session of the second mesh; at the first call, restore its unsaved maps."""
         document, kept = self._second, self._kept_of_second
         if document is None or document.path is None or document.mesh is None:
             return
@@ -300,7 +300,7 @@ class LastSession(QObject):
             self._pool.start(lambda: self._write(file, now, maps))
 
     def _new_maps(self, document: Document, kept: _Kept) -> dict[str, KeptMaps]:
-        """Return the maps that have to be written, by the names of their new files."""
+        """Return the maps that must be written, by the names of their new files; update `kept`."""
         assert document.path is not None
         key, unsaved = _key(self.path(document.path)), document.maps.unsaved
         maps: dict[str, VertexMap] = {}
@@ -308,7 +308,7 @@ class LastSession(QObject):
         for each in unsaved.maps:
             written = (at for at in kept if at.startswith(key))
             file = next((at for at in written if _is_same(kept[at], each)), "")
-            if not file:  # a new name: the previous session still refers to the old file
+            if not file:  # use a new name, because the stored session still refers to the old file
                 file = f"{key}.{time.time_ns():x}-{len(maps)}{KEPT_MAPS_ENDING}"
                 edited = [name for name in unsaved.edited if name == each.name]
                 new[file] = KeptMaps((each,), unsaved.mesh, edited)
@@ -329,7 +329,7 @@ class LastSession(QObject):
             self._failed.emit(str(fault))
 
     def _say_failed(self, fault: str) -> None:
-        self._kept, self._kept_of_second = {}, {}  # so that all maps are written again
+        self._kept, self._kept_of_second = {}, {}  # all maps are written at the next attempt
         text = f"What you made could not be saved for the next time: {fault}"
         self._document.notices.say(text, Severity.WARNING)
 
@@ -342,7 +342,7 @@ class LastSession(QObject):
 
 
 def _set_aside(file: Path) -> str:
-    """Rename a file that cannot be read; return a sentence with its new path."""
+    """Rename an unreadable file; return a sentence with its new path."""
     kept = file.with_suffix(".unreadable")
     try:
         file.replace(kept)
@@ -358,7 +358,7 @@ def _is_same(one: VertexMap, other: VertexMap) -> bool:
 
 
 def _delete_maps(session: Path, but: Sequence[str] = ()) -> None:
-    """Delete the files of maps of a session, except those named in `but`."""
+    """Delete the map files of a session, except the files named in `but`."""
     for file in session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}"):
         if file.name not in but:
             file.unlink(missing_ok=True)
@@ -369,6 +369,6 @@ def _key(session: Path) -> str:
 
 
 def _delete(session: Path) -> None:
-    """Delete a session and its maps."""
+    """Delete a session file and its map files."""
     session.unlink(missing_ok=True)
     _delete_maps(session)

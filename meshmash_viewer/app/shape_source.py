@@ -30,12 +30,12 @@ from meshmash_viewer.units import counted
 
 FloatArray = npt.NDArray[np.floating]
 
-#: Milliseconds between the frames of a vibration, and its period in seconds.
+#: Milliseconds between the frames of a vibration, and period of the vibration in seconds.
 _FRAME, _PERIOD = 33, 1.6
-#: Seconds between partial sums that are displayed during a long sum.
+#: Seconds between the displays of partial sums while a long sum is computed.
 _PARTIAL = 0.06
-#: Number of vertices up to which normals are computed for every shape; those of a larger mesh are
-#: computed after this many seconds without a new request.
+#: Number of vertices up to which normals are computed for every shape, and seconds without a new
+#: request after which the normals of a larger mesh are computed.
 _SMALL, _REST = 60_000, 0.15
 
 
@@ -49,12 +49,12 @@ class _Kept:
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    """A shape to compute."""
+    """Request for a shape."""
 
     spectrum: Eigenpairs
     shape: Shape
     kept: _Kept
-    #: Field whose values are the amplitudes of a vibration, and the displacement from -1 to 1.
+    #: Field of the amplitudes of a vibration, or None, and current displacement from -1 to 1.
     field: Field | None = None
     phase: float = 0.0
 
@@ -65,17 +65,17 @@ class DrawnShape:
 
     #: Eigenpairs of the mesh.
     spectrum: Eigenpairs
-    #: Shape (n, 3), relative to the centre of the mesh; None for the vertices of the mesh.
+    #: Positions, shape (n, 3), relative to the centre of the mesh; None for the mesh's vertices.
     points: npt.NDArray[np.float32] | None = None
-    #: Shape (n, 3); None for the normals displayed before.
+    #: Vertex normals, shape (n, 3); None to keep the displayed normals.
     normals: npt.NDArray[np.float32] | None = None
-    #: Number of eigenfunctions of the reconstruction; 0 without one.
+    #: Number of eigenfunctions of the reconstruction; 0 without a reconstruction.
     count: int = 0
     #: See `Shape.morph`.
     morph: float = 1.0
     #: Root mean square distance from the vertices of the mesh.
     distance: float = 0.0
-    #: Whether it is the final answer to a request without a vibration.
+    #: Whether the shape is the final answer to a request without a vibration.
     rests: bool = True
 
     @property
@@ -88,9 +88,9 @@ class DrawnShape:
 
 
 class ShapeSource(QObject):
-    """Computes the displayed shape for a document, in a thread.
+    """Source of the displayed shape of a document, computed in a thread.
 
-    `shape_ready` is emitted with each `DrawnShape`, also of partial sums; only the latest request
+    `shape_ready` is emitted with each `DrawnShape`, including partial sums; only the latest request
     is completed. `failed` is emitted with a `Failure`.
     """
 
@@ -127,7 +127,7 @@ class ShapeSource(QObject):
         """Drop requests and results of the previous mesh."""
         self._thread.drop()
         self._latest = self.drawn = None
-        self._kept = _Kept()  # the thread may still write to the old one
+        self._kept = _Kept()  # a new object, because the thread may still write to the old one
 
     def refresh(self) -> None:
         display, spectrum = self._document.display, self._document.spectrum
@@ -186,7 +186,7 @@ class ShapeSource(QObject):
                 self._thread.answered.emit(request, self._drawn(request, sums))
                 emitted = perf_counter()
                 if self._latest is not request and request.field is None:
-                    raise Cancelled  # the next request continues from here
+                    raise Cancelled  # the next request continues from the partial sum
         return sums
 
     def _drawn(self, request: _Request, sums: Reconstruction | None) -> DrawnShape:
@@ -235,7 +235,7 @@ class ShapeSource(QObject):
 
 
 def shape_writer(document: Document, path: Path) -> Callable[[], None]:
-    """Return a function that writes the current reconstruction, without a vibration."""
+    """Return a function that writes the current reconstruction, without vibration, to a file."""
     spectrum, shape = document.spectrum, document.display.shape
     assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018
     mesh, operator = spectrum.mesh, spectrum.operator or document.solve.operator
@@ -257,14 +257,14 @@ def shape_writer(document: Document, path: Path) -> Callable[[], None]:
 
 
 def _normals(drawn: DrawnShape) -> npt.NDArray[np.float32]:
-    """Compute the vertex normals of a moved shape, shape (n, 3)."""
+    """Compute the vertex normals of a displaced shape, shape (n, 3)."""
     mesh, points = drawn.spectrum.mesh, drawn.points
     assert mesh is not None and points is not None  # noqa: PT018
     return replace(mesh, vertices=points.astype(np.float64)).vertex_normals
 
 
 def _along_normals(mesh: Mesh, values: FloatArray) -> FloatArray:
-    """Scale the vertex normals by a field of largest magnitude 1, shape (n, 3)."""
+    """Return the vertex normals, shape (n, 3), times the field divided by its maximum magnitude."""
     known = np.nan_to_num(np.asarray(mesh.on_surface(values), dtype=np.float32))
     most = float(np.abs(known).max(initial=0.0)) or 1.0
     return (known / np.float32(most))[:, np.newaxis] * mesh.vertex_normals

@@ -29,16 +29,16 @@ from meshmash_viewer.app.screen import has_opengl
 from meshmash_viewer.io.links import name_and_place, shown_path
 
 _RECENT_SHOWN = 5
-#: Side margin of the card, and smallest width for two buttons in a row, in logical pixels.
+#: Side margin of the card, and minimum width for two buttons in a row, in logical pixels.
 _MARGIN, _SIDE_BY_SIDE = 32, 300
-#: Height of the line over each render of a comparison.
+#: Height of the title row above each render of a comparison.
 _HEAD = 27
 #: Radius of the corners of drop areas.
 _RADIUS = 12
 
 
 class HeadLabel(QLabel):
-    """A label that truncates its text with an ellipsis, and then has the text as its tooltip."""
+    """A label that truncates long text with an ellipsis, and shows the full text as its tooltip."""
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         end = Qt.TextElideMode.ElideRight
@@ -50,7 +50,7 @@ class HeadLabel(QLabel):
 
 
 def render_head(label: QLabel, *buttons: QWidget) -> QWidget:
-    """Return a row over a render that looks like the title of a dock."""
+    """Return a title row above a render, styled like the title of a dock."""
     head = theme.named(QWidget(), "dock_title")
     head.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
     head.setFixedHeight(_HEAD)
@@ -60,14 +60,14 @@ def render_head(label: QLabel, *buttons: QWidget) -> QWidget:
 
 
 class Stage(QWidget):
-    """Shows the welcome page or the render, with the message bar above."""
+    """Central widget: the welcome page or the render, under the message bar."""
 
     def __init__(self) -> None:
         super().__init__()
         self.setObjectName("stage")
         self.setMinimumSize(280, 240)
-        # Qt recreates a window, which flickers, when its first OpenGL widget is added. On a system
-        # without OpenGL, a window with such a widget stays black.
+        # Qt recreates a window, which flickers, when its first OpenGL widget is added. Without
+        # OpenGL, a window that contains an OpenGL widget stays black.
         if has_opengl():
             QOpenGLWidget(self).hide()
         self._pages = QStackedLayout(self)
@@ -90,7 +90,7 @@ class Stage(QWidget):
         self.message_bar.raise_()
 
     def add_second(self, other: QWidget) -> None:
-        """Add a second widget to the right of the render, of the same width."""
+        """Add a widget of the same width to the right of the render."""
         assert self._scene is not None
         self._scene.addWidget(other)
         self._scene.setSizes([1000, 1000])
@@ -98,7 +98,7 @@ class Stage(QWidget):
         self.message_bar.keep_below(_HEAD)
 
     def remove_second(self, other: QWidget) -> None:
-        """Remove a widget that `add_second` has added."""
+        """Remove a widget added by `add_second`."""
         self._first_head.hide()
         self.message_bar.keep_below(0)
         other.setParent(None)
@@ -113,7 +113,7 @@ class Stage(QWidget):
 
 
 class Welcome(QScrollArea):
-    """Page without a mesh: buttons to open a file or the sample, recent files, and progress."""
+    """Page shown without a mesh: buttons to open a file or the sample, recent files, progress."""
 
     open_requested = Signal()
     sample_requested = Signal()
@@ -157,7 +157,7 @@ class Welcome(QScrollArea):
         self._card.setLayout(column(*parts, margins=(_MARGIN, 28, _MARGIN, 24)))
         around = theme.named(QWidget(), "welcome_around")
         middle_row = row(None, self._card, None)
-        middle_row.setStretchFactor(self._card, 1000)  # gets its maximum width before the sides
+        middle_row.setStretchFactor(self._card, 1000)  # reaches its maximum width before the sides
         around.setLayout(column(None, middle_row, None, margins=(theme.GAP,) * 4))
         self.setWidget(around)
         theme.notifier().changed.connect(self._refresh)
@@ -190,7 +190,7 @@ class Welcome(QScrollArea):
         self._fit()
 
     def set_loading(self, text: str) -> None:
-        """Show a text about what is being loaded; "" hides it."""
+        """Show the description of a loading step; "" hides the label."""
         self.loading_label.setText(text)
         self.loading_label.setVisible(bool(text))
 
@@ -202,7 +202,7 @@ class Welcome(QScrollArea):
         self._fit()
 
     def _fit(self) -> None:
-        """Arrange the buttons and shorten the paths to fit the width."""
+        """Arrange the buttons, and shorten the paths, to fit the width."""
         width = min(self.width() - 2 * theme.GAP, self._card.maximumWidth()) - 2 * _MARGIN
         boxes, narrow = QBoxLayout.Direction, width < _SIDE_BY_SIDE
         self._buttons.setDirection(boxes.TopToBottom if narrow else boxes.LeftToRight)
@@ -224,7 +224,7 @@ class DropAreas(QWidget):
         self.hide()
 
     def show_texts(self, texts: tuple[str, ...], middle: int) -> None:
-        """Cover the window with an area per text; `middle` is the boundary of two, in pixels."""
+        """Cover the window with an area per text; `middle` is the x of their boundary in pixels."""
         self._texts, self._middle = texts, middle
         self.setAccessibleName(", ".join(texts))
         self.setGeometry(self._window.rect())

@@ -1,7 +1,7 @@
 """Light and dark theme: colours, spacing, fonts and icons of widgets, plots and render.
 
-Panels read `palette` and `is_dark`, redraw on ``notifier().changed``, and give labels a role
-instead of a style: ``with_role(QLabel("Health"), "heading")``. The roles are "heading" (of a
+Panels read `palette` and `is_dark`, redraw on ``notifier().changed``, and set roles of labels
+instead of styles: ``with_role(QLabel("Health"), "heading")``. The roles are "heading" (of a
 section), "muted" (an explanation), "value" (a number in a column), "proof" and "warning".
 """
 
@@ -42,7 +42,7 @@ Kind = TypeVar("Kind")
 
 
 class Mode(StrEnum):
-    """Whether the theme follows the system, or is light or dark."""
+    """Choice of the theme: the system's theme, light or dark."""
 
     SYSTEM = "system"
     LIGHT = "light"
@@ -61,7 +61,7 @@ class _Color(Generic[Kind]):
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours by their use, as ``#rrggbb``."""
+    """Colours of the theme by their use, as ``#rrggbb``."""
 
     dark: bool
 
@@ -99,7 +99,7 @@ class Palette:
 
 
 class _Notifier(QObject):
-    """Emits `changed` when the colours have changed."""
+    """Object whose signal `changed` is emitted when the colours have changed."""
 
     changed = Signal()
 
@@ -112,7 +112,7 @@ class _State:
     #: Whether the application was made by this package.
     ours = False
     style: QStyle | None = None
-    #: Styled objects (the application, or windows), and whether each is dark; None before styling.
+    #: Whether each styled object (the application, or a window) is dark; None before styling.
     dressed: ClassVar[WeakKeyDictionary[Any, bool | None]] = WeakKeyDictionary()
     notifier = _Notifier()
 
@@ -128,7 +128,7 @@ def mode() -> Mode:
 
 
 def is_dark() -> bool:
-    """Whether the current theme is dark."""
+    """Return whether the current theme is dark."""
     return _State.dark
 
 
@@ -139,7 +139,7 @@ def palette() -> Palette:
 
 @contextmanager
 def light() -> Iterator[None]:
-    """Use the light palette within the context, for pictures; widgets are not restyled."""
+    """Use the light palette for pictures within the context; widgets are not restyled."""
     before, _State.dark = _State.dark, False
     try:
         yield
@@ -148,7 +148,7 @@ def light() -> Iterator[None]:
 
 
 def pad_fields(parent: QWidget) -> None:
-    """Add margins in number fields and lists of choices; style sheets have no property for it."""
+    """Add margins to spin boxes and lists of combo boxes; style sheets cannot set these margins."""
     for spin in parent.findChildren(QAbstractSpinBox):
         spin.lineEdit().setTextMargins(5, 0, 8 if spin.property("role") == "bare" else 0, 0)
     for combo in parent.findChildren(QComboBox):
@@ -161,7 +161,7 @@ def with_role(widget: WidgetType, role: str) -> WidgetType:
     """Set the role of a widget; return the widget."""
     widget.setProperty("role", role)
     if isinstance(widget, QLabel):
-        # styled labels are indented by default, unlike plain ones
+        # labels with a style sheet are indented by default, unlike other labels
         widget.setIndent(0)
     return widget
 
@@ -183,7 +183,7 @@ def named(
 ) -> WidgetType:
     """Set ``objectName``, accessible name, role and tooltip of a widget; return the widget.
 
-    Empty arguments change nothing.
+    Empty arguments are ignored.
     """
     widget.setObjectName(name)
     if accessible:
@@ -208,7 +208,7 @@ def set_mode(chosen: Mode | str) -> None:
 
 
 def apply(application: QApplication) -> None:
-    """Style an application made by this package, and follow the system."""
+    """Style an application made by this package, and follow changes of the system's theme."""
     _State.ours = True
     _begin(application)
 
@@ -240,7 +240,7 @@ def _refresh() -> None:
         Mode.LIGHT: Qt.ColorScheme.Light,
         Mode.DARK: Qt.ColorScheme.Dark,
     }[_State.mode]
-    # also changes the title bars of the desktop; X11 without a desktop has no scheme
+    # also changes the desktop's title bars; X11 without a desktop has no colour scheme
     if _State.ours:
         with QSignalBlocker(hints):
             hints.setColorScheme(wanted)
@@ -255,7 +255,7 @@ def _refresh() -> None:
         _State.dressed[target] = _State.dark
         colors, sheet = palette(), _style_sheet(palette(), target.font())
         if not _State.ours:
-            # with a style sheet, widgets use the palette of the application, not of the window
+            # widgets with a style sheet use the application's palette, not the window's
             basics = f"QWidget {{ color: {colors.text}; }} QDialog, QTabBar QToolButton "
             basics += f"{{ background: {colors.window}; }} "
             basics += f"QMainWindow QTabBar {{ background: {colors.window}; }} "
@@ -269,7 +269,7 @@ def _refresh() -> None:
 
 @cache
 def _qt_palette(dark: bool) -> QPalette:
-    """Return the palette for Qt. It is cached, since Qt caches drawings by palette."""
+    """Return the palette for Qt, cached because Qt caches drawings by palette."""
     colors = Palette(dark)
     role = QPalette.ColorRole
     result = QPalette()
