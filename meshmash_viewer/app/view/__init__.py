@@ -1,1 +1,1 @@
-"""Render of meshes with fields and annotations, by VTK."""
+"""Rendering of meshes with fields and annotations, by VTK."""

@@ -39,33 +39,33 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.units import round_length
 
-# All sizes are in points. VTK converts font sizes to pixels by the resolution of its window,
-# `_Layout` converts the other sizes.
+# All sizes are in points. VTK converts font sizes to pixels by the resolution of its window;
+# `_Layout` converts all other sizes.
 #: Distance of text from the edge of the picture.
 EDGE = 16
 #: Width of the colour bar with its labels, distance of the bar from the right edge, width of the
-#: bar, gap between bar and labels, and smallest distance of labels from the edge.
+#: bar, gap between bar and labels, and minimum distance of labels from the edge.
 BAR_SPACE, _BAR_EDGE, BAR, _GAP, _PAD = 108, 88, 14, 6, 4
 _MAX_LABELS = 7
-#: Smallest distance between the label at an end of the colour bar and the next label.
+#: Minimum distance between the label at an end of the colour bar and the next label.
 _APART = 17
-#: Largest number of characters of a label next to the colour bar.
+#: Maximum number of characters of a label next to the colour bar.
 _LONGEST = 9
 #: Font sizes of title, quantity, scale bar and labels.
 TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
-#: Height of the line of the formula, and smallest height of a picture with a formula.
+#: Height of the line of the formula, and minimum height of a picture with a formula.
 _FORMULA, _FORMULA_FROM = 18, 360
 #: Distance of the origin of the axes from the corner, and length of an axis.
 _ORIGIN, _AXIS = 46, 26
 #: Colours of the x, y and z axis; they differ in brightness as well.
 AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
-#: Rim of a pin, and background of its number.
+#: Colour of the rim of a pin, and of the background of its number.
 _DARK = "#14181d"
-#: Largest width of the name of a pin and of a row of the legend; longer texts are truncated.
+#: Maximum width of the name of a pin and of a row of the legend; longer texts are truncated.
 _LONGEST_LABEL = 160.0
 #: Distance of the legend from the lower edge of the picture, and height of a row.
 _LEGEND, _ROW = 104.0, 17.0
-#: Justification of text in VTK: the anchor is its left or lower edge, its middle, its upper edge.
+#: Justification of text in VTK: the anchor is at the left or lower edge, the middle, or the top.
 _LOW, _MIDDLE, _TOP = 0, 1, 2
 
 
@@ -130,7 +130,7 @@ class Pin:
     """A marked vertex."""
 
     vertex: int
-    #: In mesh coordinates.
+    #: Position in mesh coordinates.
     position: tuple[float, float, float]
     color: str
     label: str
@@ -140,10 +140,10 @@ class Pin:
 
 @dataclass(frozen=True)
 class Page:
-    """Size of a picture, and the look of its annotations."""
+    """Size of a picture, and appearance of its annotations."""
 
     theme: RenderTheme
-    #: In pixels.
+    #: Size in pixels.
     width: int
     height: int
     #: Pixels per point.
@@ -153,20 +153,20 @@ class Page:
 
 
 def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
-    """Return the margins, in pixels, in which annotations are drawn; the mesh is fitted inside."""
+    """Return the margins of the picture, in pixels, kept free of the mesh for the annotations."""
     if width < 260 * scale or height < 200 * scale:
         return Margins(*(8.0 * scale,) * 4)
     return Margins(
         left=28 * scale,
         right=(BAR_SPACE if captioned else 28) * scale,
-        # a pin at the top of the mesh has its number above it, below the title
+        # leaves space, below the title, for the number of a pin at the top of the mesh
         top=(76 + (_FORMULA if height > _FORMULA_FROM * scale else 0) if captioned else 28) * scale,
         bottom=58 * scale,
     )
 
 
 class BarPlace(NamedTuple):
-    """Left edge, lower end and height of the colour bar, in points from the lower left."""
+    """Left edge, lower end and height of the colour bar, in points; the origin is lower left."""
 
     left: float
     below: float
@@ -174,7 +174,7 @@ class BarPlace(NamedTuple):
 
 
 def bar_place(caption: Caption, page: Page) -> BarPlace | None:
-    """Return the place of the colour bar; None in a small picture, and for colours of labels."""
+    """Return the place of the colour bar; None in a small picture, and for a map of labels."""
     width, height = page.width / page.scale, page.height / page.scale
     tall = min(300.0, 0.5 * height, height - 150.0)
     if tall < 70.0 or width < 220.0 or not isinstance(caption.colormap, str):
@@ -183,9 +183,9 @@ def bar_place(caption: Caption, page: Page) -> BarPlace | None:
 
 
 def title_size(caption: Caption, height: float = math.inf) -> tuple[int, int]:
-    """Return width and height, in points, of title, formula and quantity.
+    """Return width and height, in points, of the block of title, formula and quantity.
 
-    `height` is that of the picture.
+    `height` is the height of the picture in points.
     """
     lines = (
         (caption.title, TITLE, True),
@@ -198,7 +198,7 @@ def title_size(caption: Caption, height: float = math.inf) -> tuple[int, int]:
 
 
 class Text(NamedTuple):
-    """A line of text; (x, y) is its anchor in pixels from the lower left."""
+    """A line of text; (x, y) is its anchor in pixels from the lower left of the picture."""
 
     text: str
     x: int
@@ -226,7 +226,7 @@ class Shape(NamedTuple):
 
 
 class _Shapes:
-    """Shapes that VTK draws in each frame by `Paint`."""
+    """Shapes drawn by `Paint`, which VTK calls at each frame."""
 
     def __init__(self) -> None:
         self.page = Page(LIGHT, 1, 1, 1.0)
@@ -237,7 +237,7 @@ class _Shapes:
 
     def Paint(self, _item: vtkPythonItem, context: vtkContext2D) -> bool:
         context.GetPen().SetLineType(vtkPen.NO_PEN)
-        # VTK stretches the range from 0.5 to the size minus 0.5 over the picture
+        # VTK maps the range from 0.5 to the size minus 0.5 to the picture
         pixels = vtkTransform2D()
         pixels.Translate(0.5, 0.5)
         pixels.Scale(1.0 - 1.0 / self.page.width, 1.0 - 1.0 / self.page.height)
@@ -249,15 +249,15 @@ class _Shapes:
 
 
 class Annotations:
-    """Shapes and texts drawn over a renderer; `show` sets them.
+    """Shapes and texts drawn over a renderer, set by `show`.
 
-    Each line of text is an actor: VTK rasterizes its text only after a change.
+    Each line of text is a separate actor, whose text VTK rasterizes only after a change.
     """
 
     def __init__(self, renderer: vtkRenderer) -> None:
         self._renderer, self._shapes = renderer, _Shapes()
         item, actor = vtkPythonItem(), vtkContextActor()
-        # not `self`: VTK cannot free a cycle through Python
+        # not `self`: VTK could not free a reference cycle through Python objects
         item.SetPythonObject(self._shapes)
         actor.GetScene().AddItem(item)
         renderer.AddViewProp(actor)
@@ -283,7 +283,7 @@ class Annotations:
         pins: Sequence[Pin],
         legend: PointLegend | None = None,
     ) -> None:
-        """Set the contents of the next frames; without a view they have no annotations."""
+        """Set the annotations of the next frames; without a view, frames have no annotations."""
         layouts = []
         if view is not None:
             if caption is not None:
@@ -294,7 +294,7 @@ class Annotations:
         self._write([text for layout in layouts for text in layout.texts])
 
     def _write(self, texts: list[Text]) -> None:
-        """Update the text actors whose text or look has changed; hide those that are left."""
+        """Update the actors whose text or appearance has changed, and hide unused actors."""
         for _ in texts[len(self._lines) :]:
             self._lines.append(line := vtkTextActor())
             self.props.append(line)
@@ -317,7 +317,10 @@ class Annotations:
 
 
 class _Layout:
-    """Converts annotations to shapes and texts; arguments are in points from the lower left."""
+    """Converter of annotations to shapes and texts.
+
+    Positions passed to the methods are in points from the lower left of the picture.
+    """
 
     def __init__(self, page: Page) -> None:
         self._page, self._theme = page, page.theme
@@ -326,7 +329,7 @@ class _Layout:
         self.texts: list[Text] = []
 
     def title(self, caption: Caption) -> None:
-        """Add title, formula and quantity at the upper left; a low picture lacks some of them."""
+        """Add title, formula and quantity at the upper left; omit lines in a picture too low."""
         top, theme = self._height - EDGE, self._theme
         self._text(caption.title, TITLE, theme.ink, EDGE, top, along=_TOP, bold=True)
         top -= 24
@@ -337,10 +340,7 @@ class _Layout:
             self._text(caption.quantity, QUANTITY, theme.faint_ink, EDGE, top, along=_TOP)
 
     def color_bar(self, caption: Caption) -> None:
-        """Add the colour bar at the right.
-
-        It begins below the title, which may be as wide as the picture.
-        """
+        """Add the colour bar at the right, below the title, which may be as wide as the picture."""
         place = bar_place(caption, self._page)
         if place is None:
             return
@@ -362,7 +362,7 @@ class _Layout:
         for share, label in labels:
             up = below + tall * share
             self._text(label, _LABEL, theme.ink, next_to, up, along=_MIDDLE, edge=_PAD)
-        # triangles at the ends mean that there are values beyond the limits
+        # triangles at the ends indicate values beyond the limits
         for end, side, up, tip in ((0, 0, below + 1, -9), (-1, 1, below + tall - 1, 9)):
             if caption.beyond[side]:
                 color = "#" + bytes(caption.table[end, :3]).hex()
@@ -373,7 +373,7 @@ class _Layout:
             self._text("no value", _LABEL, theme.faint_ink, next_to, up, along=_MIDDLE, edge=_PAD)
 
     def bar_range(self, caption: Caption, ends: tuple[float, float]) -> None:
-        """Add handles at two positions, 0 to 1, of the colour bar; fade the bar outside them."""
+        """Add handles at two positions, 0 to 1, of the colour bar; fade the bar beyond them."""
         place = bar_place(caption, self._page)
         if place is None:
             return
@@ -409,7 +409,7 @@ class _Layout:
         for axis in np.argsort(view.axes[2]):
             x, y = view.axes[:2, axis]
             self._arrow(AXIS_COLORS[axis], _ORIGIN, _ORIGIN, _AXIS * x, _AXIS * y)
-            if np.hypot(x, y) > 0.25:  # seen from its end, its label would cover the others
+            if np.hypot(x, y) > 0.25:  # an axis seen end-on has no label, which would cover others
                 x, y = _ORIGIN + 1.3 * _AXIS * x, _ORIGIN + 1.3 * _AXIS * y
                 ink = self._theme.ink
                 self._text("xyz"[axis], _LABEL, ink, x, y, _MIDDLE, _MIDDLE, plated=False)
@@ -417,7 +417,7 @@ class _Layout:
     def legend(self, legend: PointLegend) -> None:
         """Add the legend of points at the left above the axes."""
         rows = legend.rows
-        if self._height < _LEGEND + _ROW * (len(rows) + 6):  # with the title of the field
+        if self._height < _LEGEND + _ROW * (len(rows) + 6):  # 6 rows for the title of the field
             return
         up = _LEGEND + _ROW * len(rows)
         self._text(legend.title, _LABEL, self._theme.ink, EDGE, up, along=_MIDDLE, bold=True)
@@ -476,14 +476,14 @@ class _Layout:
         opacity: float = 1.0,
         edge: float = EDGE,
     ) -> None:
-        """Add a line of text; left-justified text is truncated at `edge` from the right edge."""
+        """Add a line of text, truncated `edge` points from the right edge if left-justified."""
         free = self._width - x - edge
-        # letters that are not bold are at most as wide as the font size, apart from rare ones
+        # letters that are not bold are, with rare exceptions, at most as wide as the font size
         if across == _LOW and (bold or len(text) * size > free):
             text = fitted(text, free, lambda part: text_size(part, size, bold)[0])
         if not text:
             return
-        # few different backgrounds: VTK opens the font again for each look beyond 30
+        # rounded to a few backgrounds: VTK opens the font again for each text style beyond 30
         ground = self._theme.ground(round(8.0 * (y - 6.0) / self._height) / 8.0)
         plate = 0.6 if plated and self._page.plates else 0.0
         left, up = self._pixels(x, y)
@@ -506,7 +506,7 @@ class _Layout:
         self.shapes.append(Shape("DrawPolygon", (pixels, len(corners) // 2), color))
 
     def _arrow(self, color: str, x: float, y: float, along: float, up: float) -> None:
-        """Add an arrow that begins at (x, y); an arrow along the line of sight ends in a disc."""
+        """Add an arrow that begins at (x, y); an arrow seen almost end-on has a disc as head."""
         length = max(float(np.hypot(along, up)), 1e-9)
         forward, left = np.array([along, up]) / length, np.array([-up, along]) / length
         share = min(length / _AXIS, 1.0)
@@ -525,7 +525,7 @@ class _Layout:
 def _bar_image(colormap: ColorMap, width: int, height: int) -> vtkImageData:
     """Return the image of a colour bar; width and height are in pixels.
 
-    The same object for the same arguments: VTK then need not upload it again.
+    The image is cached, because VTK uploads each new image object to the graphics card.
     """
     colors = color_table(colormap)[np.arange(height) * 256 // height]
     image = vtkImageData()

@@ -1,4 +1,4 @@
-"""Camera in a parallel projection, its default and standard views, and the arrays for VTK."""
+"""Camera with a parallel projection, default and standard views, and the arrays for VTK."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import brain_side
 
-#: Up in the coordinates of brains.
+#: Upward direction in brain coordinates.
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Widths in pixels of the edges of a picture that a fitted mesh does not cover."""
+    """Widths, in pixels, of the margins of a picture that a fitted mesh does not cover."""
 
     left: float = 0.0
     right: float = 0.0
@@ -31,9 +31,9 @@ class Margins:
 class View:
     """Position, orientation and zoom of the camera, in mesh coordinates."""
 
-    #: Shape (3,): the point in the centre of the picture, about which the mesh rotates.
+    #: Point in the centre of the picture, about which the mesh rotates, shape (3,).
     focus: FloatArray
-    #: Shape (3, 3): unit vectors to the right, up and towards the eye, as rows.
+    #: Unit vectors to the right, up and towards the eye, as rows, shape (3, 3).
     axes: FloatArray
     #: Half of the smaller side of the picture, in the mesh's length unit.
     half_size: float
@@ -48,7 +48,7 @@ class View:
         The result has shape (m, 3): x and y in pixels, and the distance from the focal plane
         towards the eye in the mesh's unit.
         """
-        # (3, 3) times (3, m): BLAS takes 40 times longer for (m, 3) times (3, 3)
+        # (3, 3) @ (3, m), because BLAS takes 40 times longer for (m, 3) @ (3, 3)
         seen = (self.axes @ (np.atleast_2d(points) - self.focus).T).T
         pixel = self.length_per_pixel(width, height)
         seen[:, 0] = seen[:, 0] / pixel + width / 2
@@ -56,21 +56,21 @@ class View:
         return seen
 
     def from_pixels(self, x: float, y: float, width: int, height: int) -> FloatArray:
-        """Return the point of the focal plane at a pixel counted from the lower left."""
+        """Return the point of the focal plane at a pixel, counted from the lower left."""
         pixel = self.length_per_pixel(width, height)
         across, along = (x - width / 2) * pixel, (y - height / 2) * pixel
         return np.asarray(self.focus + across * self.axes[0] + along * self.axes[1])
 
     def turned(self, right: float, up: float, roll: float = 0.0) -> View:
-        """Return the view of the mesh rotated right, up and counterclockwise by radians."""
+        """Return the view of the mesh rotated right, up and counterclockwise; angles in radians."""
         axes = self.axes
         for axis, angle in ((1, -right), (0, up), (2, -roll)):
             axes = Rotation.from_rotvec(angle * axes[axis]).apply(axes)
-        u, _, vt = np.linalg.svd(axes)  # removes rounding errors, which add up over rotations
+        u, _, vt = np.linalg.svd(axes)  # removes rounding errors, which accumulate over rotations
         return replace(self, axes=u @ vt)
 
     def towards(self, other: View, share: float) -> View:
-        """Return the view between this one (`share` 0) and another (`share` 1)."""
+        """Return the interpolation of this view (`share` 0) and another view (`share` 1)."""
         turn = Rotation.from_matrix(other.axes @ self.axes.T).as_rotvec()
         return View(
             (1.0 - share) * self.focus + share * other.focus,
@@ -79,7 +79,7 @@ class View:
         )
 
     def moved(self, dx: float, dy: float, width: int, height: int) -> View:
-        """Return the view of the mesh shifted by pixels to the right and up."""
+        """Return the view of the mesh shifted by `dx` pixels to the right and `dy` pixels up."""
         pixel = self.length_per_pixel(width, height)
         return replace(self, focus=self.focus - pixel * (dx * self.axes[0] + dy * self.axes[1]))
 
@@ -92,7 +92,7 @@ class View:
     def mirrored(self, centre: FloatArray) -> View:
         """Return the view of the mesh reflected in the plane through `centre` with constant x."""
         flip = np.array([-1.0, 1.0, 1.0])
-        # the first axis is flipped once more, so that the axes stay right-handed
+        # also negate the first axis, so that the axes stay right-handed
         axes = self.axes * flip * flip[:, np.newaxis]
         return replace(self, focus=centre + flip * (self.focus - centre), axes=axes)
 
@@ -106,7 +106,7 @@ class View:
 
     @classmethod
     def from_json(cls, state: dict[str, Any]) -> View:
-        """Return the view of a dictionary made by `to_json`; ValueError if it is invalid."""
+        """Return the view of a dictionary made by `to_json`; raise ValueError if it is invalid."""
         try:
             focus = np.array(state["focus"], dtype=np.float64)
             axes = np.array(state["axes"], dtype=np.float64)
@@ -121,7 +121,7 @@ class View:
 
 
 def _sampled_triangles(mesh: Mesh) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return corners, shape (m, 3, 3), normals and areas of about 50,000 of the faces.
+    """Return corners, shape (m, 3, 3), normals and areas of a sample of about 50,000 faces.
 
     The length of a normal is twice the area of its face.
     """
@@ -149,13 +149,13 @@ def _stands_on(mesh: Mesh, axis: int) -> bool:
 
 
 def sampled_points(mesh: Mesh) -> FloatArray:
-    """Return at most about 100,000 of the vertices that faces use, shape (m, 3)."""
+    """Return a sample of at most about 100,000 vertices used by faces, shape (m, 3)."""
     points = mesh.vertices[mesh.referenced]
     return np.asarray(points[:: max(1, len(points) // 100_000)])
 
 
 def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
-    """Return the right, up and eye directions of the first view of a mesh, as rows, shape (3, 3).
+    """Return right, up and eye directions of the default view of a mesh, as rows, shape (3, 3).
 
     - A hemisphere of a brain is seen from its outer side.
     - A neuron, which fills little of its box, has its longest principal axis along the width of
@@ -181,7 +181,7 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
     flat = [axis for axis in range(3) if axis != up_axis]
     eye_axis = min(flat, key=lambda axis: extent[axis])
     if extent[eye_axis] > 0.6 * max(extent[axis] for axis in flat):
-        eye_axis = flat[1]  # no side is long: seen from +z if y is up, from -y if z is up
+        eye_axis = flat[1]  # similar extents: seen from +z if y is up, from -y if z is up
     middle = (low[eye_axis] + high[eye_axis]) / 2
     front = -1.0 if (up_axis, eye_axis) == (2, 1) else 1.0
     # a mesh on one side of the origin is half of an object: its outer side is shown
@@ -192,20 +192,20 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
 
 
 def upright_axis(mesh: Mesh, extent: FloatArray) -> int:
-    """Return the axis that points up: z (2) in mm or for a tall mesh on a flat base, else y (1)."""
+    """Return the upward axis: z (2) for a mesh in mm, or tall on a flat base; otherwise y (1)."""
     tall = extent[2] > 1.15 * max(extent[0], extent[1]) and _stands_on(mesh, 2)
     return 2 if mesh.unit == "mm" or tall else 1
 
 
 def _signed(axis: FloatArray) -> FloatArray:
-    """Return the vector or its negative: its largest component is positive."""
+    """Return the vector, negated if its component of largest magnitude is negative."""
     return axis * (1.0 if axis[np.argmax(np.abs(axis))] > 0.0 else -1.0)
 
 
 def fitted_view(
     points: FloatArray, axes: FloatArray, width: int, height: int, margins: Margins
 ) -> View:
-    """Return the view along given axes in which points, shape (m, 3), fit between the margins."""
+    """Return the view with given axes in which points, shape (m, 3), fit between the margins."""
     centre = points[0]
     seen = axes @ (points - centre).T
     low, high = seen.min(axis=1), seen.max(axis=1)
@@ -220,7 +220,7 @@ def fitted_view(
     )
 
 
-#: Axis, and sign of its direction, from which a right hemisphere or another mesh is seen.
+#: Axis and sign of the direction from which a mesh, except a left hemisphere, is seen.
 DIRECTIONS = {
     "lateral": (0, 1.0),
     "medial": (0, -1.0),
@@ -232,7 +232,7 @@ DIRECTIONS = {
 
 
 def view_label(name: str, mesh: Mesh | None) -> str:
-    """Return the label of one of `DIRECTIONS`: "Lateral" for a hemisphere, else "From +x"."""
+    """Return the label of a key of `DIRECTIONS`: "Lateral" for a hemisphere, else "From +x"."""
     side = None if mesh is None else brain_side(mesh.structure, mesh.name)
     axis, sign = DIRECTIONS[name]
     if side is None:
@@ -243,7 +243,7 @@ def view_label(name: str, mesh: Mesh | None) -> str:
 
 
 def view_axes(name: str, mesh: Mesh) -> FloatArray:
-    """Return right, up and eye directions of one of `DIRECTIONS`, as rows, shape (3, 3)."""
+    """Return right, up and eye directions for a key of `DIRECTIONS`, as rows, shape (3, 3)."""
     side = brain_side(mesh.structure, mesh.name)
     axis, sign = DIRECTIONS[name]
     if side == "left" and axis == 0:
@@ -258,11 +258,11 @@ def view_axes(name: str, mesh: Mesh) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Arrays for VTK, and the data of the first view."""
+    """Arrays for VTK, and the data of the default view."""
 
     #: Centre of the bounding box, in mesh coordinates.
     centre: FloatArray
-    #: Shape (n, 3), relative to `centre`, so that single precision is enough.
+    #: Vertices relative to `centre`, shape (n, 3), so that single precision is sufficient.
     points: npt.NDArray[np.float32]
     faces: npt.NDArray[np.int32]
     #: Bounding box of `points`, shape (2, 3).
@@ -276,7 +276,7 @@ class Geometry:
 def geometry_of(mesh: Mesh) -> Geometry:
     """Return the geometry of a mesh, computed once.
 
-    The first call takes tenths of a second at a million vertices: make it in a thread.
+    The first call takes tenths of a second for a million vertices; call it in a thread.
     """
     known = mesh.derived.get((Geometry, mesh.unit))
     if known is None:
@@ -295,8 +295,8 @@ def drawn_points(
 ) -> npt.NDArray[np.float32]:
     """Return the positions of the vertices relative to a centre, shape (n, 3).
 
-    Unreferenced vertices may be outside the range of single precision. They are not drawn, and
-    are moved into the bounds of the surface.
+    Unreferenced vertices are not drawn. They are moved into the bounds of the surface, because
+    their positions may be outside the range of single precision.
     """
     if len(unused := mesh.unreferenced):
         vertices = vertices.copy()

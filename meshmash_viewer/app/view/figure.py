@@ -43,11 +43,11 @@ if TYPE_CHECKING:  # loaded when the first figure is composed
 
 Background: TypeAlias = Literal["white", "transparent", "window"]
 
-#: Smallest and largest height over width of the images.
+#: Minimum and maximum ratio of height to width of the images.
 _FLATTEST, _TALLEST = 0.25, 1.5
-#: Larger side in pixels of the picture in which the mesh is found, and margin around the mesh.
+#: Larger side, in pixels, of the picture in which the mesh is located; margin around the mesh.
 _TRIAL, _AROUND = 640, 8
-#: Largest side of an image in pixels.
+#: Maximum side of an image in pixels.
 _LARGEST = 16_384
 
 
@@ -61,9 +61,9 @@ class FigureOptions:
     dpi: int = 300
     #: Size of the text.
     font_points: float = 7.0
-    #: "window" is the background of the render.
+    #: "window" stands for the background of the render.
     background: Background = "white"
-    #: Whether the figure has each of these.
+    #: Whether the figure contains the title, the colour bar, and so on.
     title: bool = True
     color_bar: bool = True
     scale_bar: bool = True
@@ -86,7 +86,7 @@ class FigureOptions:
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """Contents of the annotations of a mesh."""
+    """Contents of the annotations around a mesh."""
 
     #: Name of the mesh, drawn in a figure of two meshes.
     name: str
@@ -100,7 +100,7 @@ class Around:
 
     @property
     def bar(self) -> Caption | None:
-        """The caption, if it has a colour bar; colours of labels have none."""
+        """The caption, or None for a field without a colour bar, such as a map of labels."""
         caption = self.caption
         return caption if caption is not None and isinstance(caption.colormap, str) else None
 
@@ -109,7 +109,7 @@ class Around:
 class Panel:
     """The visible part of one mesh in a figure."""
 
-    #: View centred on the visible part; `half_size` is half the width of that part.
+    #: View centred on the visible part; `half_size` is half the width of the part.
     view: View
     #: Visible part, without a background, with premultiplied alpha; shape (height, width, 4).
     image: npt.NDArray[np.uint8]
@@ -118,7 +118,7 @@ class Panel:
     around: Around
 
     def in_box(self, box: Box) -> View:
-        """Return the view for a picture in a box; its `half_size` is half of the smaller side."""
+        """Return the view for a picture in a box; `half_size` is half of the box's smaller side."""
         share = min(box.width, box.height) / box.width
         return replace(self.view, half_size=self.view.half_size * share)
 
@@ -127,14 +127,14 @@ class Panel:
 class Frame:
     """A frame without background and annotations."""
 
-    #: Shape (height, width, 4), with premultiplied alpha, see `OffScreen.draw`.
+    #: RGBA with premultiplied alpha, shape (height, width, 4), see `OffScreen.draw`.
     pixels: npt.NDArray[np.uint8]
     view: View
     around: Around
 
 
 def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
-    """Return the frame of a drawing with given pixels."""
+    """Return a frame with given pixels, and view and annotations of a drawing."""
     assert drawing.view is not None
     assert drawing.mesh is not None
     caption, pins = drawing.shown_caption, drawing.placed_pins()
@@ -147,7 +147,7 @@ def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
 class _Place:
     """Place of a panel on the page."""
 
-    #: Part of the page, largest area of the image, and area of the image.
+    #: Part of the page, maximum area of the image, and area of the image.
     part: Box
     room: Box
     image: Box
@@ -161,7 +161,7 @@ class _Place:
 def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> Panel:
     """Return the visible part of the mesh of a drawing in a picture of a size in pixels.
 
-    The drawing must be in no other window.
+    The drawing must not belong to a window.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def panel_of(frame: Frame) -> Panel:
         )
     picture = np.pad(picture, ((_AROUND, _AROUND), (_AROUND, _AROUND), (0, 0)))
     across, along = (np.flatnonzero(opaque.any(axis=axis)) for axis in (0, 1))
-    # in the padded picture, with the margin
+    # bounds, with the margin, in the padded picture
     left, right, top, foot = across[0], across[-1] + 1, along[0], along[-1] + 1
     right, foot = right + 2 * _AROUND, foot + 2 * _AROUND
     middle = (left + right) / 2 - _AROUND, high - ((top + foot) / 2 - _AROUND)
@@ -207,7 +207,7 @@ def panel_of(frame: Frame) -> Panel:
 def sharpened(
     drawings: Sequence[MeshRenderer], panels: Sequence[Panel], options: FigureOptions
 ) -> list[Panel]:
-    """Return the panels with images drawn in the resolution of the figure."""
+    """Return the panels with images drawn at the resolution of the figure."""
     made = []
     for drawing, panel, place in zip(drawings, panels, _placed(panels, options), strict=True):
         drawing.annotated, drawing.view = False, panel.in_box(place.image)
@@ -221,20 +221,20 @@ def sharpened(
 def compose_figure(drawings: Sequence[MeshRenderer], options: FigureOptions) -> Figure:
     """Return a figure of one or two meshes side by side, with their annotations.
 
-    The drawings must be in no window (`MeshRenderer.twin`). The visible part of each mesh fills
-    its image. The height of the figure follows from the meshes.
+    The drawings must not belong to a window (see `MeshRenderer.twin`). The visible part of each
+    mesh fills its image. The height of the figure follows from the shapes of the visible parts.
 
     Raises
     ------
     InputError
-        If a mesh is outside its view, or the text leaves no room for it.
+        If a mesh is outside its view, or the text leaves no room for the mesh.
     """
     panels = [seen_of(drawing) for drawing in drawings]
     return compose(sharpened(drawings, panels, options), options)
 
 
 def compose(panels: Sequence[Panel], options: FigureOptions) -> Figure:
-    """Return a figure of panels side by side; may run in any thread. See `compose_figure`."""
+    """Return a figure of panels side by side (see `compose_figure`); may run in any thread."""
     from matplotlib.figure import Figure
 
     places = _placed(panels, options)
@@ -257,13 +257,13 @@ def picture_of(figure: Figure, dpi: float) -> npt.NDArray[np.uint8]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.dpi = dpi
-    canvas: Any = FigureCanvasAgg(figure)  # partly without types
+    canvas: Any = FigureCanvasAgg(figure)  # matplotlib's types are incomplete
     canvas.draw()
     return np.array(canvas.buffer_rgba())
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, PDF or SVG, by the ending; PDF and SVG keep text as text.
+    """Write a figure as PNG, PDF or SVG, by the ending; PDF and SVG store text as text.
 
     Raises
     ------
@@ -295,7 +295,7 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     barred = [bar for bar in bars if bar is not None]
     legends = [each.legend for each in around if each.legend is not None and options.color_bar]
     aside = font * max((*map(bar_width, barred), *map(legend_width, legends)), default=0.0)
-    # one bar for all panels is next to the last panel, and takes its width once
+    # a single bar for all panels is next to the last panel, so its width is subtracted once
     once = aside if len(panels) > 1 and barred == bars[-1:] and not legends else 0.0
     across = (options.width_mm - once) / len(panels)
     wide = across - 2.0 * edge - aside + once
@@ -322,7 +322,7 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
 
 
 def _bars(around: Sequence[Around]) -> list[Caption | None]:
-    """Return the colour bar of each panel; if all are equal, only the last panel has one."""
+    """Return the colour bar of each panel; if all are equal, only the last panel has a bar."""
     bars = [each.bar for each in around]
     plain = {bar and replace(bar, title="", quantity="", formula="", lines=None) for bar in bars}
     return bars if len(plain) > 1 else [*(None for _ in bars[1:]), bars[-1]]
@@ -331,7 +331,7 @@ def _bars(around: Sequence[Around]) -> list[Caption | None]:
 def _lines(
     around: Around, font: float, width: float, options: FigureOptions, *, named: bool
 ) -> list[Line]:
-    """Return the lines of name, title, formula and quantity, broken at `width` mm."""
+    """Return the lines of name, title, formula and quantity, wrapped at `width` mm."""
     caption = around.caption
     if caption is None or not options.title:
         return []
@@ -346,7 +346,7 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
     """Draw a panel with its annotations."""
     image, part, font, around = place.image, place.part, page.font, panel.around
     view, right = panel.in_box(image), part.left + part.width
-    # the image of a preview has another resolution than the page
+    # the resolution of a preview's image differs from the resolution of the page
     seen = straight(panel.image)
     page.axes(image).imshow(seen, aspect="auto", interpolation="antialiased")
     page.lines(place.lines, part.left, place.top)
@@ -366,6 +366,6 @@ def _draw_panel(page: Page, panel: Panel, place: _Place, options: FigureOptions)
         long, up = length / millimetre, 0.8 * font
         page.line([(right - long, up), (right, up)], page.ink, 0.2)
         text = scale_bar_text(length, around.unit)
-        # a text longer than the bar is moved to the left, so that it ends within the page
+        # text longer than the bar is moved to the left, so that the text ends within the page
         middle = min(right - 0.5 * long, right - 0.5 * font * text_width(text))
         page.text(middle, up + 0.9 * font, text, ha="center")

@@ -1,4 +1,4 @@
-"""Frames of the render; a coarse stand-in replaces a large mesh whose frames are slow."""
+"""Frames of the render; a simplified mesh, the stand-in, replaces a large mesh drawn slowly."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from meshmash_viewer.surface.decimation import CoarseMesh, cluster_vertices
 
 #: Milliseconds without movement after which the full mesh is drawn again.
 REST = 220
-#: Duration in seconds from which a frame is slow, and from which it has no multisampling.
+#: Durations in seconds above which a frame is slow, and above which multisampling is disabled.
 SLOW_FRAME, VERY_SLOW_FRAME = 0.045, 0.3
-#: Approximate number of vertices of a stand-in; a mesh of up to twice as many has none.
+#: Approximate number of vertices of a stand-in, made for meshes of more than twice this number.
 COARSE_VERTICES = 40_000
-#: Number of frames measured for each mesh, after the first one, which compiles shaders.
+#: Number of frames timed for each mesh, after the first frame, which compiles shaders.
 MEASURED_FRAMES = 4
 #: Names of OpenGL drivers that run on the processor.
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader")
 
 
 class Frames(QObject):
-    """Draws frames when the canvas is painted, and measures them.
+    """Drawing and timing of frames, when the canvas is painted.
 
-    If frames of a large mesh are slow, a coarse stand-in is drawn while something moves. If OpenGL
-    runs on the processor, frames of a large mesh count as slow before any has been measured.
+    If frames of a large mesh are slow, its stand-in is drawn while the picture is changing. If
+    OpenGL runs on the processor, frames of a large mesh count as slow before they are timed.
     """
 
     #: The first frame is on the screen.
     first_drawn = Signal()
-    #: A script has moved the camera.
+    #: The camera was moved by a script.
     camera_moved = Signal()
-    #: The stand-in is ready: `small_twin` returns a drawing.
+    #: The stand-in is ready, and `small_twin` returns a drawing.
     stand_in_made = Signal()
 
     def __init__(self, drawing: MeshRenderer, canvas: RenderWidget, parent: QObject) -> None:
@@ -58,20 +58,20 @@ class Frames(QObject):
         canvas.drag_ended.connect(self._come_to_rest)
 
     def begin(self) -> None:
-        """Forget the frames and the stand-in of the previous mesh."""
+        """Reset the timings, and the request of a stand-in, for a new mesh."""
         self._coarsening.drop()
         self.rest.stop()
         self._seconds, self._measured, self._requested = 0.0, 0, False
         self._expect_slow_frames()
 
     def move(self) -> None:
-        """Request a frame while something moves."""
+        """Request a frame while the picture is changing."""
         if self.slow:
             self.rest.start()
         self._canvas.render()
 
     def close(self) -> None:
-        """Draw no more frames, and wait for the thread."""
+        """Stop drawing frames, and wait until the thread has ended."""
         self._canvas.frame_due.disconnect(self._draw)
         self.rest.stop()
         self._coarsening.close()
@@ -87,10 +87,10 @@ class Frames(QObject):
         return not self.rest.isActive() and not self._coarsening.working
 
     def small_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None] | None:
-        """Return a copy of the drawing for thumbnails, and its vertices; None for all vertices.
+        """Return a copy of the drawing for thumbnails, and its vertices (None for all vertices).
 
-        The copy of a large mesh is its stand-in, without a field. If that is not ready, it is
-        requested, and the result is None until `stand_in_made`.
+        A large mesh is replaced by its stand-in, without a field. If the stand-in is not ready, it
+        is requested, and the result is None until `stand_in_made` is emitted.
         """
         if not self._large:
             return self._drawing.twin(), None
@@ -100,7 +100,7 @@ class Frames(QObject):
     def mesh_alone(self) -> npt.NDArray[np.uint8] | None:
         """Draw the mesh without background and annotations; see `OffScreen.draw`.
 
-        If frames are slow, the stand-in is drawn; the result is None until `stand_in_made`.
+        If frames are slow, the stand-in is drawn; the result is None until it is ready.
         """
         drawing = self._drawing
         if self.slow and self._large and drawing.coarse is None:
@@ -131,7 +131,7 @@ class Frames(QObject):
         return mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES
 
     def _expect_slow_frames(self) -> None:
-        """Draw the stand-in of a large mesh first if OpenGL runs on the processor."""
+        """Count frames of a large mesh as slow if OpenGL runs on the processor."""
         if self.software and self._large:
             self._seconds = math.inf
             self._request_stand_in()
@@ -144,7 +144,7 @@ class Frames(QObject):
             self._canvas.render()
 
     def _request_stand_in(self) -> None:
-        """Make the stand-in of a large mesh, once."""
+        """Make the stand-in of a large mesh, unless requested before."""
         mesh = self._drawing.mesh
         if mesh is not None and self._large and not self._requested:
             self._requested = True
@@ -161,17 +161,17 @@ class Frames(QObject):
             self._canvas.render()
 
     def _draw(self) -> None:
-        """Draw a frame, when Qt paints the canvas."""
+        """Draw a frame; called when Qt paints the canvas."""
         drawing, window = self._drawing, self._canvas.window_of_vtk
-        if self._first:  # the driver is known once the window is on the screen
+        if self._first:  # the driver can be queried once the window is on the screen
             capabilities = window.ReportCapabilities().lower()
             self.software = any(name in capabilities for name in _SOFTWARE)
             self._expect_slow_frames()
         at_rest = not self.rest.isActive()
         coarse = not at_rest and self.slow and drawing.coarse is not None
         drawing.show_coarse(coarse)
-        # Multisampling may double the time of a frame: slow frames have it at rest only, very slow
-        # frames are smoothed by FXAA instead.
+        # Multisampling may double the time of a frame. Slow frames are multisampled only at rest;
+        # very slow frames at rest are smoothed by FXAA instead.
         quickly = self.slow and (self._seconds > VERY_SLOW_FRAME or not at_rest)
         window.SetMultiSamples(0 if quickly else 4)
         drawing.renderer.SetUseFXAA(quickly and at_rest)
@@ -183,19 +183,19 @@ class Frames(QObject):
         hasten()
         measuring = self.software or self._measured <= MEASURED_FRAMES
         if measuring:
-            window.WaitForCompletion()  # a graphics card draws asynchronously
+            window.WaitForCompletion()  # because a graphics card draws asynchronously
         took = perf_counter() - started
         if self._first:
             self._first = False
             self.first_drawn.emit()
         elif drawing.surface is not None and not coarse and measuring:
             self._measured += 1
-            if self._measured > 1:  # the first frame also compiled shaders
+            if self._measured > 1:  # ignore the first frame, which also compiled shaders
                 self._seconds = took
             if self.slow:
                 self._request_stand_in()
 
 
 def _stand_in_of(mesh: Mesh, _cancel: object) -> CoarseMesh:
-    """Return the stand-in of a mesh; takes a second at a million vertices."""
+    """Return the stand-in of a mesh; takes a second for a million vertices."""
     return cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)

@@ -1,4 +1,4 @@
-"""Handles on the render: of the clipping plane, and of the range at the colour bar."""
+"""Handles on the render for the clipping plane and for the selected range of the colour bar."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 _COLOR = "#f59e0b"
 #: Size of the handle in pixels of the screen.
 _SIZE = 9.0
-#: Index of the first actor of arrow and ball in VTK's widget, after those of the plane.
+#: Index of the first actor of arrow and ball in VTK's widget, after the actors of the plane.
 _ARROW = 3
-#: Smallest square of the length of the projected unit normal at which the ball follows the pointer.
+#: Minimum squared length of the projected unit normal at which the ball follows the pointer.
 _STEEPEST = 0.05
-#: Shortest arm, in pixels, of the rotation of the arrow; a shorter one would make it too fast.
+#: Minimum arm, in pixels, of the rotation of the arrow; a shorter arm would rotate it too fast.
 _SHORTEST = 20.0
 #: Distance in points from the left side of the bar, and from its other sides, at which a handle
 #: can be grabbed.
@@ -33,17 +33,17 @@ _LEFT, _BEYOND = 16.0, 6.0
 
 
 class CutHandle:
-    """Handle of the clipping plane: a ball that moves it, and an arrow that rotates it.
+    """Handle of the clipping plane: a ball to move the plane, and an arrow to rotate it.
 
     The ball moves along the normal of the plane; the arrow points to the side that is cut away.
-    Only the outline of the plane is drawn. It cannot be dragged, so that the mesh under it can be
-    clicked, rotated and painted. VTK's widget draws and picks; dragging is done here, since VTK
-    does not keep ball and arrow under the pointer.
+    Only the outline of the plane is drawn. The outline cannot be dragged, so that the mesh under it
+    can be clicked, rotated and painted. VTK's widget is used for drawing and picking only, because
+    it does not keep ball and arrow under the pointer during a drag.
     """
 
     def __init__(self, drawing: MeshRenderer) -> None:
         self._drawing = drawing
-        #: Called with the plane while it is dragged.
+        #: Called with the plane while the handle is dragged.
         self.moved: Callable[[Plane], None] = lambda _plane: None
         made = self._widget = vtkImplicitPlaneRepresentation()
         made.SetRenderer(drawing.renderer)
@@ -68,9 +68,9 @@ class CutHandle:
             actor = actors.GetItemAsObject(at)
             assert isinstance(actor, vtkProp)
             self._picker.AddPickList(actor)
-            self._ball = actor  # the last one
-        #: Positions of the ball and, when it was grabbed, of the pointer; distance along the arrow
-        #: to the pointer, negative on the other side of the plane, and 0 while the ball is held.
+            self._ball = actor  # the last actor is the ball
+        #: Positions of ball and pointer at the start of a drag. Distance from the ball to the
+        #: grabbed point of the arrow, negative behind the plane; 0 if the ball was grabbed.
         self._origin, self._start, self._arm = np.zeros(3), np.zeros(2), 0.0
 
     def show(self, plane: Plane | None, bounds: FloatArray) -> None:
@@ -90,7 +90,7 @@ class CutHandle:
         made.BuildRepresentation()
 
     def grab(self, x: float, y: float) -> bool:
-        """Grab the ball or the arrow at a position in pixels; return False if neither is there."""
+        """Grab the ball or the arrow at a position in pixels; return whether one was grabbed."""
         made, view = self._widget, self._drawing.view
         if view is None or not made.GetVisibility():
             return False
@@ -113,8 +113,8 @@ class CutHandle:
         if self._arm:
             across = (np.array([x, y]) - view.to_pixels(origin, *size)[0, :2]) * pixel / self._arm
             far = float(np.hypot(*across))
-            # a pointer farther than the arrow's length leaves it in the plane of the screen; a
-            # nearer one keeps it in front of that plane, or behind it
+            # a pointer farther from the ball than the arrow's length rotates the arrow in the plane
+            # of the screen; at a nearer pointer, the arrow stays in front of or behind that plane
             depth = np.sqrt(max(1.0 - far**2, 0.0)) * (1.0 if view.axes[2] @ normal <= 0 else -1.0)
             normal = -(np.array([*(across / max(far, 1.0)), depth]) @ view.axes)
         else:
@@ -126,13 +126,13 @@ class CutHandle:
 
 
 class BarHandles:
-    """Handles of the colour bar; they move the ends of `Annotations.bar_range`."""
+    """Handles of the colour bar, which move the ends of `Annotations.bar_range`."""
 
     def __init__(self, drawing: MeshRenderer) -> None:
         self._drawing = drawing
         #: Called with both positions, 0 to 1, while a handle is dragged.
         self.moved: Callable[[float, float], None] = lambda _low, _high: None
-        #: Whether the upper handle is held.
+        #: Whether the upper handle is being dragged.
         self._upper = False
 
     def _place(self) -> tuple[BarPlace, tuple[float, float]] | None:
@@ -142,7 +142,7 @@ class BarHandles:
         return None if place is None or ends is None else (place, ends)
 
     def grab(self, x: float, y: float) -> bool:
-        """Grab the nearer handle and move it to a position in pixels; return False off the bar."""
+        """Grab the nearer handle, and move it to a position in pixels; return False off the bar."""
         if (found := self._place()) is None:
             return False
         place, ends = found

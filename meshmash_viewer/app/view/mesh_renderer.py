@@ -32,23 +32,23 @@ from meshmash_viewer.surface.rays import Plane, RayTarget
 
 #: Approximate number of visible points to which the view is fitted.
 _SAMPLED = 100_000
-#: Largest number of pins with labels.
+#: Maximum number of pins with labels.
 _LABELLED = 40
 
 
 class MeshRenderer:
-    """A drawing for a window to which `renderer` is added; call `prepare` before each frame.
+    """Drawing of a mesh in a VTK renderer, to be added to a window; call `prepare` at each frame.
 
-    The renderer (of a plotter, or a new one) has mesh coordinates, so that scripts can add actors.
-    The actors of this class have points relative to the centre of the mesh, where single precision
-    is enough, and are positioned at the centre; VTK multiplies matrices in double precision.
+    `renderer` has mesh coordinates, so that scripts can add actors. The actors of this class have
+    points relative to the centre of the mesh, for which single precision is sufficient, and are
+    positioned at the centre; VTK multiplies matrices in double precision.
     """
 
     def __init__(self, dark: bool = False, renderer: vtkRenderer | None = None) -> None:
         self.renderer = vtkRenderer() if renderer is None else renderer
         self.renderer.SetUseDepthPeeling(False)
         self.renderer.AutomaticLightCreationOff()
-        # a light from above left and a weak one from the right, which move with the camera
+        # a light from above left and a weak light from the right; both move with the camera
         for x, y, z, intensity in ((-0.5, 0.7, 1.6, 0.92), (0.9, -0.5, 0.8, 0.30)):
             light = vtkLight()
             light.SetLightTypeToCameraLight()
@@ -64,28 +64,28 @@ class MeshRenderer:
         #: Points and axes of the default view, see `Geometry`.
         self.sample, self.axes = np.zeros((1, 3)), np.eye(3)
         self._bounds = np.zeros((2, 3))
-        #: Hidden vertices, whose faces are hidden too; None for none.
+        #: Hidden vertices, whose faces are hidden too; None if no vertex is hidden.
         self.hidden: Mask | None = None
-        #: Vertices that are drawn as selected; None for none.
+        #: Vertices drawn as selected; None if no vertex is selected.
         self.selected: Mask | None = None
         #: Clipping plane in mesh coordinates.
         self.cut: Plane | None = None
         #: Handle of the plane, drawn in the window but not in pictures.
         self.handle: vtkProp | None = None
-        #: Displayed points, relative to `centre`, and normals; None for those of the mesh.
+        #: Displayed points, relative to `centre`, and normals; None to display the mesh itself.
         self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
         self.view: View | None = None
         self._placed: tuple[View | None, int] = (None, 0)
         self._hidden: tuple[Any, ...] = ()
         self._pins_placed: list[Pin] = []
         self.caption: Caption | None = None
-        #: Text that replaces the quantity while another field is being computed.
+        #: Text that replaces the quantity while another field is being computed, or "".
         self.awaited = ""
-        #: Description of the displayed shape if it is not that of the mesh.
+        #: Description of the displayed shape; "" for the shape of the mesh.
         self.shape_text = ""
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
-        #: Search structure for picking and for hidden pins; None until it has been made.
+        #: Search structure for picking and for hidden pins; None until computed.
         self.picker: RayTarget | None = None
         self._coarse_mesh: CoarseMesh | None = None
         #: Displayed points from which the stand-in was made.
@@ -96,13 +96,13 @@ class MeshRenderer:
         #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
-        #: Size and look of the last frame.
+        #: Size and appearance of the last frame.
         self.page = Page(self.theme, 1, 1, 1.0)
 
     # -- contents ---------------------------------------------------------------------------
 
     def set_theme(self, dark: bool) -> None:
-        """Set the colours of everything but the field."""
+        """Set all colours except the colours of the field."""
         self.dark = dark
         self.theme = DARK if dark else LIGHT
         self.renderer.SetBackground(*rgb(self.theme.background_bottom))
@@ -114,11 +114,11 @@ class MeshRenderer:
 
     @property
     def _surfaces(self) -> list[Surface]:
-        """Surfaces of the mesh and of its stand-in, if they exist."""
+        """The existing surfaces: of the mesh, and of its stand-in (see `Frames`)."""
         return [surface for surface in (self.surface, self.coarse) if surface is not None]
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
-        """Draw a mesh without field and pins; None draws nothing. `normals` have shape (n, 3)."""
+        """Draw a mesh, or nothing for None, without field and pins; `normals` have shape (n, 3)."""
         for of in tuple(self.overlays):
             self.set_overlay(None, of)
         for surface in self._surfaces:
@@ -137,7 +137,7 @@ class MeshRenderer:
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
 
     def set_hidden(self, hidden: Mask | None) -> None:
-        """Hide vertices and the faces around them; None shows all."""
+        """Hide vertices and the faces around them; None shows all vertices."""
         if self.mesh is None or self.surface is None:
             return
         self.hidden = hidden
@@ -145,19 +145,19 @@ class MeshRenderer:
         for overlay in self.overlays.values():
             overlay.hide(hidden)
         geometry = geometry_of(self.mesh)
-        self.sample = geometry.sample  # also if nothing is visible
+        self.sample = geometry.sample  # kept if no vertex is visible
         if hidden is not None and len(visible := np.flatnonzero(self.mesh.referenced & ~hidden)):
             chosen = visible[:: max(1, len(visible) // _SAMPLED)]
             self.sample = geometry.points[chosen] + self.centre
 
     def set_selected(self, selected: Mask | None) -> None:
-        """Draw vertices as selected; None deselects all."""
+        """Draw vertices as selected; None deselects all vertices."""
         if self.surface is not None:
             self.selected = selected
             self.surface.select(selected)
 
     def set_cut(self, plane: Plane | None) -> None:
-        """Cut the mesh at a plane in mesh coordinates; None draws all of it."""
+        """Cut the mesh at a plane in mesh coordinates; None draws the whole mesh."""
         self.cut = plane
         for overlay in self.overlays.values():
             self._cut_overlay(overlay)
@@ -175,7 +175,7 @@ class MeshRenderer:
         return None if self.cut is None else self.cut.seen_from(self.centre)
 
     def away(self) -> Mask | None:
-        """Return the mask of vertices that are hidden or cut away; None for none."""
+        """Return the mask of hidden or cut-away vertices; None if there are none."""
         cut = self._local_cut
         if self.mesh is None or cut is None:
             return self.hidden
@@ -183,7 +183,7 @@ class MeshRenderer:
         return away if self.hidden is None else away | self.hidden
 
     def vertex_under(self, through: FloatArray) -> int:
-        """Return the vertex visible at a point of the focal plane, in mesh coordinates, or -1."""
+        """Return the vertex visible at a point of the focal plane (mesh coordinates), or -1."""
         if self.picker is None or self.view is None:
             return -1
         eye = self.view.axes[2]
@@ -201,10 +201,10 @@ class MeshRenderer:
     def move(
         self, points: npt.NDArray[np.float32] | None, normals: npt.NDArray[np.float32] | None = None
     ) -> None:
-        """Draw the vertices at other positions, and drop `picker`.
+        """Draw the vertices at other positions, and reset `picker`.
 
-        `points`, shape (n, 3), are relative to `centre`; None for those of the mesh. `normals`,
-        shape (n, 3), are by default those that are displayed.
+        `points`, shape (n, 3), are relative to `centre`; None for the positions of the mesh.
+        `normals`, shape (n, 3), are the displayed normals by default.
         """
         if self.mesh is None or self.surface is None or self.normals is None:
             return
@@ -261,14 +261,14 @@ class MeshRenderer:
         return surface
 
     def set_coarse(self, coarse: CoarseMesh) -> None:
-        """Set the stand-in that `show_coarse` draws instead of the mesh."""
+        """Set the stand-in, drawn by `show_coarse` instead of the mesh."""
         self._coarse_points = self.drawn[0]
         points, normals = (each[coarse.representatives] for each in self.drawn)
         self.coarse, self._coarse_mesh = self._new_surface(points, coarse.faces, normals), coarse
         self.coarse.actor.VisibilityOff()
 
     def show_coarse(self, shown: bool) -> None:
-        """Draw the stand-in, if it exists, or the mesh."""
+        """Draw the stand-in, if `shown` and if it exists, or the mesh."""
         if self.surface is not None and self.coarse is not None:
             self.surface.actor.SetVisibility(not shown)
             self.coarse.actor.SetVisibility(shown)
@@ -286,7 +286,7 @@ class MeshRenderer:
         Raises
         ------
         ValueError
-            If the shape differs, or the colour map does not exist.
+            If the shape is not (n,), or the colour map does not exist.
         """
         if self.mesh is None or self.surface is None:
             return
@@ -298,7 +298,7 @@ class MeshRenderer:
                     f"A field of shape {values.shape} does not fit a mesh of "
                     f"{self.mesh.n_vertices} vertices."
                 )
-            color_table(caption.colormap)  # raises before anything is changed
+            color_table(caption.colormap)  # raises ValueError before any attribute is changed
             missing = self.surface.write(self.mesh.on_surface(values))
             self.caption = replace(caption, missing=missing)
         for surface in self._surfaces:
@@ -306,18 +306,18 @@ class MeshRenderer:
 
     @property
     def shown_caption(self) -> Caption | None:
-        """The caption with `shape_text`, and with `awaited`, if set, instead of the quantity."""
+        """The caption with `shape_text`, and with `awaited` (if set) in place of the quantity."""
         if self.caption is None:
             return None
         parts = [self.awaited or self.caption.quantity, self.shape_text]
         return replace(self.caption, quantity=" · ".join(filter(None, parts)))
 
     def set_pins(self, pins: Sequence[tuple[int, str, str]]) -> None:
-        """Set the pins: vertex, colour and label of each."""
+        """Set the vertex, colour and label of each pin."""
         self._pins = tuple(pins)
 
     def set_overlay(self, overlay: Overlay | None, of: str) -> None:
-        """Draw an overlay, which replaces the one of the same name; None removes that."""
+        """Replace the overlay with the name `of`; None removes it."""
         if of in self.overlays:
             self.renderer.RemoveActor(self.overlays.pop(of).actor)
         if overlay is not None:
@@ -338,7 +338,7 @@ class MeshRenderer:
 
     @property
     def legend(self) -> PointLegend | None:
-        """Legend of the points; None without one."""
+        """Legend of the points, or None."""
         return None if self.points is None else self.points.legend
 
     # -- camera and frame -------------------------------------------------------------------
@@ -346,13 +346,13 @@ class MeshRenderer:
     def fit_view(
         self, width: int, height: int, scale: float, axes: FloatArray | None = None
     ) -> None:
-        """Show the whole mesh along given axes, by default those of the first view."""
+        """Show the whole mesh with given axes, by default the axes of the default view."""
         space = margins(self.caption is not None, width, height, scale)
         axes = self.axes if axes is None else axes
         self.view = fitted_view(self.sample, axes, width, height, space)
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
-        """Set stand-in, camera and annotations for a frame; see `Page` for the arguments."""
+        """Update stand-in, camera and annotations for a frame; see `Page` for the arguments."""
         if self.shows_coarse:
             self._write_coarse()
         if self.mesh is not None and self.view is None:
@@ -370,7 +370,7 @@ class MeshRenderer:
         self.annotations.show(page, view, self.shown_caption, unit, pins, self.legend)
 
     def _write_coarse(self) -> None:
-        """Set values, selection and positions of the stand-in to those of the mesh."""
+        """Copy values, selection and positions of the mesh to the stand-in."""
         assert self.surface is not None
         assert self.coarse is not None
         assert self._coarse_mesh is not None
@@ -387,7 +387,7 @@ class MeshRenderer:
         known_view, known_time = self._placed
         if known_view is view and known_time != camera.GetMTime():
             view = self.view = _view_of(camera, width, height)  # a script moved the camera
-        # the bounds are known; VTK would compute them by a pass over all faces
+        # use the stored bounds, because VTK would compute bounds from all faces
         boxes = [self.centre + self._bounds]
         handles = () if self.handle is None or not self.handle.GetVisibility() else (self.handle,)
         for box in (prop.GetBounds() for prop in (*self.added(), *handles)):
@@ -410,10 +410,10 @@ class MeshRenderer:
         self._placed = view, camera.GetMTime()
 
     def placed_pins(self) -> list[Pin]:
-        """Return the pins with their positions, and whether the mesh hides them.
+        """Return the pins with their positions, and whether each pin is hidden by the mesh.
 
         A ray and a label take a quarter of a millisecond each. Pins after the first 40 therefore
-        have no label, and count as hidden if the surface there faces away.
+        have no label, and count as hidden if the normal of their vertex points away from the eye.
         """
         if self.mesh is None or self.view is None or not self._pins:
             return []
@@ -449,7 +449,7 @@ class MeshRenderer:
                 yield prop
 
     def _add_copies(self, props: Iterator[vtkProp]) -> None:
-        """Add copies of actors of another window; the data are shared."""
+        """Add copies of actors of another window, which share the data of the originals."""
         for prop in props:
             copy = prop.NewInstance()
             copy.ShallowCopy(prop)
@@ -468,7 +468,7 @@ class MeshRenderer:
         self.renderer.SetBackgroundAlpha(0.0)
 
     def twin(self) -> MeshRenderer:
-        """Return a copy for another window; the arrays of mesh and field are shared."""
+        """Return a copy for another window, which shares the arrays of mesh and field."""
         other = MeshRenderer(self.dark)
         other._add_copies(self.added())
         if self.mesh is None:
@@ -493,7 +493,7 @@ class MeshRenderer:
         return other
 
     def coarse_twin(self) -> tuple[MeshRenderer, IntArray] | None:
-        """Return a copy of the stand-in, without field, and its vertices; None without stand-in."""
+        """Return a copy of the stand-in, without a field, and its vertices; None if not made."""
         mesh, coarse = self.mesh, self._coarse_mesh
         if mesh is None or coarse is None or self.coarse is None:
             return None

@@ -30,15 +30,15 @@ from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.masks import Mask, Projection
 from meshmash_viewer.surface.rays import Plane, RayTarget
 
-#: Displayed vertices relative to the centre of the mesh, faces, and which vertices are hidden.
+#: Displayed vertices relative to the centre of the mesh, faces, and mask of hidden vertices.
 _Places: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer], Mask | None]
-#: Distance in pixels of Qt within which a click picks a vertex, and largest number of vertices that
-#: are tested for visibility.
+#: Distance in logical pixels within which a click picks a vertex, and maximum number of vertices
+#: tested for visibility.
 _NEAR, _TRIED = 8.0, 50
-#: Half the size of the picture of `look_at`, as a fraction of the diagonal of the vertices, and its
-#: minimum as a fraction of the diagonal of the mesh.
+#: `View.half_size` set by `look_at`, as a fraction of the diagonal of the vertices, and minimum of
+#: `half_size` as a fraction of the diagonal of the mesh.
 _AROUND, _SMALLEST = 0.8, 0.03
-#: Cosine between normal and line of sight above which `look_at` keeps the direction of the view.
+#: Cosine between normal and eye direction above which `look_at` keeps the direction of the view.
 _SEEN = 0.3
 #: Magnification of a double click.
 _CLOSER = 1.4
@@ -47,31 +47,31 @@ _FLIGHT = 300
 
 
 class MeshView(QWidget):
-    """The render of a `Document`, with its camera, mouse gestures and picking.
+    """Render of a `Document`, with its camera, mouse gestures and picking.
 
-    - A drag rotates; with Shift or the right button it pans, with Ctrl it rolls. If `movable_pins`
-      is set, a drag that begins on a pin moves the pin along the surface.
-    - The wheel and a pinch zoom towards the pointer; Ctrl and the wheel step.
+    - A drag rotates the mesh; with Shift or the right button it pans, with Ctrl it rolls. If
+      `movable_pins` is set, a drag that begins on a pin moves the pin along the surface.
+    - The wheel and a pinch zoom towards the pointer; Ctrl and the wheel emit `stepped`.
     - A click picks a vertex, a click of the middle button centres on a vertex, a click of the right
       button requests a menu.
 
-    The window handles keys.
+    Keys are handled by the window.
     """
 
     #: Vertex under the pointer, -1 for none.
     vertex_hovered = Signal(int)
     #: Row, in the table of points, of the point under the pointer, -1 for none.
     point_hovered = Signal(int)
-    #: Vertex that was clicked.
+    #: The clicked vertex.
     vertex_clicked = Signal(int)
-    #: The last click was the first of a double click, and has to be undone.
+    #: The last click was the first of a double click; its effect must be undone.
     click_revoked = Signal()
-    #: Right click: the vertex, -1 for none, and the position on the screen.
+    #: A right click: the vertex (-1 for none) and the position on the screen.
     menu_requested = Signal(int, QPoint)
-    #: A pin is dragged from one vertex to another.
+    #: A pin is dragged: its previous vertex and its new vertex.
     pin_dragged = Signal(int, int)
     pin_dropped = Signal()
-    #: Ctrl and the wheel: steps forward, negative for backward.
+    #: A turn of the wheel with Ctrl: number of steps forward, negative for backward.
     stepped = Signal(int)
     camera_changed = Signal()
     #: The search structure for picking is ready.
@@ -83,7 +83,7 @@ class MeshView(QWidget):
         self.setAccessibleName("Render of the mesh")
         self.document = document
         self.plotter = RenderWidget(self)
-        self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # it handles no keys
+        self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # not by Tab: it handles no keys
         self.renderer = MeshRenderer(renderer=self.plotter.renderer)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -134,7 +134,7 @@ class MeshView(QWidget):
         normals: npt.NDArray[np.float32] | None = None,
         hidden: Mask | None = None,
     ) -> None:
-        """Draw a mesh with vertex normals of shape (n, 3); None draws nothing."""
+        """Draw a mesh with vertex normals of shape (n, 3), or nothing for None."""
         self._picking.drop()
         self.renderer.set_mesh(mesh, normals)
         self.renderer.set_hidden(hidden)
@@ -154,7 +154,7 @@ class MeshView(QWidget):
     ) -> None:
         """Colour the mesh by a `meshmash_viewer.model.field.Field`; None removes the field.
 
-        Level lines are drawn if the document's display has them.
+        Level lines are drawn if `nodal_lines` is set in the document's display.
         """
         mesh = self.renderer.mesh
         if mesh is None:
@@ -180,7 +180,7 @@ class MeshView(QWidget):
     ) -> None:
         """Draw the vertices at other positions, see `MeshRenderer.move`.
 
-        Vertices can be picked only if `rests`, which means that the shape does not change soon.
+        `rests` means that the shape will not change soon; otherwise vertices cannot be picked.
         `text` is added below the title.
         """
         self.renderer.shape_text = text
@@ -193,7 +193,7 @@ class MeshView(QWidget):
         self._moves()
 
     def set_hidden(self, hidden: Mask | None) -> None:
-        """Hide vertices, a mask of shape (n,), and the faces around them; None shows all."""
+        """Hide vertices, a mask of shape (n,), and the faces around them; None shows all faces."""
         if self.mesh is None:
             return
         self.renderer.set_hidden(hidden)
@@ -204,7 +204,7 @@ class MeshView(QWidget):
         self.plotter.render()
 
     def set_awaited(self, title: str) -> None:
-        """Show that the field with this title is being computed; "" for none."""
+        """Show that a field with this title is being computed; "" removes the text."""
         before = self.renderer.awaited
         self.renderer.awaited = title and f"{title} is being computed …"
         if self.renderer.awaited != before:
@@ -217,12 +217,12 @@ class MeshView(QWidget):
         if caption is None:
             return QSize(0, 0)
         wide, tall = title_size(caption, self.height())
-        # rounded up, so that widgets next to it do not move with every digit
+        # rounded up, so that widgets next to the title do not move with every digit
         return QSize(-(-wide // 40) * 40, tall)
 
     @property
     def bar_width(self) -> int:
-        """Width of the colour bar at the right edge; 0 if there is none."""
+        """Width of the colour bar at the right edge; 0 without a colour bar."""
         return 0 if self.renderer.caption is None else BAR_SPACE
 
     def set_pins(self, pins: Iterable[Any]) -> None:
@@ -230,13 +230,13 @@ class MeshView(QWidget):
         self.plotter.render()
 
     def set_selected(self, selected: Mask | None) -> None:
-        """Draw vertices, a mask of shape (n,), as selected; None deselects all."""
+        """Draw vertices, a mask of shape (n,), as selected; None deselects all vertices."""
         if self.mesh is not None:
             self.renderer.set_selected(selected)
             self._moves()
 
     def set_cut(self, plane: Plane | None) -> None:
-        """Cut the mesh at a plane in mesh coordinates, with a handle; None draws all of it."""
+        """Cut the mesh at a plane in mesh coordinates, with a handle; None draws the whole mesh."""
         if self.mesh is not None:
             self.renderer.set_cut(plane)
             self.cut_handle.show(plane, self.mesh.bounds)
@@ -256,7 +256,7 @@ class MeshView(QWidget):
     # -- the camera -------------------------------------------------------------------------
 
     def reset_camera(self) -> None:
-        """Show the whole mesh from its best side."""
+        """Show the whole mesh from the default direction."""
         self._fit(self.renderer.axes)
         self.plotter.render()
 
@@ -265,9 +265,9 @@ class MeshView(QWidget):
         return None if self.renderer.view is None else self.renderer.view.to_json()
 
     def set_camera(self, state: dict[str, Any], *, fitted: bool = False) -> None:
-        """Restore a camera that `camera` returned; ValueError if it is invalid.
+        """Restore a camera returned by `camera`; raise ValueError if it is invalid.
 
-        If `fitted`, the whole mesh is shown again whenever the render is resized.
+        If `fitted`, the whole mesh is fitted again whenever the render is resized.
         """
         self.renderer.view = View.from_json(state)
         self.turned_by_hand = not fitted
@@ -275,13 +275,13 @@ class MeshView(QWidget):
         self.camera_changed.emit()
 
     def look_from(self, name: str) -> None:
-        """Show the whole mesh from one of `camera.DIRECTIONS`."""
+        """Show the whole mesh from a direction, a key of `camera.DIRECTIONS`."""
         if self.mesh is not None:
             self._fit(view_axes(name, self.mesh))
             self._moves()
 
     def _fit(self, axes: FloatArray | None = None) -> None:
-        """Show the whole mesh along some axes, by default those of the current view."""
+        """Show the whole mesh with given axes, by default the axes of the current view."""
         view = self.renderer.view
         if axes is None and view is not None:
             axes = view.axes
@@ -291,7 +291,7 @@ class MeshView(QWidget):
         self.camera_changed.emit()
 
     def look_like(self, other: MeshView, *, mirrored: bool = False) -> None:
-        """Set the camera to that of another view, scaled so that both meshes appear equally large.
+        """Copy the camera of another view, scaled so that both meshes appear equally large.
 
         If `mirrored`, the camera is reflected in x.
         """
@@ -305,8 +305,8 @@ class MeshView(QWidget):
         if mirrored:
             view = view.mirrored(centre)
             width, height, scale = other.plotter.pixels()
-            # The colour bar is not mirrored: the mesh has to stay to its left. Both views get the
-            # same shift, even if one has no field yet: mirroring twice must restore the view.
+            # Shift the mesh to stay left of the colour bar, which is not mirrored. The shift is the
+            # same for both views, even without a field: mirroring twice must restore the view.
             barred = any(view.renderer.caption is not None for view in (self, other))
             free = margins(barred, width, height, scale)
             view = view.moved(free.left - free.right, 0.0, width, height)
@@ -326,7 +326,7 @@ class MeshView(QWidget):
     def picture(
         self, size: tuple[int, int] | None = None, transparent: bool = False
     ) -> npt.NDArray[np.uint8]:
-        """Draw the render in a size in pixels; RGBA of shape (height, width, 4)."""
+        """Return a picture of a given size in pixels; RGBA, shape (height, width, 4)."""
         return draw_picture(self.renderer.twin(), size or self.plotter.pixels()[:2], transparent)
 
     def display_point(self, vertex: int) -> QPoint:
@@ -343,7 +343,7 @@ class MeshView(QWidget):
         return -1 if view is None else self.renderer.vertex_under(self._through(view, x, y))
 
     def _through(self, view: View, x: float, y: float) -> FloatArray:
-        """Return the point of the focal plane, in mesh coordinates, at a position."""
+        """Return the point of the focal plane, in mesh coordinates, at a position on the widget."""
         width, height, _ = self.plotter.pixels()
         return view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
 
@@ -360,7 +360,7 @@ class MeshView(QWidget):
     def vertex_near(self, x: float, y: float) -> int:
         """Return the vertex of the pin at a position, else the displayed vertex, else the nearest.
 
-        The nearest vertex is visible and within a few pixels. The result is -1 for none.
+        The nearest vertex is the nearest visible vertex within a few pixels; -1 if there is none.
         """
         vertex, drawing = self.pinned_or_at(x, y), self.renderer
         if vertex >= 0 or drawing.picker is None or drawing.view is None:
@@ -397,22 +397,22 @@ class MeshView(QWidget):
 
     @property
     def can_pick(self) -> bool:
-        """Whether the search structure for picking has been made."""
+        """Whether the search structure for picking has been computed."""
         return self.renderer.picker is not None
 
     def _prepare_picking(self) -> None:
-        """Make the search structure for the current positions of the vertices."""
+        """Request the search structure for the current positions of the vertices."""
         assert self.mesh is not None
         self._picking.ask((self.renderer.drawn[0], self.mesh.faces, self.renderer.hidden))
 
     def _take_picker(self, request: _Places, made: RayTarget | Exception) -> None:
         now = self.renderer
         if now.mesh is None or now.drawn[0] is not request[0] or now.hidden is not request[2]:
-            return  # made for other positions
+            return  # computed for other positions or other hidden vertices
         if isinstance(made, Exception):
             raise made
         self.renderer.picker = made
-        self.plotter.render()  # pins behind the mesh are drawn fainter
+        self.plotter.render()  # now draws pins behind the mesh fainter
         self.picking_ready.emit()
 
     @property
@@ -422,7 +422,7 @@ class MeshView(QWidget):
         return self.frames.at_rest and not self._picking.working and not flying
 
     def _moves(self) -> None:
-        """Draw a frame while something moves."""
+        """Request a frame while the picture is changing."""
         if self.frames.slow:
             self._set_hovered(-1)
         self.frames.move()
@@ -433,14 +433,14 @@ class MeshView(QWidget):
     # -- strokes ----------------------------------------------------------------------------
 
     def take_strokes(self, taken: bool) -> None:
-        """Let the left button draw strokes, see `RenderWidget.strokes`, or rotate the mesh."""
+        """Set whether the left button draws strokes (see `RenderWidget.strokes`) or rotates."""
         self.plotter.strokes = taken
         self.plotter.setCursor(Qt.CursorShape.CrossCursor if taken else Qt.CursorShape.ArrowCursor)
         self.outline.show_line([])
 
     @property
     def unit_per_pixel(self) -> float:
-        """Width of a pixel of Qt in the mesh's unit; 0 without a mesh."""
+        """Width of a logical pixel in the mesh's unit; 0 without a mesh."""
         (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
         return 0.0 if view is None else ratio * view.length_per_pixel(width, height)
 
@@ -480,7 +480,7 @@ class MeshView(QWidget):
             self._set_view(view.turned(angle * dx, angle * dy))
 
     def _drag_pin(self, pinned: int) -> None:
-        """Move a pin to the vertex under the pointer, unless that has a pin."""
+        """Move a pin to the vertex under the pointer, unless the vertex is pinned."""
         at = self.plotter.pointer
         vertex = -1 if at is None else self.vertex_at(at.x(), at.y())
         if vertex >= 0 and all(pin.vertex != vertex for pin in self.document.pins.placed):
@@ -517,13 +517,13 @@ class MeshView(QWidget):
             self.point_hovered.emit(point)
 
     def point_at(self, vertex: int) -> None:
-        """Show the ring around a vertex while none is under the pointer; -1 hides it."""
+        """Show the ring around a vertex while no vertex is under the pointer; -1 hides the ring."""
         self._pointed = vertex
         self._place_ring()
 
     def _place_ring(self) -> None:
         vertex = self._hovered if self._hovered >= 0 else self._pointed
-        if vertex >= 0 and not self.plotter.strokes:  # the brush has a circle instead
+        if vertex >= 0 and not self.plotter.strokes:  # the brush shows a circle instead
             self._ring.show_at(self.display_point(vertex))
         else:
             self._ring.hide()
@@ -540,7 +540,7 @@ class MeshView(QWidget):
             self.vertex_clicked.emit(self._last_clicked)
 
     def _double_clicked(self, at: QPointF) -> None:
-        """Centre on the vertex under the pointer, a little magnified."""
+        """Centre on the vertex under the pointer, and magnify the view slightly."""
         if self._last_clicked >= 0:
             self.click_revoked.emit()
         vertex = self.vertex_near(at.x(), at.y())
@@ -548,13 +548,13 @@ class MeshView(QWidget):
             self.centre_on(vertex, _CLOSER)
 
     def centre_on(self, vertex: int, closer: float = 1.0) -> None:
-        """Centre on a vertex, magnified by a factor."""
+        """Centre on a vertex, and magnify the view by a factor."""
         view = self.renderer.view
         if view is not None:
             self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size / closer))
 
     def look_at(self, vertices: npt.NDArray[np.integer]) -> None:
-        """Zoom in on some vertices, from a side on which they are visible."""
+        """Zoom in on given vertices, from a direction that their normals face."""
         view, drawing = self.renderer.view, self.renderer
         if view is None or self.mesh is None:
             return
@@ -588,7 +588,7 @@ class MeshView(QWidget):
         self._set_view(self._flown)
 
     def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
-        """Draw marks over the surface, which replace those of the same name; None removes them."""
+        """Draw marks over the surface in place of the marks of the same name; None removes them."""
         self.renderer.set_overlay(marks, of)
         self.plotter.render()
 
@@ -609,7 +609,7 @@ class MeshView(QWidget):
     # -- the end ----------------------------------------------------------------------------
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Wait for the threads, and release the graphics."""
+        """Wait for the threads, and release the graphics resources."""
         super().closeEvent(event)
         if self._closed:
             return
@@ -623,7 +623,7 @@ class MeshView(QWidget):
 
 
 def _facing(outwards: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the axes rotated by the smallest angle such that `outwards` points at the eye."""
+    """Return the axes rotated by the smallest angle that makes `outwards` point at the eye."""
     eye = outwards / np.linalg.norm(outwards)
     turn, _ = Rotation.align_vectors(eye[np.newaxis], axes[2][np.newaxis])
     return np.asarray(turn.apply(axes))

@@ -19,15 +19,15 @@ if TYPE_CHECKING:  # loaded when the first figure is composed
 
 #: Millimetres and points per inch.
 MM, POINTS = 25.4, 72.0
-#: Width of a colour bar, gap between bar and labels, and space around both, in font sizes.
+#: Width of a colour bar, gap to its labels, and space around bar and labels, in font sizes.
 _BAR, _GAP, _AROUND = 1.2, 0.5, 1.2
-#: Largest height of a colour bar in font sizes.
+#: Maximum height of a colour bar in font sizes.
 _TALLEST = 20.0
-#: Largest number of labels of a colour bar, and their smallest distance in font sizes.
+#: Maximum number of labels of a colour bar, and minimum distance between labels in font sizes.
 _MOST, _APART = 7, 1.3
-#: Number of rectangles of a colour bar.
+#: Number of rectangles that make up a colour bar.
 _CELLS = 128
-#: Corners of a whole box, from 0 to 1.
+#: Coordinates x and y of the corners of a whole box, from 0 to 1.
 _SQUARE = (0, 1, 1, 0), (0, 0, 1, 1)
 
 
@@ -62,9 +62,9 @@ def text_width(text: str, bold: bool = False) -> float:
 
 
 def wrapped(line: Line, width: float) -> list[Line]:
-    """Break a line at spaces into lines of at most `width` mm; longer words get a smaller font."""
+    """Break a line at spaces into lines of at most `width` mm; longer words have a smaller font."""
     lines, begun = list[str](), ""
-    for word in line.text.split(" "):  # a number and its unit have a no-break space
+    for word in line.text.split(" "):  # a no-break space joins a number and its unit
         longer = f"{begun} {word}".lstrip()
         if begun and line.size * text_width(longer, line.bold) > width:
             lines.append(begun)
@@ -89,14 +89,14 @@ def _bar_texts(caption: Caption, size: float) -> tuple[str, dict[float, str]]:
 
 
 def bar_width(caption: Caption) -> float:
-    """Return the width of a colour bar with its text and the space around, in font sizes."""
+    """Return the width of a colour bar with its text and surrounding space, in font sizes."""
     factor, labels = _bar_texts(caption, _TALLEST)
     texts = [*labels.values(), "no value" if caption.missing else ""]
     return _AROUND + max(text_width(factor), _BAR + _GAP + max(map(text_width, texts)))
 
 
 def legend_width(legend: PointLegend) -> float:
-    """Return the width of a legend of points with the space around, in font sizes."""
+    """Return the width of a legend of points with surrounding space, in font sizes."""
     texts = max(text_width(text) for _, text in legend.rows)
     return _AROUND + max(text_width(legend.title, True), _BAR + _GAP + texts)
 
@@ -104,8 +104,8 @@ def legend_width(legend: PointLegend) -> float:
 class Page:
     """A figure to which text, lines and images are added at positions in mm.
 
-    `width`, `height` and the font size `font` are in mm. Text has the colour `ink`; over the mesh
-    it has a background of the colour `ground`.
+    `width`, `height` and the font size `font` are in mm. Text has the colour `ink`; text over the
+    mesh has a background of the colour `ground`.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Page:
         self.font, self.ink, self.ground = font, ink, ground
 
     def axes(self, box: Box) -> Axes:
-        """Add axes without frame."""
+        """Add matplotlib axes without a frame in a box."""
         rectangle = (
             box.left / self.width,
             box.below / self.height,
@@ -127,19 +127,19 @@ class Page:
         return axes
 
     def patch(self, box: Box, color: Any, x: Sequence[float], y: Sequence[float]) -> None:
-        """Fill a polygon with corners (x, y), from 0 to 1 in a box."""
+        """Fill a polygon; the coordinates `x` and `y` of its corners are from 0 to 1 in a box."""
         axes = self.axes(box)
         axes.fill(x, y, color=color)
         axes.set(xlim=(0, 1), ylim=(0, 1))
 
     def text(self, x: float, y: float, text: str, size: float = 1.0, **style: Any) -> None:
-        """Add a line of text; `size` is in font sizes."""
+        """Add a line of text; `size` is a multiple of the page's font size."""
         points = size * self.font / MM * POINTS
         style = {"color": self.ink, "va": "center", "parse_math": False, **style}
         self.figure.text(x / self.width, y / self.height, text, fontsize=points, **style)
 
     def line(self, points: Sequence[tuple[float, float]], color: str, width: float) -> None:
-        """Draw a line through points in mm; `width` is in font sizes."""
+        """Draw a line through points in mm; `width` is a multiple of the page's font size."""
         axes = self.axes(Box(0.0, 0.0, self.width, self.height))
         axes.set(xlim=(0.0, self.width), ylim=(0.0, self.height))
         axes.plot(*zip(*points, strict=True), color=color, lw=width * self.font / MM * POINTS)
@@ -166,8 +166,8 @@ class Page:
         axes = self.axes(Box(left, below, _BAR * font, tall))
         colors = color_table(caption.colormap, _CELLS) / 255.0
         edges = np.linspace(0.0, 1.0, _CELLS + 1)
-        # Rectangles, so that the bar is a vector in PDF and SVG. Each extends below the next one:
-        # viewers smooth edges, and the page would be visible between two.
+        # Rectangles, so that the bar consists of vectors in PDF and SVG. Each rectangle overlaps
+        # the next, because viewers smooth edges and would show the page between rectangles.
         ends = np.append(edges[2:], 1.0)
         corners = [
             [(0.0, low), (1.0, low), (1.0, high), (0.0, high)]
@@ -212,7 +212,7 @@ class Page:
         """Draw pins as discs with labels, fainter if the mesh hides them."""
         if not pins:
             return
-        # a pixel is a hundredth of a millimetre
+        # `to_pixels` with pixels of a hundredth of a millimetre
         size = round(100.0 * box.width), round(100.0 * box.height)
         places = view.to_pixels(np.array([pin.position for pin in pins]), *size) / 100.0
         axes = self.axes(box)
@@ -233,7 +233,7 @@ class Page:
     def directions(self, axes: npt.NDArray[np.float64], corner: tuple[float, float]) -> None:
         """Draw the directions of x, y and z above and right of `corner`, the nearest on top."""
         length = 1.6 * self.font
-        # leaves room for axes that point left and down, and for half a letter at their ends
+        # leave space for axes that point left or down, and for half a letter at their ends
         least = 1.35 * length * np.minimum(axes[:2].min(axis=1), 0.0)
         at = np.asarray(corner) - least + 0.45 * self.font
         for axis in np.argsort(axes[2]):

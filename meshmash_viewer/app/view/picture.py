@@ -1,4 +1,4 @@
-"""Pictures and scene files of a drawing, made off screen, without Qt."""
+"""Pictures and scene files of a drawing, made off screen and without Qt."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 #: Seconds after which the test of a graphics driver is terminated.
 _DRIVER_TIMEOUT = 30.0
-#: Samples per pixel, and largest number of samples of a picture; a driver stores 8 bytes of each.
+#: Samples per pixel, and maximum number of samples of a picture; each takes 8 bytes in a driver.
 _SAMPLES, _MAX_SAMPLES = 8, 1 << 28
 
 
@@ -51,12 +51,11 @@ def new_drawing(
     formula: str = "",
     dark: bool = False,
 ) -> MeshRenderer:
-    """Return the drawing of a field on a mesh; without `values`, the mesh has one colour.
+    """Return the drawing of a field on a mesh; without `values`, the mesh has a single colour.
 
     `values` have shape (n,) and are NaN for vertices without a value. The default limits are the
-    smallest and the largest value, or symmetric about zero if there are values of both signs.
-    `title`, `formula` (small) and `quantity` are the lines of the caption; `unit` is that of the
-    values.
+    minimum and maximum, or symmetric about zero if values of both signs exist. `title`, `formula`
+    (small) and `quantity` are the lines of the caption; `unit` is the unit of the values.
     """
     drawing = MeshRenderer(dark)
     drawing.set_mesh(mesh, mesh.vertex_normals)
@@ -72,7 +71,7 @@ def new_drawing(
 
 
 def _limits(values: npt.NDArray[np.float32], wanted: Limits | tuple[float, float] | None) -> Limits:
-    """Return the limits of the colour bar; they differ even for a constant field."""
+    """Return the limits of the colour bar; low < high even for a constant field."""
     if wanted is not None:
         logarithmic = Limits(*wanted).logarithmic
         return Limits(*LockedLimits(*wanted[:2]).limits(values), logarithmic)
@@ -99,10 +98,10 @@ def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 class OffScreen:
-    """An off-screen window that draws pictures of one size in pixels; text grows with the size.
+    """Off-screen window for pictures of one size in pixels; text is scaled with the size.
 
-    The drawing must be in no other window (`MeshRenderer.twin`). `samples` is the number of samples
-    per pixel.
+    The drawing must not belong to another window (see `MeshRenderer.twin`). `samples` is the number
+    of samples per pixel.
     """
 
     def __init__(
@@ -126,9 +125,9 @@ class OffScreen:
         self._window.SetDPI(round(72 * text_scale(self.size)))
 
     def draw(self) -> npt.NDArray[np.uint8]:
-        """Draw a frame: uint8, shape (height, width, 3), first row on top.
+        """Return a frame: uint8, shape (height, width, 3), first row on top.
 
-        A transparent one has four channels with premultiplied alpha, see `straight`.
+        A transparent frame has four channels with premultiplied alpha, see `straight`.
         """
         width, height = self.size
         self.drawing.prepare(width, height, text_scale(self.size), plates=not self.transparent)
@@ -151,21 +150,21 @@ def pixels_of(
         # averages the samples of a pixel together with their opacity
         window.GetRGBACharPixelData(*corners, 0, pixels, 0)
     else:
-        # reads the displayed frame, in which the samples are averaged already
+        # reads the displayed frame, in which the samples have been averaged
         window.GetPixelData(*corners, 1, pixels, 0)
     rows: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(height, width, -1)
     return np.ascontiguousarray(rows[::-1])
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Return the pixels per point of a picture of a size in pixels."""
+    """Return the number of pixels per point for a picture of a given size in pixels."""
     return max(1.0, min(size[0] / 1000, size[1] / 750))
 
 
 def new_window() -> vtkRenderWindow:
-    """Return a render window; on Linux without a display, one that needs no display."""
+    """Return a render window; on Linux without a display, an EGL window."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        # the default window tries the display first, and prints a warning
+        # VTK's default window would try the display first, and print a warning
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     return vtkRenderWindow()
 
@@ -179,9 +178,9 @@ def graphics(window: vtkRenderWindow) -> str:
 
 
 def asked_graphics() -> str:
-    """Return name and version of the OpenGL driver, or what its test says.
+    """Return name and version of the OpenGL driver, or the reason why its test failed.
 
-    The test runs in a subprocess, since some drivers crash.
+    The test runs in a subprocess, because some drivers crash.
     """
     command = [sys.executable, "-m", __name__]
     try:
@@ -196,12 +195,12 @@ SCENES = {
     ".gltf": "glTF, for Blender, PowerPoint and viewers",
     ".html": "HTML page, for any browser",
 }
-#: Libraries that make web pages, see the extra "html".
+#: Libraries required for web pages (the extra "html").
 _PAGE_MAKERS = ("trame_pyvista", "nest_asyncio2")
 
 
 def missing_pages() -> str:
-    """Return why HTML pages cannot be written, with the remedy; empty if they can."""
+    """Return the reason why HTML pages cannot be written, with the remedy, or ""."""
     if all(importlib.util.find_spec(name) is not None for name in _PAGE_MAKERS):
         return ""
     return (
@@ -211,11 +210,11 @@ def missing_pages() -> str:
 
 
 def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
-    """Return a copy of the mesh as it is drawn, in its own coordinates, with the displayed field.
+    """Return a copy of the displayed surface and field, in mesh coordinates.
 
     The active scalars are the field, named by its title, NaN for vertices without a value.
-    ``user_dict`` has ``"quantity"``, ``"unit"``, ``"colormap"`` (a name, or the colours of labels),
-    ``"limits"`` and ``"log_scale"``. Faces with a vertex that is hidden or cut away are left out.
+    The keys of ``user_dict`` are ``"quantity"``, ``"unit"``, ``"colormap"`` (a name, or the colours
+    of labels), ``"limits"`` and ``"log_scale"``. Faces at hidden or cut-away vertices are omitted.
 
     Raises
     ------
@@ -257,7 +256,7 @@ def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
     InputError
         If the ending is unknown, trame is missing, or the file cannot be written.
     """
-    # imported late: the window does not need the writers to start
+    # imported here, because the window does not need the writers at its start
     from meshmash_viewer.io.atomic import writing_errors, written_whole
     from meshmash_viewer.io.write import check_output
 

@@ -23,16 +23,16 @@ from meshmash_viewer.units import distinct_digits, format_number
 #: Maximum number of categories with a colour, and number of shades in the legend of numbers.
 _CATEGORIES, _SHADES = 9, 6
 _COLORS = "plasma"
-#: Offset of points towards the camera, in units of depth: points just below the surface are seen.
+#: Offset towards the camera, in units of depth, that makes points just below the surface visible.
 _FRONT = -4e4
-#: Least distance of the pointer within which a point is picked.
+#: Minimum radius, in logical pixels, around the pointer in which a point is picked.
 _NEAR = 5.0
 
 
 def point_colors(
     found: ProjectedPoints, column: str
 ) -> tuple[npt.NDArray[np.uint8], PointLegend | None]:
-    """Return the colours of the points that have a vertex, shape (m, 3), and their legend."""
+    """Return the colours of the points assigned to a vertex, shape (m, 3), and their legend."""
     m = found.n_near
     values = found.points.columns.get(column)
     if values is None:
@@ -61,7 +61,7 @@ def _graded(values: npt.NDArray[np.float64], title: str) -> tuple[Any, PointLege
 
 
 def _categories(values: npt.NDArray[Any], title: str) -> tuple[Any, PointLegend]:
-    """Colour the most frequent values; other and missing values are grey."""
+    """Return colours of the most frequent values, grey for other values, and the legend."""
     texts = np.array(["" if each is None else str(each) for each in values.tolist()])
     names, places, counts = np.unique(texts, return_inverse=True, return_counts=True)
     by_count = np.argsort(-counts, kind="stable").tolist()
@@ -79,7 +79,7 @@ def _bytes(color: str) -> npt.NDArray[np.uint8]:
 
 
 class PointCloud(Overlay):
-    """Draws the points that have a vertex; a point moves with its vertex."""
+    """Overlay of the points assigned to a vertex; each point moves with its vertex."""
 
     def __init__(
         self,
@@ -115,7 +115,7 @@ class PointCloud(Overlay):
 
     def copy(self) -> PointCloud:
         other = object.__new__(PointCloud)
-        other.__dict__.update(self.__dict__)  # they share the data
+        other.__dict__.update(self.__dict__)  # both copies share the data
         other._make_actor()
         return other
 
@@ -139,7 +139,7 @@ class PointCloud(Overlay):
     def near(
         self, pixel: tuple[float, float], view: View, size: tuple[int, int, float], centre: Any
     ) -> npt.NDArray[np.int64]:
-        """Return the drawn points at a position in pixels, the nearest first."""
+        """Return the indices of the drawn points at a position in pixels, nearest first."""
         if self._pixels[0] != (view, size):
             self._pixels = (view, size), view.to_pixels(self._places + centre, *size[:2])
         away = np.hypot(*(self._pixels[1][:, :2] - pixel).T)[self._visible]

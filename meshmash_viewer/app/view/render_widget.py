@@ -30,10 +30,10 @@ from meshmash_viewer.app.view.picture import pixels_of
 
 
 class Grip(Protocol):
-    """A handle that the left button drags; positions are in pixels from the lower left."""
+    """A handle dragged by the left button; positions are in pixels from the lower left."""
 
     def grab(self, x: float, y: float) -> bool:
-        """Grab the handle at a position; return False if it is not there."""
+        """Grab the handle if it is at a position; return whether it was grabbed."""
 
     def drag(self, x: float, y: float) -> None:
         """Move the handle to a position."""
@@ -42,55 +42,55 @@ class Grip(Protocol):
 class RenderWidget(QtInteractor):
     """A `pyvista.Plotter` in Qt, without VTK's interactor styles.
 
-    A frame is drawn only when Qt paints: `render` requests it, `frame_due` is emitted once for any
-    number of requests, and `draw` draws it. If Qt paints without a request, the last frame is shown
-    again. Positions are in this widget's coordinates.
+    A frame is drawn only when Qt paints: `render` requests a frame, `frame_due` is emitted once for
+    any number of requests, and its receiver calls `draw`. If Qt paints without a request, the last
+    frame is shown again. Positions are in this widget's coordinates.
     """
 
     frame_due = Signal()
     resized = Signal()
-    #: Gesture ("turn", "shift" or "roll"), and movement to the right and up in pixels of Qt.
+    #: Gesture ("turn", "shift" or "roll"), and movement to the right and up in logical pixels.
     dragged = Signal(str, float, float)
     drag_ended = Signal()
-    #: Factor and position, of the wheel or a pinch.
+    #: Magnification and position of a turn of the wheel or a pinch.
     zoomed = Signal(float, QPointF)
     #: Notches of the wheel with Ctrl, positive towards the user.
     stepped = Signal(int)
-    #: A button was pressed and released at one position.
+    #: A button was pressed and released at the same position.
     clicked = Signal(QPointF)
     double_clicked = Signal(QPointF)
     middle_clicked = Signal(QPointF)
     right_clicked = Signal(QPointF)
     pointer_moved = Signal()
-    #: If `strokes` is set: the left button was pressed, with modifiers, moved, and released.
+    #: If `strokes` is set: the left button was pressed (with its modifiers), moved, and released.
     stroke_begun = Signal(QPointF, object)
     stroke_moved = Signal(QPointF)
     stroke_ended = Signal()
 
     def __init__(self, parent: QWidget) -> None:
         self._drawing, self._stale = False, True
-        # `MeshRenderer` adds the lights; frames are not drawn by a timer
+        # `MeshRenderer` adds the lights; pyvistaqt's timer must not draw frames
         super().__init__(parent, auto_update=False, lighting="none", multi_samples=4)
-        # only `draw` draws frames, not VTK's interactor
+        # VTK's interactor must not draw frames
         self.window_of_vtk.GetInteractor().EnableRenderOff()
-        # keeps pyvista from moving the camera to the first mesh that is added
+        # prevents pyvista from moving the camera when the first mesh is added
         self.camera_set = True
         self.setAcceptDrops(False)
         self.setObjectName("scene_canvas")
         self.setAccessibleName("Mesh in three dimensions")
         self.setMinimumSize(QSize(160, 120))
         self.dragging = False
-        #: Position of the pointer, None outside.
+        #: Position of the pointer; None outside the widget.
         self.pointer: QPointF | None = None
         #: Position at which the held button was pressed; None if no button is held.
         self.pressed: QPointF | None = None
         self._last = QPointF()
         self._button, self._double = Qt.MouseButton.NoButton, False
-        #: Whether the left button draws strokes; then the middle button, or Ctrl and the left
-        #: button, rotates.
+        #: Whether the left button draws strokes. If True, the middle button, or Ctrl and the left
+        #: button, rotates the mesh.
         self.strokes = False
         self._stroke = False
-        #: Handles, which the left button grabs before it draws, rotates or clicks.
+        #: Handles, which have priority over strokes, rotation and clicks of the left button.
         self.grips: list[Grip] = []
         self._grip: Grip | None = None
         self._step_rest = 0
@@ -105,31 +105,31 @@ class RenderWidget(QtInteractor):
         return QSize(800, 600)
 
     def pixels(self) -> tuple[int, int, float]:
-        """Return width and height in pixels of the screen, and these pixels per pixel of Qt."""
+        """Return width and height in screen pixels, and the screen pixels per logical pixel."""
         ratio = self.devicePixelRatioF()
         return round(self.width() * ratio), round(self.height() * ratio), ratio
 
     def to_pixels(self, x: float, y: float) -> tuple[float, float]:
-        """Return the centre of Qt's pixel (x, y), in pixels of the screen from the lower left."""
+        """Return the centre of the logical pixel (x, y) in screen pixels from the lower left."""
         ratio = self.devicePixelRatioF()
         return (x + 0.5) * ratio, (self.height() - y - 0.5) * ratio
 
     # -- frames -----------------------------------------------------------------------------
 
     def render(self, *_: Any, **__: Any) -> None:
-        """Request a new frame; pyvista calls it after each change."""
+        """Request a new frame; also called by pyvista after each change."""
         self._stale = True
         super().update()
 
     Render = render
 
     def update(self, *_: Any, **__: Any) -> None:
-        """Show the last frame again; VTK calls this after each frame as well."""
+        """Show the last frame again; also called by VTK after each frame."""
         if not self._drawing:
             super().update()
 
     def paintGL(self) -> None:
-        """Emit `frame_due` if a new frame was requested, and show it."""
+        """Emit `frame_due` if a new frame was requested; show the last frame."""
         window: Any = self.window_of_vtk
         if self._stale and window.GetReadyForRendering():
             self._stale = False
@@ -141,7 +141,7 @@ class RenderWidget(QtInteractor):
         super().paintGL()  # type: ignore[no-untyped-call]
 
     def draw(self) -> None:
-        """Draw a frame; call it only while `frame_due` is emitted."""
+        """Draw a frame; may be called only by receivers of `frame_due`."""
         (width, height, ratio), window = self.pixels(), self.window_of_vtk
         if window.GetSize() != (width, height):
             window.SetSize(width, height)
@@ -149,10 +149,10 @@ class RenderWidget(QtInteractor):
         window.Render()
 
     def draw_aside(self) -> npt.NDArray[np.uint8] | None:
-        """Draw a transparent frame that is not displayed; see `OffScreen.draw`.
+        """Return a transparent frame without displaying it; see `OffScreen.draw`.
 
-        The result is None before the first frame. Unlike another window, which takes a tenth of a
-        second, this one has its shaders and arrays already.
+        The result is None before the first frame. The shaders and arrays of this window are reused;
+        making another window takes a tenth of a second.
         """
         window: Any = self.window_of_vtk
         if not window.GetReadyForRendering():
@@ -174,14 +174,14 @@ class RenderWidget(QtInteractor):
 
     @property
     def image(self) -> npt.NDArray[np.uint8]:  # type: ignore[override]
-        """Displayed frame, shape (height, width, 3), which pyvista's `screenshot` saves."""
+        """Displayed frame, shape (height, width, 3), used by pyvista's `screenshot`."""
         grabbed = self.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
         width, height, stride = grabbed.width(), grabbed.height(), grabbed.bytesPerLine()
         rows = np.frombuffer(grabbed.constBits(), dtype=np.uint8).reshape(height, stride)
         return rows[:, : 3 * width].reshape(height, width, 3).copy()
 
     def event(self, event: QEvent) -> bool:
-        """Handle pinches, and a move to a screen of another scale."""
+        """Handle pinches, and a move to a screen with a different pixel ratio."""
         if isinstance(event, QNativeGestureEvent) and self._pinch(event):
             return True
         done = super().event(event)
@@ -287,7 +287,7 @@ class RenderWidget(QtInteractor):
             self.drag_ended.emit()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        # with Alt (on some systems) or Shift the wheel reports the other axis
+        # with Shift, and on some systems with Alt, the wheel reports the x axis
         angle = event.angleDelta().y() or event.angleDelta().x()
         if event.modifiers() & Qt.KeyboardModifier.ControlModifier:
             self._step_rest -= angle
@@ -300,7 +300,7 @@ class RenderWidget(QtInteractor):
         event.accept()
 
     def _pinch(self, event: QNativeGestureEvent) -> bool:
-        # a pinch consists of many events, each with the value of a factor minus 1
+        # a pinch consists of many events; the value of each is its magnification minus 1
         zooms = event.gestureType() == Qt.NativeGestureType.ZoomNativeGesture
         if zooms and event.value() > -1.0:
             self.zoomed.emit(1.0 + event.value(), event.position())
@@ -308,7 +308,7 @@ class RenderWidget(QtInteractor):
         return zooms
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Leave keys to the window."""
+        """Ignore keys, which are handled by the window."""
         event.ignore()
 
     def keyReleaseEvent(self, event: QKeyEvent) -> None:
@@ -316,7 +316,7 @@ class RenderWidget(QtInteractor):
 
 
 class Outline(QWidget):
-    """Widget that draws the line of a lasso or the circle of a brush without a new frame."""
+    """Widget that shows the line of a lasso or the circle of a brush without a new frame."""
 
     def __init__(self, canvas: RenderWidget) -> None:
         super().__init__(canvas)
@@ -327,7 +327,7 @@ class Outline(QWidget):
         self.hide()
 
     def show_line(self, points: Sequence[QPointF]) -> None:
-        """Draw a closed line through positions of the canvas; no points draw nothing."""
+        """Draw a closed line through positions on the canvas; hide the widget without points."""
         self._shape = QPolygonF(points)
         around = self._shape.boundingRect().toAlignedRect().adjusted(-3, -3, 3, 3)
         self.setGeometry(around & self._canvas.rect())
@@ -335,7 +335,7 @@ class Outline(QWidget):
         super().update()
 
     def show_circle(self, middle: QPointF | None, radius: float = 0.0) -> None:
-        """Draw a circle; None draws nothing."""
+        """Draw a circle around a position; None hides the widget."""
         if middle is None:
             self.show_line([])
             return
@@ -367,7 +367,7 @@ class Ring(QWidget):
         self.hide()
 
     def show_at(self, place: QPoint) -> None:
-        """Show the ring around a position of the canvas."""
+        """Show the ring around a position on the canvas."""
         self.move(place - self.rect().center())
         self.show()
 

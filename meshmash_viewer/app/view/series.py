@@ -1,4 +1,4 @@
-"""Series of pictures of one mesh, and contact sheets of them; without Qt."""
+"""Series of pictures of one mesh, and contact sheets; without Qt."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from meshmash_viewer.units import format_range
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Field and view of one picture; None keeps that of the drawing."""
+    """Field and view of one picture; None keeps the field or the view of the drawing."""
 
     request: FieldRequest | None = None
     view: View | None = None
@@ -46,9 +46,9 @@ def shots_of(
 ) -> list[Shot]:
     """Return a shot of each family, with its open parameters resolved.
 
-    Limits are taken from the vertices `sample` (`Mesh.area_sample`) without the `hidden` ones.
-    `chosen` are all families by name, since a family may depend on another. `names` are the names
-    of pinned vertices, by vertex.
+    Limits are computed from the vertices `sample` (`Mesh.area_sample`) that are not `hidden`.
+    `chosen` contains all families by name, because a family may depend on another family. `names`
+    contains the names of pinned vertices, by vertex.
     """
     resolved = (each.resolved(spectrum, chosen) for each in families)
     return [
@@ -67,7 +67,7 @@ def compute_shot(
 ) -> Field | None:
     """Compute the field of a shot; may run in any thread.
 
-    `picked` are the vertices of the mesh that the drawing has, None for all.
+    `picked` are the vertices of the mesh that the drawing contains, None for all vertices.
     """
     if shot.request is None:
         return None
@@ -81,7 +81,7 @@ def compute_shot(
 
 
 def show_shot(drawing: MeshRenderer, shot: Shot, field: Field | None, display: Display) -> None:
-    """Set the view and the field of a shot, with the colours and lines of a display."""
+    """Set view and field of a drawing to those of a shot, with colours and lines of a display."""
     if shot.view is not None:
         drawing.view = shot.view
     if field is not None:
@@ -111,11 +111,11 @@ def series_view(
     *,
     turning: bool = False,
 ) -> View:
-    """Return the common view of pictures of a size, along the axes of the drawing's view.
+    """Return the common view of pictures of a given size, with the axes of the drawing's view.
 
     If the drawing's view shows only a part of the mesh in a picture of size `seen`, the pictures
-    show that part. Otherwise the whole mesh fills the pictures; with `turning`, it stays within
-    them while it turns about the vertical.
+    show the same part. Otherwise the whole mesh fills the pictures. With `turning`, the mesh also
+    stays within the pictures while it rotates about the vertical axis of the view.
     """
     width, height = size
     view, points = drawing.view, drawing.sample
@@ -132,7 +132,7 @@ def series_view(
 
 
 def turntable(drawing: MeshRenderer, view: View, count: int) -> list[View]:
-    """Return `count` views of one turn of the mesh about the vertical through its centre."""
+    """Return `count` views of one turn of the mesh about the vertical axis through its centre."""
     middle = _middle(drawing.sample, view.axes)
     offset = view.axes @ (view.focus - middle)
     views = []
@@ -160,7 +160,7 @@ def _middle(points: FloatArray, axes: FloatArray) -> FloatArray:
 
 
 def _cylinder(points: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the corners, shape (4, 3), of the area that points sweep in a turn."""
+    """Return the corners, shape (4, 3), of the rectangle swept by points during a turn."""
     middle = _middle(points, axes)
     seen = axes @ (points - middle).T
     reach = float(np.hypot(seen[0], seen[2]).max())
@@ -170,7 +170,7 @@ def _cylinder(points: FloatArray, axes: FloatArray) -> FloatArray:
     return np.asarray(middle + np.array(corners) @ axes)
 
 
-#: Smallest width and height in pixels of a picture.
+#: Minimum width and height of a picture in pixels.
 _LEAST = 24
 #: Heights of a caption and of a colour bar with its limits, in lines of text.
 _CAPTION, _STRIP = 1.5, 1.5
@@ -190,11 +190,11 @@ class _Layout:
 
 
 class ContactSheet:
-    """A sheet of pictures with captions; InputError if the sheet is too small.
+    """A sheet of pictures with captions.
 
-    `size` is the size of the sheet in pixels, `aspect` the width over height of the mesh. Pictures
-    have the size `picture_size` and no background. `ground` is the background colour, by default
-    that of the render, and "" for a transparent one.
+    `size` is the size of the sheet in pixels, `aspect` the ratio of width to height of the mesh.
+    Pictures have the size `picture_size` and no background. `ground` is the background colour, by
+    default the colour of the render. `InputError` is raised if the sheet is too small.
     """
 
     def __init__(
@@ -291,7 +291,7 @@ def _layout(columns: int, count: int, size: tuple[int, int]) -> _Layout:
     edge = round(0.4 * head)
     wide = (size[0] - 2 * edge) // columns
     tall = (size[1] - head - edge) // rows
-    # the caption of an eigenfunction fits, and the text is not larger than the title
+    # text in which the caption of an eigenfunction fits, not larger than the title
     text = min(max(wide / 15.0, 7.0), 0.36 * head, 0.2 * tall)
     picture = round(0.96 * wide), int(tall - (_CAPTION + _STRIP) * text)
     return _Layout(columns, head, (wide, tall), picture, text)

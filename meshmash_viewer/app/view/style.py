@@ -1,4 +1,4 @@
-"""Looks of the render: colours, fonts, and the texts of bars and scales."""
+"""Style of the render: colours, fonts, and the labels of colour bars and scale bars."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from meshmash_viewer.units import (
     superscript,
 )
 
-#: Largest distance, from 0 to 1, of two positions on a colour bar that count as one.
+#: Maximum distance, from 0 to 1, of two positions on a colour bar that count as equal.
 _SAME = 1e-6
-#: Largest number of decimals and of characters of a label.
+#: Maximum number of decimals, and of characters, of a label.
 _DECIMALS, _LONGEST = 6, 9
 
 #: Name of a colour map of matplotlib, or the colours of labels 0, 1, 2 … as "#rrggbb".
@@ -53,12 +53,12 @@ class RenderTheme:
     faint_ink: str
     surface: str
     line: str
-    #: Inner side of the surface where the mesh is cut.
+    #: Colour of the inner side of the surface where the mesh is cut.
     inside: str
     halo: str
 
     def ground(self, share: float) -> tuple[float, ...]:
-        """Return red, green and blue, 0 to 1, of the background; `share` is 0 at its lower edge."""
+        """Return RGB, 0 to 1, of the background at the height `share`, 0 (lower edge) to 1."""
         share = min(max(share, 0.0), 1.0)
         ends = zip(rgb(self.background_bottom), rgb(self.background_top), strict=True)
         return tuple(low + share * (high - low) for low, high in ends)
@@ -74,7 +74,7 @@ LIGHT = RenderTheme(
     inside="#6f7883",
     halo="#ffffff",
 )
-#: The background has a contrast of at least 1.5 to the dark end of every sequential map.
+#: The contrast between background and dark end of every sequential map is at least 1.5.
 DARK = RenderTheme(
     background_top="#525963",
     background_bottom="#3f444b",
@@ -89,7 +89,7 @@ DARK = RenderTheme(
 
 @lru_cache(maxsize=64)
 def rgb(color: str) -> tuple[float, float, float]:
-    """Return red, green and blue, 0 to 1, of "#rrggbb"."""
+    """Return red, green and blue, 0 to 1, of a colour "#rrggbb"."""
     return tuple(int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5))  # type: ignore[return-value]
 
 
@@ -97,7 +97,7 @@ def rgb(color: str) -> tuple[float, float, float]:
 def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
     """Return a table of RGBA colours, shape (count, 4), of a colour map or of labels.
 
-    Each of at most `count` labels has an equal part of the table.
+    Each label has an equal part of the table; at most `count` labels are possible.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
     if isinstance(name, tuple):
         colors = np.array([[*rgb(each), 1.0] for each in name])
         places = np.arange(count) * len(name) // count
-        # the middle of each part has exactly the colour of its label, even if the part is narrow
+        # set the middle of each part exactly, because rounding may omit a narrow part
         places[((np.arange(len(name)) + 0.5) * count / len(name)).astype(int)] = range(len(name))
         labelled = np.round(255.0 * colors[places]).astype(np.uint8)
         labelled.setflags(write=False)
@@ -117,7 +117,7 @@ def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
             f"{name!r} is not a colour map of matplotlib; RdBu_r, viridis and magma are some."
         )
     table = colormaps[name].resampled(count)(np.arange(count), bytes=True)
-    table.setflags(write=False)  # shared by the cache
+    table.setflags(write=False)  # the cache returns the same array to all callers
     return np.asarray(table)
 
 
@@ -149,7 +149,7 @@ def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
 
 
 def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
-    """Return the text, truncated with an ellipsis if `width_of` says it is wider than `width`."""
+    """Return the text, truncated with an ellipsis if ``width_of(text) > width``."""
     if width_of(text) <= width:
         return text
     while text and width_of(text + "…") > width:
@@ -158,7 +158,7 @@ def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
 
 
 def scale_bar_text(length: float, unit: str) -> str:
-    """Format a length; its unit is "units" if it is unknown."""
+    """Format a length; the word "units" replaces an unknown unit."""
     return format_quantity(length, unit or ("unit" if length == 1.0 else "units"))
 
 
@@ -177,14 +177,14 @@ def bar_labels(
 ) -> tuple[list[tuple[float, str]], str]:
     """Return the labels of a colour bar: its ends and at most `most` round values.
 
-    The unit gets a prefix that suits the values. A logarithmic bar has labels at powers of ten,
-    and at 2 and 5 times these if it contains fewer than two. Round values closer than `gap`, from
-    0 to 1, to an end are left out.
+    The prefix of the unit is chosen for the values. A logarithmic bar has labels at powers of ten;
+    if it contains fewer than two, also at 2 and 5 times powers of ten. Round values closer than
+    `gap`, from 0 to 1, to an end are omitted.
 
     Returns
     -------
     labels : list of (float, str)
-        Position from 0 at the lower end to 1 at the upper, and text.
+        Position, from 0 at the lower end to 1 at the upper end, and text.
     heading : str
         Power of ten and unit.
     """
@@ -221,8 +221,8 @@ def _log_place(value: float, low: float, high: float) -> float:
 def _decades(low: float, high: float, most: int) -> list[tuple[float, str]]:
     """Return values and texts of the powers of ten from `low` to `high`.
 
-    If there are fewer than two, 2 and 5 times these are included; if there are still fewer than
-    two, the list is empty.
+    If there are fewer than two powers, 2 and 5 times powers of ten are included; if there are still
+    fewer than two values, the list is empty.
     """
     powers = range(floor(log10(low)), ceil(log10(high)) + 1)
     for factors in (1,), (1, 2, 5):
@@ -234,7 +234,7 @@ def _decades(low: float, high: float, most: int) -> list[tuple[float, str]]:
 
 
 def _written_alone(value: float) -> str:
-    """Format a value with three digits, or with two and a power of ten."""
+    """Format a value with three digits, or with two digits and a power of ten."""
     text = format_number(value, 3)
     return format_number(value, 2) if "×" in text else text
 
@@ -242,7 +242,7 @@ def _written_alone(value: float) -> str:
 def _written_within(value: float, span: float) -> str:
     """Format an end of a range to 1/100 of `span` or finer; -0 becomes 0."""
     decimals = 2 - floor(log10(span))
-    if value:  # a small value has two digits if at most two more decimals are enough
+    if value:  # show two digits of a small value, with at most two more decimals
         decimals = max(decimals, min(1 - floor(log10(abs(value))), decimals + 2))
     texts = [f"{value:.{max(decimals, 0)}f}"]
     if decimals > _DECIMALS:
@@ -254,8 +254,8 @@ def _written_within(value: float, span: float) -> str:
 def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int]:
     """Return at most `most` (2 or more) round values within ``[low, high]``.
 
-    The result is the values divided by ``10**exponent``, the format of their labels for the
-    operator ``%``, and the exponent, which is 0 if plain numbers are short.
+    The result is a tuple of the values divided by ``10**exponent``, the format of their labels for
+    the operator ``%``, and the exponent, which is 0 if the values are short without an exponent.
     """
     largest = max(abs(low), abs(high))
     exponent = floor(log10(largest)) if largest > 0.0 else 0
@@ -263,9 +263,9 @@ def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int
         exponent = 0
     # 10.0**-320 is subnormal, but the quotients are still accurate enough
     low, high = low / 10.0**exponent, high / 10.0**exponent
-    # the smallest round step that gives at most `most` ticks
+    # find the smallest round step that gives at most `most` ticks
     power = 10.0 ** floor(log10((high - low) / (most + 1)))
-    # if zero is the only multiple of that step, a step of 4 gives a value on either side
+    # if only one multiple of the step is within the range, a step of 4 may give more
     for factors in ((1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0), (4.0, 40.0)):
         for step in (factor * power for factor in factors):
             first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)
@@ -274,6 +274,6 @@ def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int
         if first < last or most < 3:
             break
     decimals = max(0, -floor(log10(step) + 1e-9))
-    # a narrow range far from zero needs all digits
+    # values in a narrow range far from zero require all digits
     form = f"%.{decimals}f" if decimals <= _DECIMALS else "%.9g"
     return [k * step for k in range(first, last + 1)], form, exponent

@@ -1,4 +1,4 @@
-"""Actors of a mesh: its surface, coloured by a field in the shader, and marks over it."""
+"""Actors of a mesh: its surface, coloured by a field in the shader, and marks over the surface."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from meshmash_viewer.arrays import IntArray
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.vertex_map import MOST_LABELS
 
-#: Faces are lit from the eye's side in either orientation, since raw meshes mix both.
+#: Lights faces from the eye's side in either orientation, because raw meshes mix orientations.
 _FACING = """//VTK::Normal::Impl
   if (normalVCVSOutput.z < 0.0) { normalVCVSOutput = -normalVCVSOutput; }
 """
 #: Darkens the silhouette, so that pale values stand out from a pale background.
 #: `normalVCVSOutput.z` is the cosine between the normal and the line of sight. The normal of a
-#: tube of radius r rotates by 1/r per pixel; tubes of a few pixels are left out, as they would be
-#: dark all over.
+#: tube of radius r rotates by 1/r per pixel; tubes a few pixels wide are not darkened, because
+#: they would be dark everywhere.
 _RIM = """//VTK::Light::Impl
   vec2 turning = vec2(length(dFdx(normalVCVSOutput.xy)), length(dFdy(normalVCVSOutput.xy)));
   float turn = max(turning.x, turning.y) * pixelsToPoint;
@@ -42,8 +42,8 @@ _RIM = """//VTK::Light::Impl
   fragOutput0.rgb *= 1.0 - 0.42 * rim;
 """
 #: Draws level lines, two points wide, at zero or at multiples of a spacing. The distance from a
-#: line is the field divided by its slope on the screen. Zero lines fade out on branches between 10
-#: and 6 points in width, whose colours they would hide.
+#: line is the difference from its level divided by the slope of the field on the screen. Zero lines
+#: fade out on branches between 10 and 6 points wide, because they would hide the colours.
 _LINES = """
   float level = lineSpacing > 0.0 ? lineSpacing * max(round(fieldVC / lineSpacing), 1.0) : 0.0;
   vec2 rise = abs(vec2(dFdx(fieldVC), dFdy(fieldVC)));
@@ -59,8 +59,8 @@ _LINES = """
     fragOutput0.rgb = mix(fragOutput0.rgb, lineColor, line);
   }
 """
-#: Draws stripes over selected vertices and a dark line at their border, which differ from the
-#: colours of every map.
+#: Draws stripes over selected vertices, in a colour that no colour map contains, and a dark line
+#: at their border.
 _SELECTED = """
   if (selectionShown > 0) {
     vec2 change = vec2(dFdx(selectedVC), dFdy(selectedVC));
@@ -85,13 +85,13 @@ _CUT = """
     fragOutput0.rgb = mix(lineColor, fragOutput0.rgb, smoothstep(1.5, 2.5, toCut));
   }
 """
-#: Size of the colour table in the shader: the largest number of labels. The 256 colours of a map
-#: are repeated. VTK's own colouring computes texture coordinates on the processor, which takes
-#: 25 ms for a million vertices.
+#: Size of the colour table in the shader: the maximum number of labels. Each of the 256 colours of
+#: a map is repeated. VTK's own colouring is not used, because it computes texture coordinates on
+#: the processor, which takes 25 ms for a million vertices.
 _COLORS = MOST_LABELS
-#: Replaces NaN, which some drivers do not detect.
+#: Value in place of NaN, which some drivers do not detect.
 _MISSING = np.float32(-3e38)
-#: Marks vertices whose faces are not drawn.
+#: Value at vertices whose faces are not drawn.
 _HIDDEN = np.float32(-3.3e38)
 _FIELD_IN = """//VTK::Normal::Dec
 in float fieldMC;
@@ -113,8 +113,8 @@ in float selectedVC;
 in float hiddenVC;
 flat in float labelVC;
 """
-#: Interpolates values before colouring them, so that large faces have the right colours. Labels
-#: are not interpolated: a face has the label of one corner.
+#: Maps interpolated values to colours, so that large faces have the right colours. Labels are not
+#: interpolated: a face has the label of one of its corners.
 _FIELD_COLOR = f"""//VTK::Color::Impl
   if (hiddenVC > 0.0) discard;  // one corner is enough
   float heightOverCut = dot(cutPlane.xyz, vertexVC.xyz) + cutPlane.w;
@@ -137,7 +137,7 @@ _FIELD_COLOR = f"""//VTK::Color::Impl
 
 
 class Surface:
-    """A surface with a field; its arrays are shared with NumPy.
+    """Actor of a surface with a field; VTK uses the memory of the NumPy arrays.
 
     Points, float32 of shape (n, 3), should be near the origin, where float32 is most precise.
     """
@@ -193,14 +193,14 @@ class Surface:
         self.cut(None)
         self.set_scale(1.0)
         self.set_theme(LIGHT)
-        # a uniform variable must be set once before it is used
+        # every uniform variable must be set once before the first frame
         self.dress(Caption("", "", "", 0.0, 1.0, "viridis"))
         self.dress(None)
 
     def move(self, points: npt.NDArray[np.float32], normals: npt.NDArray[np.float32]) -> None:
         """Set points and normals, both of shape (n, 3).
 
-        The arrays are not copied; do not change them while they are displayed.
+        The arrays are not copied, and must not be changed while displayed.
         """
         arrows = numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32))
         arrows.SetName("normals")
@@ -210,12 +210,12 @@ class Surface:
         self.data.Modified()
 
     def write(self, values: npt.NDArray[np.floating]) -> bool:
-        """Set the values, shape (n,), and return whether any is NaN, which means no value.
+        """Set the values, shape (n,); return whether any value is NaN (no value).
 
-        The array is not copied; do not change it while it is displayed.
+        The array is not copied, and must not be changed while displayed.
         """
         shown = np.ascontiguousarray(values, dtype=np.float32)
-        # the minimum is NaN if any entry is: one pass without a temporary array
+        # the minimum is NaN if any entry is NaN; it takes one pass and no temporary array
         missing = bool(np.isnan(shown.min(initial=0.0)))
         if missing:
             shown = np.where(np.isnan(shown), _MISSING, shown)
@@ -224,31 +224,31 @@ class Surface:
         return missing
 
     def hide(self, hidden: Mask | None) -> None:
-        """Hide the faces around some vertices; None shows all."""
+        """Hide the faces around given vertices; None shows all faces."""
         self._hidden = hidden
         self._show()
 
     def select(self, selected: Mask | None) -> None:
-        """Draw some vertices as selected; None for none."""
+        """Draw given vertices as selected; None deselects all vertices."""
         self._uniforms.SetUniformi("selectionShown", int(selected is not None))
         if selected is not None:
-            self._selected[:] = selected  # in place: VTK uses this memory
+            self._selected[:] = selected  # in place, because VTK uses this memory
             self._selected_array.Modified()
             self.data.Modified()
 
     def cut(self, plane: tuple[float, float, float, float] | None) -> None:
-        """Hide the part with ax + by + cz + d < 0 for a plane (a, b, c, d); None draws all.
+        """Hide the part with ax + by + cz + d < 0 for a plane (a, b, c, d); None hides nothing.
 
-        x, y and z are coordinates of the camera.
+        x, y and z are camera coordinates.
         """
         if plane is not None and not self._inwards:
             self._inwards = self._orientation()
-        # only uniform variables change, so that moving the plane costs nothing
+        # only uniform variables change, so no array is uploaded when the plane moves
         self._uniforms.SetUniform4f("cutPlane", plane or (0.0, 0.0, 0.0, 1.0))
         self._uniforms.SetUniformi("cutInwards", 0 if plane is None else self._inwards)
 
     def _orientation(self) -> int:
-        """Return 1 if the normals point outwards, else -1, by the sign of the enclosed volume."""
+        """Return 1 if the normals mostly point away from the centre of the points, else -1."""
         points = vtk_to_numpy(self.data.GetPoints().GetData())
         normals = vtk_to_numpy(self.data.GetPointData().GetNormals())
         away = np.einsum("ij,ij->i", points - points.mean(axis=0), normals)
@@ -259,17 +259,17 @@ class Surface:
         if self._hidden is not None:
             shown = np.where(self._hidden, _HIDDEN, shown)
         self._array.SetVoidArray(shown, len(shown), 1)
-        self._array._numpy_reference = shown  # keeps the array alive while VTK uses its memory
+        self._array._numpy_reference = shown  # keeps the memory used by VTK alive
         self._array.Modified()
         self.data.Modified()
         self.values = shown
 
     def shown_values(self) -> npt.NDArray[np.float32]:
-        """Return a copy of the displayed values, NaN for vertices without one."""
+        """Return a copy of the displayed values, NaN for vertices without a value."""
         return np.where(self.values <= _MISSING, np.float32(np.nan), self.values)
 
     def dress(self, caption: Caption | None) -> None:
-        """Set colours, limits and lines of the field by a caption; None for one colour."""
+        """Set colours, limits and lines of the field by a caption; None for a single colour."""
         self._uniforms.SetUniformi("fieldShown", int(caption is not None))
         if caption is None:
             return
@@ -308,9 +308,9 @@ _POINT, _CORNER, _NODE = 8.0, 5.0, 3.6
 
 
 class Layer(NamedTuple):
-    """Look of one of the actors that draw the same marks."""
+    """Style of an actor; several actors (layers) draw the same marks."""
 
-    #: Offset away from the eye, in units of depth: negative is in front of the surface.
+    #: Offset away from the eye, in units of depth; negative for in front of the surface.
     front: float
     opacity: float
     color: str
@@ -318,33 +318,33 @@ class Layer(NamedTuple):
     width: float
 
 
-#: Marks of faults, in a colour that no colour map contains. Marks behind the surface are visible
-#: through it, but fainter.
+#: Marks of faults, in a colour that no colour map contains. Marks behind the surface are drawn
+#: fainter, by the second layer.
 FAULTS = (Layer(-8.0, 1.0, "#ff2fa8", 2.5), Layer(-1e6, 0.45, "#ff2fa8", 2.5))
 #: Borders between labels: dark lines with a faint light edge, visible over every colour.
 BORDERS = (Layer(-8.0, 0.4, "#ffffff", 3.6), Layer(-12.0, 1.0, "#14181d", 1.8))
-#: Graph of regions, visible through the mesh. Both layers are opaque: at this offset they have the
-#: same depth, where VTK draws the second over the first only if the first is not translucent.
+#: Graph of regions, visible through the mesh. Both layers have the same depth at this offset; VTK
+#: draws the second layer over the first only if the first is opaque.
 GRAPH = (Layer(-1e6, 1.0, "#ffffff", 2.4), Layer(-1e6, 1.0, "#14181d", 1.2))
 
 
 class Overlay:
-    """Marks or points over the surface; each window needs a copy with its own `actor`."""
+    """Base class of marks and points over the surface; each window needs a separate copy."""
 
     actor: Any
     _mappers: list[vtkMapper]
-    #: Legend of its colours.
+    #: Legend of the colours.
     legend: PointLegend | None = None
 
     def move(self, drawn: npt.NDArray[np.float32]) -> None:
-        """Move with the displayed vertices, shape (n, 3)."""
+        """Move the overlay to the displayed vertices, shape (n, 3)."""
         raise NotImplementedError
 
     def hide(self, hidden: Mask | None) -> None:
         """Hide the parts at hidden vertices; by default nothing is hidden."""
 
     def cut(self, plane: vtkPlane | None) -> None:
-        """Hide the part on the negative side of a plane; None draws all."""
+        """Hide the part on the negative side of a plane; None hides nothing."""
         for mapper in self._mappers:
             mapper.RemoveAllClippingPlanes()
             if plane is not None:
@@ -360,10 +360,10 @@ class Overlay:
 
 
 class Marks(Overlay):
-    """Draws points, edges or faces, given by their vertices: shape (k, 1), (k, 2) or (k, 3).
+    """Marked points, edges or faces, given by their vertices: shape (k, 1), (k, 2) or (k, 3).
 
-    The sides of a face are drawn as well, so that a face without area is visible. All marks but
-    borders also have their corners drawn.
+    The edges of a face are drawn as well, so that a face without area is visible. The corners of
+    all marks except borders are also drawn.
     """
 
     def __init__(self, parts: IntArray, layers: tuple[Layer, ...] = FAULTS) -> None:
@@ -403,7 +403,7 @@ class Marks(Overlay):
 
 
 def _drawn(data: vtkPolyData, layer: Layer) -> vtkActor:
-    """Return the actor of one layer."""
+    """Return the actor of a layer."""
     front = layer.front
     mapper = vtkPolyDataMapper()
     mapper.SetInputData(data)
