@@ -1,1 +1,1 @@
-"""Plots of the spectrum, and their base class."""
+"""Plots of the spectrum, and the base class of plots."""

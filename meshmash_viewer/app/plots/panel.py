@@ -1,4 +1,4 @@
-"""Panels with a plot; export of plots to the clipboard and to files, in light colours."""
+"""Panels with a plot; export of plots, in light colours, to the clipboard and to files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from meshmash_viewer.model.notices import Severity
 class PanelHead(QWidget):
     """A row of controls and labels; the last label is at the right end.
 
-    Labels are ordered by importance: if they do not fit, the last ones are hidden.
+    Labels are ordered by importance: if the row is too narrow, the last labels are hidden.
     """
 
     def __init__(self, controls: tuple[QWidget, ...], labels: tuple[QLabel, ...]) -> None:
@@ -47,7 +47,7 @@ class PanelHead(QWidget):
         self._controls = controls
         self._labels = labels
         self.setLayout(row(*controls, *labels[:-1], None, labels[-1]))
-        # labels must not make the panel wide
+        # the minimum width depends on the controls only, not on the labels
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(self._needed())
 
@@ -56,14 +56,14 @@ class PanelHead(QWidget):
         return sum(widths) + theme.GAP * (len(widths) - 1)
 
     def show_controls(self, shown: bool) -> None:
-        """Show controls and labels, or hide both."""
+        """Show or hide all controls and labels."""
         for control in self._controls:
             control.setVisible(shown)
         self.setMinimumWidth(self._needed() if shown else 0)
         self.fit()
 
     def fit(self) -> None:
-        """Show the labels that have a text and fit."""
+        """Show the labels that have a text and fit in the row."""
         shown = not self._controls[0].isHidden()
         room = self.width() - self._needed()
         for label in self._labels:
@@ -78,7 +78,7 @@ class PanelHead(QWidget):
 
 
 class PlotPanel(QWidget):
-    """A panel named ``<name>_panel`` with its `plot`, or with the label `empty` instead.
+    """A panel named ``<name>_panel`` that shows its `plot`, or the label `empty`.
 
     Subclasses call `_arrange` for the layout.
     """
@@ -119,14 +119,14 @@ _FORMATS = {
     ".csv": "CSV, the numbers that are drawn",
 }
 _DPI, _INCH = 300, 25.4
-#: Length of a line in the legend, and of the gap after it, in heights of the text.
+#: Lengths of a line in the legend, and of the gap after the line, in text heights.
 _STROKE, _GAP = 1.2, 0.5
 
 
 class PlotSaver(QObject):
-    """Saves or copies a plot from a menu, which a right click or the menu key opens.
+    """Menu of a plot, opened by a right click or the menu key, to save or copy the plot.
 
-    `numbers` returns the drawn series, and `dress` applies the colours of the theme to them.
+    `numbers` returns the drawn series, and `dress` sets their colours to those of the theme.
     """
 
     def __init__(
@@ -228,17 +228,17 @@ class PlotSaver(QObject):
                 painter.setRenderHint(QPainter.RenderHint.Antialiasing)
                 draw(painter)
             image.setDevicePixelRatio(1.0)
-            # set after painting, since the size of fonts depends on it
+            # after painting, because font sizes depend on the dots per meter
             image.setDotsPerMeterX(round(_DPI / _INCH * 1000.0))
             image.setDotsPerMeterY(round(_DPI / _INCH * 1000.0))
         return image
 
     @contextmanager
     def _on_paper(self, scale: float = 1.0) -> Iterator[tuple[QSize, Callable[[QPainter], None]]]:
-        """Give the plot light colours; yield its size with the legend, and how it is drawn."""
+        """Use light colours; yield the size of plot and legend, and a function that draws both."""
         plot, box = self._plot, self._plot.plotItem.vb
         automatic = box.autoRangeEnabled()
-        box.disableAutoRange()  # automatic ranges depend on the widths of pens
+        box.disableAutoRange()  # because automatic ranges depend on the widths of pens
         try:
             with theme.light(), scaled_pens(scale):
                 self._dress_all()
@@ -263,7 +263,7 @@ class PlotSaver(QObject):
         none = QGraphicsItem.CacheMode.NoCache
         cached = [item for item in plot.scene().items() if item.cacheMode() != none]
         modes = [item.cacheMode() for item in cached]
-        for item in cached:  # a cache has pixels of the screen
+        for item in cached:  # disable caches, which have the resolution of the screen
             item.setCacheMode(none)
         exporter.setExportMode(True, {"antialias": True, "painter": painter})
         try:
@@ -278,7 +278,7 @@ class PlotSaver(QObject):
         self._dress()
 
     def _rows(self, named: Sequence[Series]) -> list[list[Series]]:
-        """Break the legend into rows that are at most as wide as the plot."""
+        """Break the legend into rows at most as wide as the plot."""
         metrics, rows, used = QFontMetricsF(self._plot.font()), list[list[Series]](), 0.0
         for each in named:
             wide = (_STROKE + 2.0 * _GAP) * metrics.height() + metrics.horizontalAdvance(each.name)

@@ -39,7 +39,7 @@ def color(name: str, alpha: float = 1.0) -> QColor:
 
 
 class _Pens:
-    """Scale of the pens of lines: Qt measures their widths in pixels of the screen or picture.
+    """Scale of the pens of lines, whose widths are in pixels of the screen or picture in Qt.
 
     Rims of points are not scaled: pyqtgraph adjusts automatic ranges to the widest rim ever drawn.
     """
@@ -57,7 +57,7 @@ class _Pens:
 
 @contextmanager
 def scaled_pens(scale: float) -> Iterator[None]:
-    """Scale the pens that are made in this context, for a picture of a higher resolution."""
+    """Scale the pens made within the context, for a picture of a higher resolution."""
     _Pens.scale = scale
     try:
         yield
@@ -89,7 +89,7 @@ def hatch(region: pg.LinearRegionItem) -> None:
 
 
 def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) -> pg.InfiniteLine:
-    """Return a vertical line; dragging it calls `drag`, releasing it `settle`."""
+    """Return a vertical line; `drag` is called while it is dragged, `settle` at its release."""
     line = pg.InfiniteLine(angle=90, movable=True)
     line.setCursor(Qt.CursorShape.SizeHorCursor)
     line.sigDragged.connect(drag)
@@ -98,21 +98,21 @@ def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) 
 
 
 def _named(label: str) -> tuple[str, str]:
-    """Split a text of `units.named_quantity` into name and unit."""
+    """Split a text made by `units.named_quantity` into name and unit."""
     name, _, unit = label.removesuffix(")").rpartition(" (")
     return (name, unit) if name and label.endswith(")") else (label, "")
 
 
-#: Smallest distance in pixels between labels of a logarithmic axis, horizontal and vertical.
+#: Minimum distance in pixels between labels of a logarithmic axis, horizontal and vertical.
 _CLOSEST = 44.0, 18.0
 #: Widest label of the left axis.
 _WIDEST = "−2.5×10⁻⁵"
-#: Approximate largest power of ten of a float.
+#: Approximate maximum power of ten of a float.
 _POWERS = 300.0
 
 
-class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
-    """An axis with labels such as 2×10⁻⁸, in a unit that suits its range."""
+class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # pyqtgraph ships no types
+    """An axis with labels such as 2×10⁻⁸, in a unit chosen for its range."""
 
     #: Unit of the data.
     unit = ""
@@ -131,18 +131,18 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             self.label.setPos(0.0, -self.label.boundingRect().height())
 
     def _updateWidth(self) -> None:
-        """Set the width of the axis to that of the tick labels."""
+        """Set the width of the axis to the width of the tick labels."""
         super()._updateWidth()
         if self.label.isVisible():
-            # pyqtgraph has added 0.8 of the height of the label
+            # subtract 0.8 of the height of the label, added by pyqtgraph
             wide = self.maximumWidth() - 0.8 * self.label.boundingRect().height()
             self.setMinimumWidth(wide)
             self.setMaximumWidth(wide)
 
     def updateAutoSIPrefix(self) -> None:
-        """Choose a unit that suits the range; pyqtgraph's prefixes are wrong for nm⁻²."""
+        """Choose a unit for the range; pyqtgraph's prefixes are wrong for nm⁻²."""
         low, high = self.range
-        # the range may still be that of indices, whose powers of ten are too large for a float
+        # the range may still be in indices, and 10 to the power of an index may exceed a float
         power = min(max((low + high) / 2.0, -_POWERS), _POWERS)
         size = 10.0**power if self.logMode else max(abs(low), abs(high))
         exponent, written = engineering(size, self.unit)
@@ -162,7 +162,7 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             low, high = self.range
             upright = self.orientation == "left"
             pixels = self.height() if upright else self.width()
-            # 1 and 2 are 0.3 decades apart
+            # labels at 1 and 2 times a power of ten are 0.3 decades apart
             close = 0.3 * pixels < _CLOSEST[upright] * (high - low)
             factors = (1, 10) if high - low > 1.0 and close else (1, 2, 5, 10)
             powers = [value + math.log10(scale) for value in values]
@@ -171,7 +171,7 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
             return [power_text(*each) if each[1] in factors else None for each in multiples]
         texts: list[str] = super().tickStrings(values, scale, spacing)
         largest = max(map(abs, self.range)) * scale
-        if not 1e-3 <= largest < 1e5:  # all labels have the power of ten of the largest
+        if not 1e-3 <= largest < 1e5:  # use the power of ten of the largest value in all labels
             power = math.floor(math.log10(largest or 1.0))
             ten = f"×10{superscript(power)}"
             texts = [f"{value * scale / 10.0**power:.4g}{ten}" for value in values]
@@ -186,17 +186,17 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         return [(float(step), 0.0) for step in sorted(steps, reverse=True)]
 
 
-class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
+class Plot(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph ships no types
     """A plot in the theme's colours.
 
     The wheel zooms (in a scrolling panel only if the plot has the focus), a drag pans, and the
-    button "Fit" shows everything. A right click or the menu key requests a menu, see
+    button "Fit" shows all data. A right click or the menu key requests a menu, see
     `meshmash_viewer.app.plots.panel`.
     """
 
     #: Position in plot coordinates.
     clicked = Signal(float, float)
-    #: Position in plot coordinates; NaN when the pointer has left.
+    #: Position in plot coordinates; NaN when the pointer leaves the plot.
     hovered = Signal(float, float)
     #: Position of the menu on the screen.
     menu_requested = Signal(QPoint)
@@ -205,7 +205,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
         super().__init__(axisItems=axes, enableMenu=False)
         theme.named(self, name, accessible_name)
-        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # panels handle the keys
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # not by Tab: panels handle the keys
         self.setFrameShape(self.Shape.NoFrame)
         self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
@@ -223,7 +223,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.dress()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Zoom; in a scrolling panel without the focus, leave the wheel to the panel."""
+        """Zoom, or scroll the panel if it can scroll and the plot has no focus."""
         if scroll_area(self) is None or self.hasFocus():
             super().wheelEvent(event)
         else:
@@ -268,7 +268,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             axis = self.getAxis(side)
             axis.setPen(solid(theme.palette().border_strong))
             axis.setTextPen(solid(colors.axis))
-            # a fixed width: pyqtgraph's width depends on the previous labels
+            # a fixed width, because pyqtgraph's width depends on the previous labels
             wide = round(QFontMetricsF(font).horizontalAdvance(_WIDEST))
             axis.setStyle(
                 tickFont=font,
@@ -292,17 +292,17 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             self.plotItem.vb.setYRange(*self._heights, padding=0.0)
 
     def set_heights(self, heights: tuple[float, float] | None) -> None:
-        """Fix the range of the left axis; None makes it automatic."""
+        """Fix the range of the left axis; None makes the range automatic."""
         self._heights = heights
         self.setMouseEnabled(x=True, y=heights is None)
 
     def pixel_of(self, x: float, y: float) -> QPointF:
-        """Return the position on the widget of a point of the plot."""
+        """Return the position on the widget of a point in plot coordinates."""
         return QPointF(self.mapFromScene(self.plotItem.vb.mapViewToScene(QPointF(x, y))))
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         super().resizeEvent(event)
-        if event is not None:  # pyqtgraph calls it with None before the button exists
+        if event is not None:  # pyqtgraph passes None before the button exists
             self.fit_button.move(0, self.height() - self.fit_button.sizeHint().height())
 
     def leaveEvent(self, event: object) -> None:
@@ -322,7 +322,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             self.menu_requested.emit(QPointF(event.screenPos()).toPoint())
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
-        """Request the menu for the menu key; `_click` handles the right button."""
+        """Request the menu if the menu key was pressed; `_click` handles the right button."""
         if event.reason() == QContextMenuEvent.Reason.Keyboard:
             self.menu_requested.emit(self.mapToGlobal(self.rect().center()))
         event.accept()
@@ -335,7 +335,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A curve or points in the units of a `Plot`; the legend has it if it has a `color`."""
+    """A curve or points in the units of a `Plot`; the legend lists series with a `color`."""
 
     name: str
     x: npt.ArrayLike
@@ -343,12 +343,12 @@ class Series:
     color: str = ""
 
 
-#: Magnitude from which entries have the full colour; entries of a refined map are at most 1.
+#: Magnitude above which entries have the full colour; entries of a refined map are at most 1.
 _FULL = 0.5
 
 
 class MatrixView(Plot):
-    """The matrix of a functional map; entries have the colours of two curves, by their sign."""
+    """Plot of the matrix of a functional map; the colours of entries depend on sign and size."""
 
     def __init__(self, name: str) -> None:
         self._image = pg.ImageItem(axisOrder="row-major")
@@ -367,7 +367,7 @@ class MatrixView(Plot):
         self.matrix = matrix
         self._image.setImage(matrix, levels=(-_FULL, _FULL))
         rows, columns = matrix.shape
-        self._image.setRect(-0.5, -0.5, columns, rows)  # centres entries on their indices
+        self._image.setRect(-0.5, -0.5, columns, rows)  # entries are centred on their indices
         self.show_all()
 
     def dress(self) -> None:

@@ -28,10 +28,10 @@ from meshmash_viewer.units import named_quantity
 class EigenvalueView:
     """Contents of the spectrum plot for eigenfunctions.
 
-    A click, or a drag of the marker, selects an eigenfunction. Zero modes are hollow.
+    A click, or a drag of the marker, selects an eigenfunction. Zero modes are hollow points.
     """
 
-    #: Range of the left axis; None for an automatic one.
+    #: Range of the left axis; None for an automatic range.
     heights: ClassVar[tuple[float, float] | None] = None
 
     def __init__(self, document: Document) -> None:
@@ -46,14 +46,14 @@ class EigenvalueView:
         self.zeros = pg.ScatterPlotItem(pxMode=True)
         self.current = pg.ScatterPlotItem(pxMode=True)
         self.marker = marker(self._drag, self.refresh_current)
-        self.expected = pg.PlotCurveItem()  # invisible; extends the axes to the requested pairs
+        self.expected = pg.PlotCurveItem()  # invisible: extends the axes to the requested pairs
         self.items = (
             self.expected, self.weyl, self.multiplets, self.points, self.zeros, self.marker,
             self.current,
         )  # fmt: skip
         for item in (self.weyl, self.multiplets, self.points, self.zeros):
-            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)  # unchanged by a new index
-        # Weyl's law may be far above the eigenvalues of a neuron, and must not set the scale
+            item.setCacheMode(item.CacheMode.DeviceCoordinateCache)  # a new index keeps the item
+        # Weyl's law may be far above the eigenvalues of a neuron, and must not affect the range
         self.unbounded = (self.weyl, self.marker, self.multiplets, self.current)
         self.dress()
 
@@ -90,7 +90,7 @@ class EigenvalueView:
         return "&nbsp;&nbsp; ".join(parts)
 
     def refresh_spectrum(self) -> None:
-        """Draw the computed pairs, on axes that extend to all requested pairs."""
+        """Draw the computed pairs on axes that extend to all requested pairs."""
         spectrum, solved = self._document.spectrum, self._document.solved
         if spectrum is None or not len(spectrum):
             for item in self.items:
@@ -102,7 +102,7 @@ class EigenvalueView:
         index = np.arange(length, dtype=np.float64)
         heights = self._heights(spectrum.eigenvalues, zeros)
         size = 5.0 if length <= 400 else 3.5
-        # approximate eigenvalues are pale
+        # approximate eigenvalues have pale points
         self.points.setBrush(color(theme.palette().accent, 0.45 if spectrum.preview else 1.0))
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
@@ -155,7 +155,7 @@ class EigenvalueView:
 
     @property
     def index(self) -> int:
-        """Index of the displayed pair, at most that of the last computed one."""
+        """Index of the displayed pair, at most the index of the last computed pair."""
         spectrum, chosen = self._document.spectrum, self._document.display[Eigenfunctions]
         return chosen.index if spectrum is None else chosen.within(spectrum).index
 
@@ -172,21 +172,21 @@ class EigenvalueView:
     def _heights(self, eigenvalues: npt.NDArray[np.float64], zeros: int) -> npt.NDArray[np.float64]:
         if not self.log:
             return np.asarray(np.maximum(eigenvalues, 0.0))
-        # zero has no logarithm; zero modes are drawn below the first nonzero eigenvalue
+        # zero has no logarithm, so zero modes are drawn below the first nonzero eigenvalue
         rest = eigenvalues[zeros:]
         floor = rest[0] / 3.0 if len(rest) else 1.0
         return np.asarray(np.log10(np.concatenate([np.full(zeros, floor), rest])))
 
 
-#: Lower end of the ticks of eigenvalues on the left axis.
+#: Lower end, on the left axis, of the ticks that mark eigenvalues.
 _RUG = -0.09
-#: Upper end of the left axis, which leaves room for grips above 1.
+#: Upper end of the left axis, with space for grips above 1.
 _TOP = 1.32
-#: Fraction of the height that the handle of the filter spans, below the grips of the limits.
+#: Fraction of the height spanned by the handle of the filter, below the grips of the limits.
 _HANDLE_SPAN = 0.82
 #: Diameter of a grip in pixels.
 _GRIP = 10
-#: Narrowest range of filters, as a fraction of the largest computed eigenvalue.
+#: Minimum width of the range of filters, as a fraction of the largest computed eigenvalue.
 _NARROWEST = 1e-3
 #: Number of samples of a response.
 _SAMPLES = 256
@@ -195,11 +195,11 @@ _SAMPLES = 256
 class ResponseView:
     """Contents of the spectrum plot for features.
 
-    Handles move the filter of the field, and the limits of the family's range of filters if it has
-    one. A click selects the filter at that eigenvalue. Ticks at the bottom are eigenvalues.
+    Handles move the filter of the field, and the limits of the family's range of filters, if any.
+    A click selects the filter at the clicked eigenvalue. Ticks at the bottom mark eigenvalues.
     """
 
-    #: Range of the left axis, the same for all responses.
+    #: Range of the left axis, equal for all responses.
     heights: ClassVar[tuple[float, float] | None] = (_RUG - 0.03, _TOP)
 
     def __init__(self, document: Document) -> None:
@@ -210,7 +210,7 @@ class ResponseView:
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
         self.response = pg.PlotCurveItem(fillLevel=0.0)
-        for item in (self.rug, *self.series, self.response):  # unchanged by most changes
+        for item in (self.rug, *self.series, self.response):  # most updates keep these items
             item.setCacheMode(item.CacheMode.DeviceCoordinateCache)
         self.missing = pg.LinearRegionItem(movable=False)
         self.low, self.high, self.handle = (
@@ -279,7 +279,7 @@ class ResponseView:
         return 0.0 if self.log and value <= 1.001 * self._floor() else max(value, 0.0)
 
     def _floor(self) -> float:
-        """Return the eigenvalue drawn for 0 on a logarithmic axis: half the first nonzero one."""
+        """Return the value drawn for 0 on a logarithmic axis: half the first nonzero eigenvalue."""
         spectrum = self._document.scaled_spectrum
         if spectrum is None:
             return 1e-30
@@ -333,7 +333,7 @@ class ResponseView:
 
     @property
     def family(self) -> Family:
-        """Family whose filters are drawn; a family of features if the displayed one has none."""
+        """Family whose filters are drawn; a family of features if the displayed family has none."""
         display = self._document.display
         if display.response_family is not None:
             return display.response_family
@@ -372,7 +372,7 @@ class ResponseView:
         display.put(family.between(value, high) if line is self.low else family.between(low, value))
 
     def _bounds(self, spectrum: Eigenpairs, line: pg.InfiniteLine) -> tuple[float, float]:
-        """Return the limits of dragging a line; the range has to keep some eigenvalues."""
+        """Return the limits for dragging a line, such that the range contains some eigenvalues."""
         values = spectrum.eigenvalues
         known = float(values[-1])
         if line is self.handle:
@@ -395,7 +395,7 @@ class ResponseView:
 
 
 def _set_curve(item: pg.PlotCurveItem, x: FloatArray, y: FloatArray) -> None:
-    """Set the data of a curve if they differ: a repaint takes milliseconds."""
+    """Set the data of a curve if they differ, because a repaint takes milliseconds."""
     before = item.getData()
     if any(
         old is None or not np.array_equal(old, new, equal_nan=True)
