@@ -1,4 +1,4 @@
-"""Controls of a document: the unit of its mesh, and a button that computes eigenpairs."""
+"""Combo box for the unit of a mesh, and a button that computes missing eigenpairs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NARROWEST, _WIDEST = 144, 216
 
 
 class UnitCombo(QComboBox):
-    """Shows and sets the unit of a document; `second` if that is the second mesh."""
+    """Editable combo box for the unit of a document; `second` for the second mesh."""
 
     def __init__(self, document: Document, *, second: bool = False) -> None:
         super().__init__(editable=True, insertPolicy=QComboBox.InsertPolicy.NoInsert)
@@ -36,7 +36,7 @@ class UnitCombo(QComboBox):
             "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied",
         )
         self._document, self._refused, self._clicked_in = document, False, False
-        # the last two are examples of voxel sizes, any of which can be typed
+        # the last two entries are examples: any voxel size can be typed
         self.addItems([*(unit or "none" for unit in LENGTH_UNITS), "8 nm", "4 × 4 × 40 nm"])
         # a completer would turn "m" into "mm"
         self.setCompleter(None)  # type: ignore[arg-type]  # None is documented
@@ -52,7 +52,7 @@ class UnitCombo(QComboBox):
         super().focusInEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Select the text at the end of the click that gave the focus, so that keys replace it."""
+        """Select the text after the click that gave the focus, so that typing replaces it."""
         if event.type() == QEvent.Type.MouseButtonRelease and self._clicked_in:
             self._clicked_in = False
             if not self._edit.hasSelectedText():
@@ -100,7 +100,7 @@ def written_cost(document: Document, target: Target) -> str:
 
 
 class ComputeButton(QPushButton):
-    """Computes the eigenpairs that a remark asks for; hidden without a target."""
+    """Button that computes the eigenpairs missing for a field; hidden without a target."""
 
     def __init__(self, document: Document, name: str) -> None:
         super().__init__()

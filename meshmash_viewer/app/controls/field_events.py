@@ -1,4 +1,4 @@
-"""Event filters that divide wheel and keys between fields, scrolling panels and commands."""
+"""Event filters that choose between field, panel and command for a key or the wheel."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
 
 
 class FocusKeys(QObject):
-    """An event filter of the widget with the focus, for keys that are also shortcuts of commands.
+    """Event filter of the focused widget, for keys that are also shortcuts of commands.
 
     Space presses the focused button or opens the focused list. Undo and Redo are commands while
-    the focused field has nothing to undo; Qt's fields accept those keys anyway.
+    the focused field has nothing to undo; Qt's fields would accept the keys without effect.
 
     Only the focused widget is filtered: a filter of the application would call Python for each
-    event, some fifty per tick of a slider.
+    event, about fifty times per step of a slider.
     """
 
     def __init__(self, application: QApplication, parent: QObject) -> None:
         super().__init__(parent)
         self._application = application
         self._watched: QWidget | None = None
-        #: Time since a character was typed in a list, which searches its entries for it.
+        #: Time since a character was typed in a list, to search its entries.
         self._searched = QElapsedTimer()
         application.focusChanged.connect(self._follow)
         self._follow(None, application.focusWidget())
@@ -63,7 +63,7 @@ class FocusKeys(QObject):
         self._watched = None
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Accept the shortcut override of keys of the widget; ignore that of commands."""
+        """Accept the shortcut override of keys that the widget handles; ignore it for commands."""
         if not isinstance(event, QKeyEvent):
             return False
         character = event.text() if event.text().isprintable() else ""
@@ -100,16 +100,16 @@ def settle_typing() -> bool:
 
 
 _FIELDS = (QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
-_NOTCH = 120  # eighths of a degree, as Qt counts
+_NOTCH = 120  # in eighths of a degree, the unit of Qt
 #: A panel is being scrolled until this many milliseconds after its last wheel event.
 _TURN = 400
 
 
 class FieldWheel(QObject):
-    """An event filter of all fields, which sends the wheel to the panel around them.
+    """Event filter of all fields that passes wheel events to the panel around a field.
 
-    Only a field with the focus handles the wheel itself, unless its panel is being scrolled: then
-    the panel goes on scrolling, by the momentum of a trackpad too.
+    A field handles the wheel only if it has the focus and its panel is not being scrolled, by the
+    wheel or by the momentum of a trackpad.
 
     Call `watch` after making fields.
     """
@@ -121,9 +121,9 @@ class FieldWheel(QObject):
         self._turned = 0
 
     def watch(self, within: QWidget) -> None:
-        """Install the filter on a widget and the fields within; repeated calls do no harm."""
+        """Install the filter on a widget and the fields in it; repeated calls have no effect."""
         for field in (within, *within.findChildren(QWidget)):
-            if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:  # given by the wheel
+            if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:  # the wheel would give it
                 field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             if isinstance(field, _FIELDS) and not isinstance(field, QScrollBar):
                 field.installEventFilter(self)
@@ -149,9 +149,9 @@ class FieldWheel(QObject):
         return True
 
     def _is_partial(self, field: QWidget, event: QWheelEvent) -> bool:
-        """Return whether to drop an event: momentum, or less than a notch over a list.
+        """Return whether to drop an event: momentum, or less than a notch over a combo box.
 
-        Qt's lists step at each event, however small.
+        Qt's combo boxes step at each event, however small.
         """
         if event.phase() == Qt.ScrollPhase.ScrollMomentum:
             return True
@@ -173,7 +173,7 @@ def scroll_area(widget: QWidget) -> QAbstractScrollArea | None:
 
 
 def bring_into_view(widget: QWidget) -> None:
-    """Scroll the panel of a widget until it is visible; it may just have been shown."""
+    """Scroll the panel of a widget until the widget is visible, even if it was just shown."""
     area, layout = scroll_area(widget), widget.window().layout()
     if layout is not None:
         layout.activate()

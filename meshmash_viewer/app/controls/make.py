@@ -1,8 +1,8 @@
 """Functions that make the labels, buttons, fields and layouts of panels and dialogs.
 
 `name` is the ``objectName``, for scripts and tests, and `spoken` the name for screen readers.
-`act` is called when the user operates the control. Further keyword arguments go to the constructor
-of Qt's widget.
+`act` is called when the user operates the control. Further keyword arguments are passed to the
+constructor of Qt's widget.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.number_field import WholeField
 
-#: An item of a row or column; None is empty space that grows, an item in a tuple grows too.
+#: An item of a row or column. None is empty space that grows; an item in a tuple grows, too.
 Part: TypeAlias = QWidget | QLayout | tuple[QWidget | QLayout] | None
 Margins: TypeAlias = tuple[int, int, int, int]
 Box = TypeVar("Box", bound=QBoxLayout)
@@ -62,8 +62,8 @@ def grid(
 ) -> QGridLayout:
     """Lay rows of parts out in a grid, whose second column grows.
 
-    The part of a row with one part spans all columns; None leaves a cell empty. `spacing` is
-    between columns, and between rows.
+    A single part in a row spans all columns; None leaves a cell empty. `spacing` is between
+    columns, then between rows.
     """
     box = QGridLayout()
     box.setContentsMargins(0, 0, 0, 0)
@@ -86,7 +86,7 @@ def form(
     spacing: tuple[int, int] = (theme.MARGIN, theme.GAP),
     role: str = "",
 ) -> QFormLayout:
-    """Lay parts out from top to bottom, each to the right of a label with a role."""
+    """Lay parts out from top to bottom, each to the right of a label; `role` styles the labels."""
     box = QFormLayout()
     box.setContentsMargins(0, 0, 0, 0)
     box.setHorizontalSpacing(spacing[0])
@@ -104,7 +104,7 @@ def form(
 
 
 def holder(layout: QLayout) -> QWidget:
-    """Make a widget of a layout, to show and hide its parts together."""
+    """Make a widget with a layout, so that its parts can be hidden together."""
     made = QWidget()
     made.setLayout(layout)
     return made
@@ -141,7 +141,7 @@ def label(
 
 
 def muted(text: str = "", **given: Any) -> QLabel:
-    """Make an explanation, such as the text before a field."""
+    """Make a label in muted colour, such as the name before a field."""
     return theme.with_role(QLabel(text, **given), "muted")
 
 
@@ -158,7 +158,7 @@ def line() -> QFrame:
 def button(
     text: str, name: str, spoken: str, act: Act, *, role: str = "", tip: str = "", **given: Any
 ) -> QPushButton:
-    """Make a button, which calls `act` on a click."""
+    """Make a button that calls `act` on a click."""
     return _clicked(QPushButton(text, **given), name, spoken, act, role, tip)
 
 
@@ -175,7 +175,7 @@ def _clicked(made: ButtonType, name: str, spoken: str, act: Act, role: str, tip:
 
 
 def check(text: str, name: str, spoken: str, act: Act | None = None, *, tip: str = "") -> QCheckBox:
-    """Make a check box, which calls `act` with its state."""
+    """Make a check box that calls `act` with its state."""
     made = theme.named(QCheckBox(text), name, spoken, tip=tip)
     if act is not None:
         made.toggled.connect(act)
@@ -191,9 +191,9 @@ def combo(
     tip: str = "",
     **given: Any,
 ) -> QComboBox:
-    """Make a combo box, which calls `act` with the entry that the user chooses.
+    """Make a combo box that calls `act` when the user chooses an entry.
 
-    The entry is its key in `entries`, or without `entries` the number of its row.
+    The argument is the key of the entry in `entries`, or the row number without `entries`.
     """
     made = theme.named(QComboBox(**given), name, spoken, tip=tip)
     for data, text in (entries or {}).items():
@@ -208,7 +208,7 @@ def combo(
 def spin(
     name: str, spoken: str, act: Act | None = None, *, tip: str = "", **given: Any
 ) -> WholeField:
-    """Make a field for a whole number, which calls `act` with it once typing is finished."""
+    """Make a field for a whole number that calls `act` with the number after typing."""
     made = theme.named(WholeField(**{"keyboardTracking": False, **given}), name, spoken, tip=tip)
     if act is not None:
         made.valueChanged.connect(act)
@@ -216,7 +216,7 @@ def spin(
 
 
 def scroll(content: QWidget) -> QScrollArea:
-    """Make a scroll area for the contents of a panel; the area itself never has the focus."""
+    """Make a scroll area for the contents of a panel; the area itself never takes the focus."""
     area = QScrollArea(widgetResizable=True)
     area.setFrameShape(QFrame.Shape.NoFrame)
     area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -239,9 +239,9 @@ def untinted(picture: QPixmap) -> QIcon:
 
 
 class Segments(QWidget):
-    """Buttons ``<name>_<key>`` of which one is checked.
+    """Exclusive buttons with the object names ``<name>_<key>``.
 
-    `choices` are texts by key; `in_row` is the number of buttons in a row.
+    `choices` maps keys to texts; `in_row` is the number of buttons in a row.
     """
 
     #: Key of the button that the user clicked.
@@ -277,14 +277,14 @@ class Segments(QWidget):
 
 
 def note(name: str, role: str = "muted") -> QLabel:
-    """Make a hidden label, whose text wraps; see `show_note`."""
+    """Make a hidden label with wrapped text; see `show_note`."""
     label = theme.named(QLabel(wordWrap=True), name, role=role)
     label.hide()
     return label
 
 
 def keep_room(widget: QWidget, keep: bool = True) -> None:
-    """Keep the space of a widget empty while it is hidden, so that others do not move."""
+    """Reserve the space of a widget while it is hidden, so that other widgets do not move."""
     policy = widget.sizePolicy()
     policy.setRetainSizeWhenHidden(keep)
     widget.setSizePolicy(policy)
@@ -293,7 +293,7 @@ def keep_room(widget: QWidget, keep: bool = True) -> None:
 def reserved_note(
     name: str, lines: int, role: str = "warning", accessible: str = "Remark"
 ) -> QLabel:
-    """Make a label with room for some lines, so that nothing moves when its text changes."""
+    """Make a label with space for `lines` lines, so that no widget moves when its text changes."""
     label = theme.named(QLabel(wordWrap=True), name, accessible, role=role)
     label.setMinimumHeight(lines * label.fontMetrics().lineSpacing() + 4)
     label.setAlignment(Qt.AlignmentFlag.AlignTop)
@@ -301,7 +301,7 @@ def reserved_note(
 
 
 class Facts(QWidget):
-    """Rows of a name and a value that can be copied; `rows` are names by object name of values."""
+    """Rows of a name and a selectable value; `rows` maps object names of values to names."""
 
     def __init__(self, rows: dict[str, str]) -> None:
         super().__init__()
@@ -313,17 +313,17 @@ class Facts(QWidget):
         self.setLayout(grid(*cells, spacing=(theme.GAP * 2, 4)))
 
     def show_value(self, name: str, text: str) -> None:
-        """Show a value; an empty one as a dash."""
+        """Show a value, or a dash if the text is empty."""
         self._values[name].setText(text or "–")
 
     def show_values(self, texts: Mapping[str, str]) -> None:
-        """Show all values; missing ones as a dash."""
+        """Show all values, and a dash for each missing value."""
         for name in self._values:
             self.show_value(name, texts.get(name, ""))
 
 
 def show_note(label: QLabel, text: str) -> None:
-    """Show a sentence in a `note`; hide the note if it is empty."""
+    """Show a sentence in a `note`; hide the note if the sentence is empty."""
     if label.text() != text:
         label.setText(text)
     if label.isHidden() == bool(text):  # `isVisible` is always false in a hidden tab

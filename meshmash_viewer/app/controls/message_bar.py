@@ -1,4 +1,4 @@
-"""The bar over the render that shows notices."""
+"""Bar over the render that shows notices."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.model.notices import Notice, Severity
 
-#: Milliseconds for which a notice without `Notice.holds` is shown, and one with a button.
+#: Milliseconds for which a notice without `Notice.holds` is shown: without and with a button.
 _STAY, _OFFER = 7_000, 20_000
 #: Largest width of the bar in pixels, and smallest width to the right of the title.
 _WIDEST, _NARROWEST = 620, 360
@@ -22,7 +22,7 @@ _STACKED = 330
 
 
 class MessageBar(QFrame):
-    """Shows one notice at a time, at the top of its parent."""
+    """Bar at the top of its parent that shows one notice at a time."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -96,14 +96,17 @@ class MessageBar(QFrame):
             notice.action()
 
     def keep_clear(self, title: QSize, bar: int) -> None:
-        """Leave a title at the upper left and a colour bar of this width at the right uncovered."""
+        """Leave the title at the upper left and the colour bar at the right uncovered.
+
+        `title` is the size of the title in pixels, `bar` the width of the colour bar.
+        """
         if (title, bar) != (self._title, self._bar):
             self._title, self._bar = title, bar
             if self.isVisible():
                 self._place()
 
     def keep_below(self, head: int) -> None:
-        """Leave lines of this height over two renders, and their titles, uncovered; 0 for one."""
+        """Leave heads of this height above two renders uncovered; 0 for a single render."""
         self._head = head
         if self.isVisible():
             self._place()

@@ -37,7 +37,7 @@ _DECIMALS = 6
 def show_refusal(field: QWidget, sentence: str) -> None:
     """Show why the text of a field is invalid; "" removes the message.
 
-    The innermost parent with a method `say_refusal`, a dialog or the window, shows it.
+    The innermost parent with a method `say_refusal`, a dialog or the window, shows the message.
     """
     parent = field.parentWidget()
     while parent is not None and not hasattr(parent, "say_refusal"):
@@ -52,14 +52,14 @@ def typed_fields(within: QWidget) -> list[WholeField | DecimalField]:
 
 
 class _ValidatedSpin(_Spin):
-    """Base class of both: any text can be typed; it is parsed on Return or when the focus leaves.
+    """Base class of spin boxes that parse the text on Return or when the focus leaves.
 
     Subclasses implement `_parse`.
     """
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        #: Whether the event that is being handled, such as a click, led to a refusal.
+        #: Whether the event being handled, such as a click, made the field reject its text.
         self.just_refused, self._fault = False, ""
         #: The value before typing began; None while nothing is typed.
         self._before: Any = None
@@ -95,7 +95,7 @@ class _ValidatedSpin(_Spin):
         super().focusInEvent(event)
 
     def stepBy(self, steps: int) -> None:
-        """Step from the typed number; from the old value if the text is invalid."""
+        """Step from the typed number, or from the old value if the text is invalid."""
         super().stepBy(steps)
         self._before = None
         self._withdraw_report()
@@ -111,7 +111,7 @@ class _ValidatedSpin(_Spin):
 
     def _note_before(self) -> None:
         if self._before is None:
-            self._before = self.value()  # Qt changes it after this signal
+            self._before = self.value()  # Qt changes the value after this signal
         self._withdraw_report()
 
     def commit(self) -> bool:
@@ -129,19 +129,19 @@ class _ValidatedSpin(_Spin):
             show_refusal(self, "")
 
     def _without_affixes(self, text: str) -> str:
-        """Remove prefix and suffix, which is there twice if it was typed before the field's own."""
+        """Remove prefix and suffix; the suffix occurs twice if the user typed it, too."""
         text, suffix = text.strip().removeprefix(self.prefix()), self.suffix().strip()
         while suffix and text.endswith(suffix):
             text = text.removesuffix(suffix).rstrip()
         return text
 
     def _parse(self, text: str) -> Any:
-        """Return the number in a text; raise `InputError` if it is none within the bounds."""
+        """Return the number in a text; raise `InputError` if it is invalid or out of bounds."""
         raise NotImplementedError
 
 
 class WholeField(_ValidatedSpin, QSpinBox):
-    """A whole number between bounds."""
+    """Spin box for a whole number between bounds."""
 
     def _parse(self, text: str) -> int:
         bare, name = self._without_affixes(text), self.accessibleName() or "The number"
@@ -149,14 +149,14 @@ class WholeField(_ValidatedSpin, QSpinBox):
 
 
 class DecimalField(_ValidatedSpin, QDoubleSpinBox):
-    """A number between bounds with at least `decimals` decimals; its suffix is its unit."""
+    """Spin box for a number with at least `decimals` decimals; its suffix is its unit."""
 
     def __init__(self, *, decimals: int, **given: Any) -> None:
         self._decimals = decimals
         super().__init__(decimals=_DECIMALS, **given)
 
     def textFromValue(self, value: float) -> str:
-        """Write a number without trailing zeros beyond its least number of decimals."""
+        """Return the text of a number, without trailing zeros after `decimals` decimals."""
         whole, _, part = f"{value:.{_DECIMALS}f}".partition(".")
         return f"{whole}.{part.rstrip('0'):0<{self._decimals}}".rstrip(".")
 
@@ -170,27 +170,27 @@ class DecimalField(_ValidatedSpin, QDoubleSpinBox):
         return number
 
 
-#: Largest magnitude, and inverse of the smallest, of a number: squares of others overflow.
+#: Largest valid magnitude, and inverse of the smallest: squares beyond overflow.
 _LARGEST = 1e150
 
 
 class NumberField(QAbstractSpinBox):
-    """A number in scientific notation, or with any unit of its kind, such as 1e-8 or 0.5 µm.
+    """Field for a number in any notation, and with any unit of its kind, such as 1e-8 or 0.5 µm.
 
     Qt's spin boxes have a fixed number of decimals, too few for 1e-8. `quantities` parses the text.
 
-    `step(number, n)` returns the number n steps away; without it there are no arrows. A `live`
+    `step(number, n)` returns the number n steps away; without `step` there are no arrows. A `live`
     field emits each valid number while typing. With `nearest`, a number beyond the bounds is
     replaced by the nearest bound, not by the old value. `whole` numbers are written with all
-    digits. With `share`, percent can be typed. `tip` replaces the default tooltip, which is the
-    number with more digits.
+    digits. With `share`, percent can be typed. `tip` replaces the default tooltip, the number with
+    more digits.
     """
 
     #: The user typed a valid number, or stepped to one.
     edited = Signal(float)
     #: Why the text is invalid, in one sentence; "" once it is corrected.
     refused = Signal(str)
-    #: The user begins to type. Numbers that a live field emits after this may be withdrawn.
+    #: The user has begun to type. Numbers that a live field emits from now on may be withdrawn.
     begun = Signal()
     #: The numbers emitted since `begun` are void.
     withdrawn = Signal()
@@ -212,10 +212,10 @@ class NumberField(QAbstractSpinBox):
         self.bounds = -math.inf, math.inf
         #: Returns why a number is invalid, in one sentence; "" if it is valid.
         self.fault: Callable[[float], str] = lambda _number: ""
-        #: A unit of length, and a function from a length in it to the number of the field, for
-        #: fields in which a length can be typed instead.
+        #: For fields in which a length can be typed instead of the number: a unit of length, and
+        #: a function from a length in this unit to the number.
         self.from_length: tuple[str, Callable[[float], float]] | None = None
-        #: Whether the event that is being handled, such as a click, led to a refusal.
+        #: Whether the event being handled, such as a click, made the field reject its text.
         self.just_refused = False
         theme.named(self, name, spoken, tip=tip)
         self._step, self._live, self._nearest = step, live, nearest
@@ -235,7 +235,7 @@ class NumberField(QAbstractSpinBox):
         #: Value, unit and bounds at the last refusal, until `refused` withdraws it.
         self._refused_at: tuple[object, ...] = ()
         if step is None:
-            theme.with_role(self, "bare")  # arrows of zero width: without arrows Qt cuts the text
+            theme.with_role(self, "bare")  # arrows of zero width: without them Qt clips the text
             self.lineEdit().setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.0000e+00") + 16)
         self.lineEdit().textEdited.connect(self._follow_typing)
@@ -247,7 +247,7 @@ class NumberField(QAbstractSpinBox):
 
     @property
     def written_unit(self) -> str:
-        """The unit in which the number is written; a number without a unit is read in it."""
+        """The unit of the written number, and of a number typed without a unit."""
         return self._written
 
     @property
@@ -269,7 +269,7 @@ class NumberField(QAbstractSpinBox):
 
         `unit` can be typed after a number, and is written if `with_unit`; `prefix` is written
         before the number, such as "≈ " before an estimate. With `like`, the unit is scaled so that
-        this number has few digits, as numbers on the render are.
+        the number `like` has few digits, as on the render.
         """
         shown = value, unit, prefix, with_unit, like, digits
         same = shown == self._shown and value == self._value and not self._refused_at
@@ -337,7 +337,7 @@ class NumberField(QAbstractSpinBox):
     # -- parsing and writing ------------------------------------------------------------------
 
     def _parse(self) -> float:
-        """Return the number in the text; raise `InputError` if there is none."""
+        """Return the number in the text; raise `InputError` if the text is invalid."""
         try:
             number = parse_number(self.text(), self._written, share=self._share, whole=self._whole)
         except InputError:
@@ -413,7 +413,7 @@ class NumberField(QAbstractSpinBox):
         self._typing = False
         self._write()
         if self.hasFocus():
-            self.selectAll()  # the next key replaces it
+            self.selectAll()  # the next key replaces the text
         self._refused_at = (self._value, self._unit, self.bounds) if problem else ()
         if problem:
             self.just_refused = True
@@ -429,7 +429,7 @@ class NumberField(QAbstractSpinBox):
         if self._value is not None and self._whole:
             text = f"{self._value:.0f}"
         elif self._value is not None:
-            # a typed number keeps its digits; a computed one is rounded as everywhere
+            # a typed number keeps its digits; a computed number is rounded
             digits = 10 if self._value == self._typed else self._digits
             text = plain_number(self._value * 10.0**self._exponent, digits)
         text = f"{self._prefix}{text}{self._suffix}"

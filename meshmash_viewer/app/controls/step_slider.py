@@ -1,4 +1,4 @@
-"""Sliders that move one step per wheel notch, jump to a click, and can have marks."""
+"""Sliders that move one step per wheel notch, jump to a clicked position, and have marks."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Mark(NamedTuple):
 
 
 def log_share(value: float, low: float, high: float) -> float:
-    """Return the share of a logarithmic range below a value; 0 if the range is one number."""
+    """Return the share of a logarithmic range below a value; 0 for a range of one number."""
     return math.log(value / low) / math.log(high / low) if high > low else 0.0
 
 
 def decade_marks(low: float, high: float) -> tuple[Mark, ...]:
-    """Return marks at the powers of ten of a range; between them, too, if the range is short."""
+    """Return marks at the powers of ten in a range, and between them if the range is short."""
     if not (0.0 < low < high):
         return ()
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
@@ -44,7 +44,7 @@ def decade_marks(low: float, high: float) -> tuple[Mark, ...]:
 
 #: A notch of the wheel in eighths of a degree.
 _NOTCH = 120
-#: Distance of the ends of the range from those of the widget: half a handle of the style sheet.
+#: Distance in pixels from an end of the widget to an end of the range: half a handle.
 _EDGE = 8.0
 #: Height of the groove with its handle.
 _ROW = 26
@@ -57,10 +57,10 @@ _KEYS = (
 
 
 class StepSlider(QSlider):
-    """A horizontal slider.
+    """Horizontal slider that moves one step per notch and jumps to a clicked position.
 
     A QSlider moves three steps per notch, and one page per click. With `own_keys`, arrow and page
-    keys move the slider while it has the focus; otherwise they are commands of the window.
+    keys move the slider while it has the focus; otherwise these keys are commands of the window.
     """
 
     def __init__(self, own_keys: bool = False) -> None:
@@ -84,7 +84,7 @@ class StepSlider(QSlider):
 
     @property
     def hatched(self) -> tuple[float, float] | None:
-        """The unreliable part of the range, as two shares of it, which is hatched."""
+        """The hatched, unreliable part of the range: its ends, as shares of the range."""
         return self._hatched
 
     def set_hatched(self, hatched: tuple[float, float] | None) -> None:
@@ -110,7 +110,7 @@ class StepSlider(QSlider):
         return round(self._x((value - self.minimum()) / max(self.maximum() - self.minimum(), 1)))
 
     def event(self, event: QEvent) -> bool:
-        """Accept the shortcut override of its own keys."""
+        """Accept the shortcut override of the slider's own keys."""
         override = event.type() == QEvent.Type.ShortcutOverride and self._own_keys
         if override and isinstance(event, QKeyEvent) and event.key() in _KEYS:
             event.accept()
@@ -126,19 +126,19 @@ class StepSlider(QSlider):
         super().mousePressEvent(event)
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Move one step per notch, a page with Ctrl or Shift; small turns are added up."""
+        """Move one step per notch, or one page with Ctrl or Shift; small turns are added up."""
         delta = event.angleDelta()
         self._turned += delta.y() or delta.x()
         notches = int(self._turned / _NOTCH)
         self._turned -= notches * _NOTCH
         wide = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
         size = self.pageStep() if event.modifiers() & wide else self.singleStep()
-        # turning the wheel towards the user increases the value, as it scrolls a page down
+        # turning the wheel towards the user increases the value, as scrolling down does
         self.setValue(self.value() - notches * size)
         event.accept()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Increase the value by PgDn, as the command of that key does; QSlider decreases it."""
+        """Increase the value on PgDn, as the command of this key does; QSlider decreases it."""
         if event.key() == Qt.Key.Key_PageDown:
             self.triggerAction(self.SliderAction.SliderPageStepAdd)
         elif event.key() == Qt.Key.Key_PageUp:
@@ -169,7 +169,7 @@ class StepSlider(QSlider):
 
 
 class LogSlider(StepSlider):
-    """A slider for a positive number, in log scale, with marks at powers of ten."""
+    """Slider for a positive number, in log scale, with marks at powers of ten."""
 
     #: Number that the user chose.
     given = Signal(float)
@@ -191,7 +191,7 @@ class LogSlider(StepSlider):
         """Show a number in a range without emitting `given`.
 
         Marks are in the multiple of the unit that suits the middle of the range; without a unit
-        there are none.
+        there are no marks.
         """
         self._ends = ends
         share = log_share(value, *ends) if value > 0.0 else 0.0

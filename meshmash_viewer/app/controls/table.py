@@ -15,7 +15,7 @@ Index: TypeAlias = QModelIndex | QPersistentModelIndex
 
 
 class Rows(QAbstractTableModel):
-    """Base class of models; subclasses return the contents of the cells."""
+    """Base class of table models; subclasses return the contents of the cells."""
 
     #: Column of names, which can be edited; -1 for none.
     names: ClassVar[int] = -1
@@ -29,7 +29,7 @@ class Rows(QAbstractTableModel):
         raise NotImplementedError
 
     def is_number(self, column: int) -> bool:
-        """Return whether a column has numbers, which are aligned right."""
+        """Return whether a column contains numbers, which are right-aligned."""
         raise NotImplementedError
 
     def text(self, row: int, column: int) -> str:
@@ -43,11 +43,11 @@ class Rows(QAbstractTableModel):
         return ""
 
     def spoken(self, row: int, column: int) -> str:
-        """Return what screen readers say instead of the text; "" for the text."""
+        """Return the text for screen readers; "" for the displayed text."""
         return ""
 
     def sort_key(self, row: int, column: int) -> Any:
-        """Return the value of a cell that a proxy sorts by."""
+        """Return the value by which a proxy model sorts a cell."""
         return None
 
     def rename(self, row: int, name: str) -> None:
@@ -97,7 +97,7 @@ class Rows(QAbstractTableModel):
 
 
 class Table(QTableView):
-    """A table without grid lines, in which F2 edits the name in the selected row."""
+    """Table without grid lines, in which F2 edits the name in the selected row."""
 
     def __init__(self, name: str, spoken: str, *, row_height: int = 26, role: str = "") -> None:
         super().__init__()
@@ -119,7 +119,7 @@ class Table(QTableView):
             self.edit(rows.index(row, rows.names))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Edit the name by F2, whichever cell is current."""
+        """Edit the name in the selected row on F2, in any column."""
         chosen = self.selectionModel().selectedRows()
         if event.key() == Qt.Key.Key_F2 and chosen:
             self.edit_name(chosen[0].row())
