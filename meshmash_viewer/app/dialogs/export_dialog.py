@@ -77,10 +77,10 @@ _ROWS = " Rows have the index of their vertex in the file."
 
 
 class ExportDialog(SaveDialog):
-    """Asks for the parameters of an `ExportJob`, which `job` returns.
+    """Dialog for the parameters of an `ExportJob`, which `job` returns.
 
-    The document has a mesh. A file in `folder` is suggested, in the format with this `ending` if it
-    can hold the columns. `shown` is the displayed field, which can be exported as a map.
+    The document must have a mesh. The suggested file is in `folder`, with the format `ending` if
+    this format can hold the columns. `shown` is the displayed field, to be exported as a map.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class ExportDialog(SaveDialog):
         assert mesh is not None and known is not None  # noqa: PT018  the command needs them
         self._document, self._mesh, self._spectrum = document, mesh, known.exact
         named = {each.name: each for each in mesh.maps}
-        # an own map has the values of its file, not those that are drawn
+        # an own map is exported with the values of its file, not with the drawn values
         self._shown = named.get(shown.name, shown) if shown is not None else None
         self._possible, self._missing = True, ""
         suggested = suggested_path(document, "hks.npz", folder)
@@ -205,7 +205,7 @@ class ExportDialog(SaveDialog):
         return configured(self._document, EXPORTS[self.kind])
 
     def _family(self, used: Eigenpairs) -> Family:
-        """Return the family with its ranges resolved for the eigenpairs that are used."""
+        """Return the family with its ranges resolved for the chosen number of eigenpairs."""
         chosen = self._chosen()
         if chosen.counted:
             chosen = replace(chosen, **{chosen.counted: self.count_spin.value()})
@@ -266,7 +266,7 @@ class ExportDialog(SaveDialog):
         names = ", ".join(each.name for each in others)
         self.maps_check.setText(f"and {counted(len(others), 'own map')}: {names}")
         self.maps_check.setVisible(bool(others))
-        # the displayed map is exported alone, if there is one
+        # by default, a displayed map is exported without the other maps
         self.maps_check.setChecked(bool(others) and (chosen is not None or self._shown is None))
         has_columns = bool(counted_by) or (features and bool(others))
         self._form.setRowVisible(self._columns_row, has_columns)
@@ -357,9 +357,9 @@ class ExportDialog(SaveDialog):
 
 
 class PiecesDialog(SaveDialog):
-    """Asks for a feature, the number of pieces and a file.
+    """Dialog for a feature, the number of pieces and a file.
 
-    The feature has the parameters of its tab; those that depend on the spectrum of the whole mesh
+    The feature has the parameters of its tab; parameters that depend on the spectrum of the mesh
     are estimated by Weyl's law. The spectrum of each piece is computed up to the target of the
     Mesh panel.
     """
@@ -370,7 +370,7 @@ class PiecesDialog(SaveDialog):
         self._document, self._mesh = document, mesh
         self._families: dict[str, Family] = {}
         for name in FEATURES:
-            with suppress(InputError):  # raised if it needs the spectrum of the whole mesh
+            with suppress(InputError):  # raised if a family needs the spectrum of the whole mesh
                 shown = self._as_shown(name)
                 self._families[name] = in_pieces(shown, mesh, document.solve.target)
         patterns = " ".join(f"*{ending}" for ending in WRITERS)
@@ -395,7 +395,7 @@ class PiecesDialog(SaveDialog):
         self._show_size()
 
     def _as_shown(self, name: str) -> Family:
-        """Return a family with its parameters, and the position that its tab shows."""
+        """Return a family with the parameters and the position that its tab shows."""
         fields, spectrum = self._document.display.fields, self._document.scaled_spectrum
         chosen = fields[name]
         if spectrum is None:

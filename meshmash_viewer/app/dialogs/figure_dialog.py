@@ -1,4 +1,4 @@
-"""Dialogs that save pictures with a size on paper: a gallery, or the render with a preview."""
+"""Dialogs that save pictures of a given size on paper: of the gallery, or of the render."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _FORMATS = {
     ".pdf": "PDF, with text and bars as vectors",
     ".svg": "SVG, with text and bars as vectors",
 }
-#: Usual widths by their number of mm.
+#: Names of usual widths, by width in mm.
 _WIDTHS = {
     "85": "One column, 85 mm",
     "114": "One and a half, 114 mm",
@@ -49,12 +49,12 @@ _PARTS = {
     "title": "Title", "color_bar": "Colour bar", "scale_bar": "Scale bar", "axes": "Axes",
     "pins": "Pins",
 }  # fmt: skip
-#: Smallest side of the preview, and side of the squares behind transparent pixels.
+#: Smallest side of the preview, and side of the squares behind it, in pixels.
 _LEAST, _SQUARE = 240, 8
 
 
 class SheetDialog(FormatDialog):
-    """Asks for width, resolution, background and file.
+    """Dialog for width, resolution, background and file of a picture.
 
     `path` is the suggested file without its ending, `before` are the initial options.
     """
@@ -158,10 +158,10 @@ def _drawn(request: _Preview, _cancel: CancelCallback) -> _Drawn:
 
 
 class FigureDialog(SheetDialog):
-    """Asks for the contents of a figure, too, and shows a preview.
+    """Dialog for size, contents and file of a figure, with a preview.
 
-    `seen` returns a frame of each render, or none while they cannot be drawn quickly. Call `look`
-    when that may have changed.
+    `seen` returns a frame of each render, or no frames while the renders cannot be drawn quickly.
+    Call `look` when its result may have changed.
     """
 
     def __init__(
@@ -252,7 +252,7 @@ class FigureDialog(SheetDialog):
 
 
 class _PreviewLabel(QLabel):
-    """Shows a picture on a pattern of squares, visible behind transparent pixels."""
+    """Label with a picture on a pattern of squares, visible through transparent pixels."""
 
     resized = Signal()
 
@@ -268,7 +268,7 @@ class _PreviewLabel(QLabel):
         return QSize(400, 360)
 
     def show_pixels(self, pixels: npt.NDArray[np.uint8]) -> None:
-        """Show RGBA in pixels of the screen, shape (height, width, 4)."""
+        """Show RGBA values of screen pixels, shape (height, width, 4)."""
         high, wide, _ = pixels.shape
         form = QImage.Format.Format_RGBA8888
         image = QImage(np.ascontiguousarray(pixels).data, wide, high, 4 * wide, form)

@@ -34,10 +34,11 @@ from meshmash_viewer.model.notices import failure_of
 
 
 class SaveDialog(QDialog):
-    """Base class of dialogs that ask for a file; they stay open if it cannot be written.
+    """Base class of dialogs that ask for a file, and stay open if the file cannot be written.
 
-    Subclasses call `_arrange` with their widgets. `kind` is the kind of output for `check_output`
-    and begins the names of the widgets; `accept` is text and name of the button that saves.
+    Subclasses call `_arrange` with their widgets. `kind` is the kind of output for `check_output`,
+    and the object names of the widgets begin with it. `accept` is text and object name of the
+    button that saves.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class SaveDialog(QDialog):
     ) -> None:
         """Lay out rows with labels, the file, and the buttons, to the right of `left`.
 
-        Between the file and the buttons are the widgets `below`, by default the remark.
+        The widgets `below`, by default the remark, are between the file and the buttons.
         """
         about = (("", each) for each in below or (self.remark_label,))
         self._form = form(*rows, ("File", self.file_row), *about)
@@ -94,7 +95,7 @@ class SaveDialog(QDialog):
             self.remark_label.setText(sentence)
 
     def _note_refusal(self) -> None:
-        """Note whether pressing the button made a field refuse its text."""
+        """Record whether pressing the button made a field reject its text."""
         self._refused = any(each.just_refused for each in typed_fields(self))
 
     def _refresh_remark(self) -> None:
@@ -114,10 +115,10 @@ class SaveDialog(QDialog):
 
 
 class FormatDialog(SaveDialog):
-    """Asks for a format, too; typing a file name with another ending chooses its format.
+    """Dialog for a format and a file; the ending of a typed file name chooses the format.
 
-    `formats` are names by ending; the suggested `path` has no ending. `missing` has reasons by
-    ending why a format cannot be written, "" if it can; `needs` is the missing library.
+    `formats` maps endings to names; the suggested `path` has no ending. `missing` maps endings to
+    the reason why the format cannot be written, or ""; `needs` is the missing library.
     """
 
     def __init__(
@@ -206,13 +207,13 @@ def suggested_path(document: Document, name: str, folder: Path | None = None) ->
 
 
 def configured(document: Document, kind: type[Family]) -> Family:
-    """Return a family with its parameters in the window, measured from the pins."""
+    """Return a family with its parameters in the window; distances are from the pins."""
     chosen = document.display.fields.get(kind.name) or kind()
     return chosen.measured_from([pin.vertex for pin in document.pins.placed])
 
 
 def button_box(dialog: QDialog, accept: QPushButton, act: Callable[[], None]) -> QDialogButtonBox:
-    """Make a row of buttons: one that Return presses, which calls `act`, and Cancel."""
+    """Make a row of buttons: `accept`, which Return presses and which calls `act`, and Cancel."""
     accept.setDefault(True)
     box = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
     box.addButton(accept, QDialogButtonBox.ButtonRole.AcceptRole)
@@ -222,9 +223,10 @@ def button_box(dialog: QDialog, accept: QPushButton, act: Callable[[], None]) ->
 
 
 class FileRow(QWidget):
-    """A field for the path of a file to write, and a button that opens Qt's file dialog.
+    """Field for the path of a file to write, and a button that opens Qt's file dialog.
 
-    The `ending` is appended if none is typed; `pattern` is Qt's filter: "PNG picture (*.png)".
+    `ending` is appended to a name without an ending; `pattern` is the filter of Qt's file dialog,
+    such as "PNG picture (*.png)".
     """
 
     changed = Signal()
@@ -243,7 +245,7 @@ class FileRow(QWidget):
 
     @property
     def named(self) -> bool:
-        """Whether a file is named, not only a folder."""
+        """Whether the text names a file, not only a folder."""
         text = self.edit.text().strip()
         return bool(Path(text).name) and not text.endswith(("/", os.sep))
 
@@ -251,7 +253,7 @@ class FileRow(QWidget):
     def path(self) -> Path:
         # Path.expanduser raises an error for the unknown user "~r", typed before "~root"
         path = Path(os.path.expanduser(self.edit.text().strip()))
-        # the ending of "bun.jpg" is kept, although it is no format; "t=0.5" has no ending
+        # the ending of "bun.jpg" is kept, although no format has it; "t=0.5" has no ending
         ended = path.name.lower().endswith(self._ending)
         if self.named and not ended and not QMimeDatabase().suffixForFileName(path.name):
             path = path.parent / (path.name + self._ending)
@@ -264,7 +266,7 @@ class FileRow(QWidget):
         return f"{self.path.name} exists and will be replaced." if exists else ""
 
     def fault(self, kind: str) -> str:
-        """Return why output of a kind (see `check_output`) cannot be written there, or ""."""
+        """Return why output of a kind (see `check_output`) cannot be written to the file, or ""."""
         try:
             check_output(self.path, kind)
         except (InputError, OSError) as fault:

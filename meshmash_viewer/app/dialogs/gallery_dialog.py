@@ -38,7 +38,7 @@ _DELAY = 250
 
 
 class GalleryDialog(SeriesDialog):
-    """Shows the columns of the displayed family as thumbnails; a click displays one."""
+    """Dialog with thumbnails of the columns of the displayed family; a click displays a column."""
 
     #: The user wants to save the gallery; the receiver asks for a file and calls `save`.
     save_requested = Signal()
@@ -97,7 +97,7 @@ class GalleryDialog(SeriesDialog):
     # -- thumbnails ---------------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        """Draw new thumbnails if the family, the spectrum or their look has changed."""
+        """Draw new thumbnails if the family, the spectrum or the display options have changed."""
         document, display = self._document, self._document.display
         if document.mesh is not self._mesh or not document.spectrum:
             self.close()
@@ -144,7 +144,7 @@ class GalleryDialog(SeriesDialog):
         try:
             shots = self._shots_of(self._families)
             captions = [each.request.caption for each in shots if each.request is not None]
-        except InputError as fault:  # such as no energies where all eigenvalues are zero
+        except InputError as fault:  # for example, WKS has no energies if all eigenvalues are zero
             self._families, shots, captions, remark = [], [], [], str(fault)
         self.list.begin(captions, size)
         self.count_label.setText(f"{counted(len(shots), 'picture')} · {family.label}")
@@ -161,7 +161,7 @@ class GalleryDialog(SeriesDialog):
         assert isinstance(made, QImage)
         self.list.show_picture(at, made)
 
-    # -- choosing one -------------------------------------------------------------------------
+    # -- choosing a column --------------------------------------------------------------------
 
     def _go(self, item: QListWidgetItem) -> None:
         """Display the column of a thumbnail."""
@@ -182,10 +182,10 @@ class GalleryDialog(SeriesDialog):
     # -- saving -------------------------------------------------------------------------------
 
     def save(self, path: Path, options: FigureOptions) -> None:
-        """Draw the columns in a sheet and write it; `saved` is emitted afterwards.
+        """Draw the columns on a sheet, write the sheet to a file, then emit `saved`.
 
-        Width, resolution and background are taken from `options`; the sheet has the aspect of the
-        list of thumbnails.
+        Width, resolution and background are taken from `options`; the sheet has the aspect ratio
+        of the list of thumbnails.
         """
         wide = options.width_mm / MM * options.dpi
         size = round(wide), round(wide * self.list.height() / self.list.width())
@@ -236,7 +236,7 @@ def _place_of(family: Family) -> tuple[str, ...]:
 
 
 def _at_pins(family: Family, document: Document) -> tuple[Family, ...]:
-    """Return the family at each pin if it has one column per vertex, otherwise nothing."""
+    """Return the family at each pin if the family has one column per vertex, otherwise ()."""
     assert document.spectrum is not None
     if family.required != "vertex" or n_columns(family, document.spectrum) > 1:
         return ()
@@ -245,7 +245,7 @@ def _at_pins(family: Family, document: Document) -> tuple[Family, ...]:
 
 
 class _Thumbnails(QListWidget):
-    """A list of pictures with captions, in as many columns as fit."""
+    """List of pictures with captions, in as many columns as fit."""
 
     def __init__(self) -> None:
         super().__init__()

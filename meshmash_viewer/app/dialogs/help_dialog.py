@@ -72,7 +72,7 @@ _METHODS = (
 
 
 class HelpDialog(QDialog):
-    """A searchable list of commands and gestures."""
+    """Dialog with a searchable list of commands and gestures."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -133,7 +133,7 @@ class HelpDialog(QDialog):
 
 
 class _Wrapped(QStyledItemDelegate):
-    """Makes rows as tall as their wrapped text, which Qt's tree widget does not."""
+    """Delegate that makes rows as tall as their wrapped text; Qt's tree widget does not."""
 
     def sizeHint(
         self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
@@ -147,7 +147,7 @@ class _Wrapped(QStyledItemDelegate):
 
 
 class AboutDialog(QMessageBox):
-    """Shows licence and methods, and the versions of libraries for bug reports."""
+    """Dialog with licence, methods, and the versions of libraries for bug reports."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -165,9 +165,9 @@ _LEFT_OUT = re.compile(r"^```math\n.*?^```\n|^!\[.*?\]\(.*?\)\n", re.DOTALL | re
 
 
 class PageDialog(QDialog):
-    """Shows a page on an algorithm, and the pages it links to.
+    """Dialog with a page on an algorithm, which opens linked pages.
 
-    `name` is that of the file without its ending; `formula` is shown below the title.
+    `name` is the file name without its ending; `formula` is shown below the title.
     """
 
     def __init__(self, name: str, formula: str = "", parent: QWidget | None = None) -> None:
@@ -199,7 +199,7 @@ class PageDialog(QDialog):
             self._show_page(name)
 
 
-#: Other words that find commands, by their names.
+#: Search words for commands, by the name of the command.
 SYNONYMS = {
     "open_mesh": "load import file",
     "open_sample": "example demo",
@@ -258,9 +258,9 @@ SYNONYMS = {
     "help": "manual keys shortcuts",
     "system_report": "bug versions debug",
 }
-#: Other words that find gestures, by their effects in `actions.MOUSE_HELP`.
+#: Search words for gestures, by their effect in `actions.MOUSE_HELP`.
 _GESTURES = {"Rotate": "turn orbit spin", "Pan": "shift move translate drag", "Roll": "rotate tilt"}
-#: Other words that find panels, by their titles.
+#: Search words for panels, by title.
 _PANELS = {
     "Mesh": "panel health defects repair decomposition information",
     "Shape": "panel reconstruction vibration morph",
@@ -272,13 +272,13 @@ _PANELS = {
 }
 _SETTINGS = QLineEdit, QAbstractSpinBox, QComboBox, QAbstractButton, QAbstractSlider
 _MAX_ROWS, _WIDTH = 12, 560
-#: Keys of the entries that were run last, the newest first.
+#: Keys of the entries that were run last, newest first.
 _recent: list[str] = []
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A row: text, menu or panel, shortcut, further words that find it, and effect of Enter."""
+    """Row of the palette: text, menu or panel, shortcut, search words, and effect of Enter."""
 
     key: str
     text: str
@@ -302,7 +302,7 @@ class Entry:
 
 
 class CommandPalette(QDialog):
-    """Runs the chosen command, or gives the focus to the chosen setting."""
+    """Palette that runs the chosen command, or gives the focus to the chosen setting."""
 
     def __init__(self, window: QMainWindow, actions: Actions) -> None:
         super().__init__(window, Qt.WindowType.Popup)
@@ -334,7 +334,7 @@ class CommandPalette(QDialog):
         self.search.setFocus()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Move the selection by the arrow keys; run the selected row by Enter."""
+        """Move the selection on arrow keys; run the selected row on Enter."""
         if watched is self.search and isinstance(event, QKeyEvent):
             if event.type() != QEvent.Type.KeyPress:
                 return False
@@ -417,7 +417,7 @@ def _gestures(actions: Actions) -> Iterator[Entry]:
 
 
 def _settings(window: QMainWindow) -> Iterator[Entry]:
-    """Yield panels and their controls; panels behind another tab are disabled, but count too."""
+    """Yield panels and their enabled controls; a panel behind another tab counts as enabled."""
     for dock in window.findChildren(QDockWidget):
         place, panel = dock.windowTitle(), dock.widget()
         words, front = _PANELS.get(place, ""), partial(_bring_to_front, dock)
@@ -435,7 +435,7 @@ def _settings(window: QMainWindow) -> Iterator[Entry]:
                 yield Entry(key, name, place, "", words, partial(_go_to, control, dock))
 
 
-#: Other words that find controls, by their object names.
+#: Search words for controls, by object name.
 _SETTING_WORDS = {
     "colormap_combo": "colour color bar palette",
     "limits_combo": "threshold range percentiles colour color bar minimum maximum",
@@ -451,7 +451,7 @@ def _bring_to_front(dock: QDockWidget) -> None:
 def _go_to(control: QWidget, dock: QDockWidget) -> None:
     """Bring a control to the front and give it the focus."""
     _bring_to_front(dock)
-    # after the event that the panel is shown, which enables its controls
+    # after the show event of the panel, which enables its controls
     QTimer.singleShot(0, control, partial(_give_focus, control))
 
 

@@ -23,11 +23,11 @@ _LEVELS = {
 
 
 class LinkDialog(QDialog):
-    """Asks for a link to a layer and for a segment, and stays open until the link is valid.
+    """Dialog for a link to a layer and for a segment, which stays open until the link is valid.
 
-    The segments that a URL of Neuroglancer names are listed; any other id can be typed. After
-    acceptance, `path` is the file of the link, and `compares` is whether to open it as the second
-    mesh, which is offered if `can_compare`. `source` is the initial link.
+    Segments in a URL of Neuroglancer are listed; any other id can be typed. After acceptance,
+    `path` is the file of the link, and `compares` is whether to open the mesh as the second mesh,
+    which is offered if `can_compare`. `source` is the initial link.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class LinkDialog(QDialog):
         (self.segment_combo if source else self.link_edit).setFocus()
 
     def _offer_segments(self) -> None:
-        """List the segments that the link names; keep a typed one otherwise."""
+        """List the segments in the link; if there are none, keep the typed segment."""
         self.fault_label.clear()
         typed = self.segment_combo.currentText() if not self.segment_combo.count() else ""
         self.segment_combo.clear()

@@ -39,12 +39,12 @@ from meshmash_viewer.units import counted
 _SWEEP, _TURN = "sweep", "turn"
 _NAMES = {".mp4": "MP4 (H.264)", ".gif": "GIF", ".webp": "WebP", ".apng": "APNG"}
 _LARGEST = 8192
-#: Number of frames from which the size is estimated, and milliseconds until it is.
+#: Number of frames for the estimate of the size, and delay of the estimate in ms.
 _MEASURED, _DELAY = 6, 500
 
 
 class MovieDialog(SeriesDialog, FormatDialog):
-    """Asks for the parameters of a movie, shows its length and size, and makes it.
+    """Dialog for the parameters of a movie, which shows its length and size, and makes it.
 
     `path` is the suggested file without its ending.
     """
@@ -98,7 +98,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.format_combo.currentIndexChanged.connect(self._refresh)
 
     def _pixels(self, name: str, text: str, value: int) -> WholeField:
-        # the step keeps sizes even, which MP4 requires; odd ones can be typed
+        # the step keeps sizes even, which MP4 requires; odd sizes can be typed
         return make.spin(
             name, f"{text} in pixels", minimum=16, maximum=_LARGEST, suffix=" px", value=value,
             singleStep=2, keyboardTracking=True,
@@ -117,9 +117,9 @@ class MovieDialog(SeriesDialog, FormatDialog):
         return bool(self.motion_combo.currentData() == _TURN)
 
     def _frames(self) -> tuple[list[Family], int, float]:
-        """Return the family of each frame (none for a turn), their number, and the frame rate.
+        """Return families, number of frames, and frame rate; a turn has no families.
 
-        `InputError` is raised if the parameters of the movie are invalid.
+        Raise `InputError` if the parameters of the movie are invalid.
         """
         spectrum, display = self._document.spectrum, self._document.display
         rate, seconds = self.rate_spin.value(), self.seconds_spin.value()
@@ -132,7 +132,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     def _shots(self, drawing: MeshRenderer, *, has_field: bool) -> tuple[list[Shot], float]:
         """Set the view of the drawing; return all frames and the frame rate.
 
-        With `has_field`, the drawing shows its field already, and a turn need not compute it.
+        With `has_field`, the drawing already shows the field, which a turn does not compute then.
         """
         families, count, rate = self._frames()
         drawing.view = series_view(
@@ -256,7 +256,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.accept()
 
     def reject(self) -> None:
-        """Stop making the movie and delete its file; if none is being made, close."""
+        """Stop making the movie and delete its file; close if no movie is being made."""
         if self._painter.busy:
             self._painter.close()
             self._show_saving(False)
@@ -276,7 +276,7 @@ def _movie_sink(
 def _estimate(
     ending: str, rate: float, count: int, of: int
 ) -> Iterator[Callable[[int, Picture, Caption | None], int | None]]:
-    """A sink that returns, with the last picture, the estimated size of the movie in bytes."""
+    """Make a sink that returns the estimated size of the movie in bytes at the last picture."""
     frames = []
 
     def take(at: int, picture: Picture, _caption: Caption | None) -> int | None:

@@ -1,4 +1,4 @@
-"""Dialogs of pins: one that asks for a vertex, and one for the columns of an exported table."""
+"""Dialogs for a vertex to pin, and for the columns of an exported table of pins."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from meshmash_viewer.units import NO_VOXEL, counted, format_position, format_qua
 
 _NUMBER = r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)"
 _BETWEEN = r"(?:\s*[,;]\s*|\s+)"
-#: Three numbers, as Neuroglancer and tables write them: in brackets, with names of axes and a unit.
+#: Three numbers, optionally in brackets, with names of axes and a unit, as from Neuroglancer.
 _POSITION = re.compile(
     rf"[\[(]?\s*(?:x\s*)?{_NUMBER}{_BETWEEN}(?:y\s*)?{_NUMBER}{_BETWEEN}(?:z\s*)?{_NUMBER}"
     r"\s*[\])]?\s*([^\W\d_]*)"
@@ -49,10 +49,10 @@ _GROUPED = re.compile(r"\d{1,3}(?:[, ]\d{3}){2}(?:\.\d*)?")
 
 
 class PinDialog(QDialog):
-    """Asks for a vertex by its index in the mesh file, a position, or the name of a pin.
+    """Dialog for a vertex, by its index in the mesh file, a position, or the name of a pin.
 
-    It stays open until the text is valid. After acceptance, `vertex` is the index in the mesh, and
-    `remark` is a sentence about its distance from a typed position.
+    The dialog stays open until the text is valid. After acceptance, `vertex` is the index in the
+    mesh, and `remark` is a sentence about its distance from a typed position.
     """
 
     def __init__(self, mesh: Mesh, parent: QWidget | None = None, pins: Iterable[Pin] = ()) -> None:
@@ -102,8 +102,9 @@ def nearest_vertex(
 ) -> tuple[int, str]:
     """Find the vertex nearest to a position; return its index and a sentence on the distance.
 
-    The position is in the unit of the mesh. With `voxels` it may also be in voxels, if the mesh
-    has a voxel size: the nearer reading is taken, and the sentence names it.
+    The position is in the unit of the mesh. With `voxels`, and if the mesh has a voxel size,
+    the position may also be in voxels: the reading nearer to the mesh is chosen, and the sentence
+    names it.
 
     Raises
     ------
@@ -133,9 +134,9 @@ def nearest_vertex(
 
 
 class PinExportDialog(SaveDialog):
-    """Asks for the columns and the file of a `PinExportJob`, which `job` returns.
+    """Dialog for the columns and the file of a `PinExportJob`, which `job` returns.
 
-    The document has pins.
+    The document must have pins.
     """
 
     def __init__(self, document: Document, folder: Path, parent: QWidget | None = None) -> None:

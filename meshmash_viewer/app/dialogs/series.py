@@ -33,14 +33,14 @@ from meshmash_viewer.progress import Cancelled
 
 #: Pixels of a picture, see `OffScreen.draw`.
 Picture: TypeAlias = npt.NDArray[np.uint8]
-#: A context whose function receives number, pixels and caption of each picture. It is entered and
-#: left in the painter's thread, with an exception if the series was stopped.
+#: Context manager of a function that receives number, pixels and caption of each picture. It is
+#: entered and left in the painter's thread, with an exception if the series was stopped.
 Sink: TypeAlias = AbstractContextManager[Callable[[int, Picture, Caption | None], Any]]
 
 
 @dataclass(eq=False)
 class Run:
-    """One series; only one of its pictures is in memory at a time."""
+    """Series of pictures, of which only one is in memory at a time."""
 
     #: A renderer without a window (`MeshRenderer.twin`).
     drawing: MeshRenderer
@@ -51,7 +51,7 @@ class Run:
     display: Display
     sink: Sink
     transparent: bool = False
-    #: Vertices to compute fields at, see `compute_shot`.
+    #: Vertices at which fields are computed, see `compute_shot`.
     picked: npt.NDArray[np.int64] | None = None
     stopped: bool = False
     #: The picture and caption that the thread waits for.
@@ -60,7 +60,7 @@ class Run:
 
 
 class SeriesPainter(QObject):
-    """Draws series one after another.
+    """Painter that draws series of pictures one after another.
 
     Fields are computed and files written in a thread; pictures are drawn in the interface thread.
     """
@@ -91,7 +91,7 @@ class SeriesPainter(QObject):
         return bool(self._runs)
 
     def start(self, run: Run) -> None:
-        """Draw a series after those started before."""
+        """Draw a series after all series started earlier."""
         self._runs.append(run)
         self._pool.start(lambda: self._work(run))
 
@@ -125,10 +125,10 @@ class SeriesPainter(QObject):
                     found = compute_shot(shot, run.display, live, run.picked)
                     run.answer = Future()
                     self._due.emit(run, shot, found)
-                    if run.stopped:  # before this answer was made, so that it is not cancelled
+                    if run.stopped:  # before `answer` was set, and so not cancelled
                         raise Cancelled
                     self._took.emit(run, at, take(at, *run.answer.result()))
-                    if run.stopped:  # in the sink
+                    if run.stopped:  # while the sink ran
                         raise Cancelled
         except Exception as error:  # noqa: BLE001  reported by `failed`
             fault = error
@@ -241,11 +241,11 @@ class SeriesDialog(QDialog):
 
     @property
     def _pixels_on_screen(self) -> tuple[int, int]:
-        """Width and height of the render."""
+        """Width and height of the render in pixels."""
         return self._scene.plotter.pixels()[:2]
 
     def _choose_range(self, n_columns: int, default: range, *, keep: bool) -> None:
-        """Set the number of columns, and choose the default ones, or `keep` the chosen ones."""
+        """Set the number of columns, and choose `default`, or `keep` a chosen range that fits."""
         keep = keep and self.range.columns[-1] < n_columns
         self.range.choose(self.range.columns if keep else default, n_columns)
 
