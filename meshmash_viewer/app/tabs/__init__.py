@@ -14,7 +14,7 @@ from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.document import Document
 
-#: Families with controls that a form does not have.
+#: Tabs of families with controls that a form does not have.
 _OWN_TABS: dict[type[Family], type[FamilyTab]] = {
     Eigenfunctions: EigenfunctionTab,
     Filters: FilterTab,

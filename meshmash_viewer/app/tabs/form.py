@@ -37,7 +37,7 @@ from meshmash_viewer.units import power_unit
 
 
 class Player(QObject):
-    """Steps through the displayed family, again and again, while ``display.playing`` is set."""
+    """Timer that steps through the displayed family in a loop while ``display.playing`` is set."""
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -58,7 +58,7 @@ class Player(QObject):
 
 
 class PlayButton(QPushButton):
-    """Starts and stops playing."""
+    """Button that starts and stops playing."""
 
     def __init__(self, document: Document, name: str) -> None:
         super().__init__("Play")
@@ -89,16 +89,16 @@ class FamilyTab(QWidget):
         self.refresh()
 
     def _refresh_displayed(self) -> None:
-        """Refresh if the family is displayed; the panel refreshes other tabs as it shows them."""
+        """Refresh if the family is displayed; the panel refreshes other tabs when shown."""
         if self._document.display.kind == self.family.name:
             self.refresh()
 
     def refresh(self) -> None: ...
 
     def show_field(self, field: Field | None) -> None:
-        """Show facts about the displayed field, which may be of another family, or about none.
+        """Show facts about the displayed field, which may be None or of another family.
 
-        Implementations drop the field before: it refers to its mesh and eigenvectors.
+        Implementations release the previous field, which refers to its mesh and eigenvectors.
         """
 
     def _build(self) -> None: ...
@@ -132,7 +132,7 @@ class FamilyTab(QWidget):
     # -- controls -----------------------------------------------------------------------------
 
     def _choose(self, value: int) -> None:
-        """Set the value of the slider and the field for the index."""
+        """Set the index to the value of the slider or of the field."""
         self._change(index=value)
 
     def _make_slider(self, name: str, accessible: str, tip: str = "") -> StepSlider:
@@ -200,9 +200,9 @@ class FamilyTab(QWidget):
 
 
 class ParameterRow(QWidget):
-    """The text of a parameter and its control: a field, a combo box or a check box.
+    """Row with the text of a parameter and its control: a field, combo box or check box.
 
-    `name` begins the object name of the control; `take` is called with values from the user.
+    The object name of the control begins with `name`; `take` is called with values from the user.
     """
 
     def __init__(self, name: str, declared: Parameter, take: Callable[[Any], None]) -> None:
@@ -229,7 +229,7 @@ class ParameterRow(QWidget):
         self.setLayout(row(make.muted(text), None, self.control, self.unit, spacing=6))
 
     def show_value(self, value: Any, unit: str) -> None:
-        """Show a value with its unit, a power of a unit of length."""
+        """Show a value with its unit, a power of the unit of length `unit`."""
         written = power_unit(unit, self._declared.power) if self._declared.power else ""
         self.unit.setText(written)
         if isinstance(self.control, NumberField):
@@ -275,7 +275,7 @@ class FamilyForm(FamilyTab):
                 counted.tip or f"Columns of the exported feature. {family.tip}",
             ),
             *((self._make_range_box(),) if family.ordered else ()),
-            self.warning,  # last, because it moves what is below it
+            self.warning,  # last, because it would move widgets below
             row(self.compute_button, None),
         )
 
@@ -333,7 +333,7 @@ class FamilyForm(FamilyTab):
     ) -> None:
         between = self._range()
         self.times.setEnabled(between is not None)
-        self.times.set_steps(count - 1)  # between neighbouring columns of the feature
+        self.times.set_steps(count - 1)  # one step between neighbouring columns
         self.times.set_hatched((0.0, min(reading.hatched, 1.0)) if reading.hatched else None)
         self.number.setEnabled(between is not None)
         if spectrum is None or between is None:

@@ -80,7 +80,7 @@ class MapTab(FamilyTab):
         self.labels.setSelectionMode(QListWidget.SelectionMode.NoSelection)
         self._shown_labels: tuple[Label, ...] | None = None
         self._listed: tuple[str, ...] | None = None
-        #: A map, the part of the mesh with eigenpairs, and the map on that part.
+        #: Last result of `_of_part`: a map, the part of the mesh with eigenpairs, the map there.
         self._part: tuple[VertexMap, Mesh, VertexMap] | None = None
         self._field: Field | None = None
         slider = self._make_slider("map_pairs_slider", "Number of the lowest eigenpairs")
@@ -130,7 +130,7 @@ class MapTab(FamilyTab):
 
     def _rename(self, item: QListWidgetItem) -> None:
         self._document.maps.rename(item.data(Qt.ItemDataRole.UserRole), item.text())
-        self._listed = None  # fill the list again, as the name may be refused or get a number
+        self._listed = None  # fill the list again: the name may be refused, or a number appended
         later(self.refresh)
 
     def _open_menu(self, position: QPoint) -> None:
@@ -149,14 +149,14 @@ class MapTab(FamilyTab):
         self._document.display.put(self._document.display[Filters].with_text(self._formulas()[row]))
 
     def _formulas(self) -> list[str]:
-        """Return the ready formulas, and the current one if it is none of them."""
+        """Return the ready formulas, and the current formula if it is another one."""
         return list(dict.fromkeys([*READY.values(), self._document.display[Filters].text]))
 
     def _add(self) -> None:
         self._document.maps.open(ask_for_maps(self, folder_of(self._document.path)))
 
     def _save(self) -> None:
-        """Write the coefficients, in the interface thread as there are only a few hundred."""
+        """Write the coefficients, in the interface thread because they are only a few hundred."""
         document, spectrum = self._document, self._document.known
         chosen, mesh = document.display[OwnMaps], document.mesh
         found = None if spectrum is None else chosen.map_spectrum(spectrum)
@@ -178,12 +178,12 @@ class MapTab(FamilyTab):
     def _keep(self) -> None:
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
-            self.list.setFocus()  # otherwise Qt moves it to any control as the button hides
+            self.list.setFocus()  # otherwise hiding the button moves the focus to another control
             colors = field.kept_colors(document.display)
             document.maps.add(document.mesh, [field.as_map()], colors=colors)
 
     def _can_keep(self) -> bool:
-        """Return whether the displayed field is the chosen one, exact and complete."""
+        """Return whether the displayed field is that of the chosen map, exact and complete."""
         document, field, spectrum = self._document, self._field, self._document.known
         if field is None or field.draft or spectrum is None or spectrum.preview:
             return False
@@ -196,7 +196,7 @@ class MapTab(FamilyTab):
     # -- from the model ---------------------------------------------------------------------
 
     def show_field(self, field: Field | None) -> None:
-        """Refresh, as the field comes with a curvature or the spectrum of a map."""
+        """Refresh: a curvature or the spectrum of a map is computed with the field."""
         self._field = field
         if field is not None and self._document.display.kind == self.family.name:
             later(self.refresh)
@@ -218,7 +218,7 @@ class MapTab(FamilyTab):
         self._refresh_labels(resolved.describe(spectrum, self._document.unit).labels)
 
     def _of_part(self, known: VertexMap) -> VertexMap:
-        """Return a map at the vertices with eigenpairs, over which its mean is taken."""
+        """Return a map at the vertices with eigenpairs; its mean is taken over these vertices."""
         part = self._document.part_mesh
         if part is None:
             return known
@@ -325,13 +325,13 @@ def _show_lines(shown: QListWidget, most: int) -> None:
 
 
 def _map_facts(shown: VertexMap, mean: float, total: str) -> dict[str, str]:
-    """Describe a map of all vertices of the mesh or of the mask, which `total` names."""
+    """Return facts on a map of the whole mesh or of the mask; `total` is "mesh" or "mask"."""
     of = "" if shown.n_values == shown.n_vertices else f" of {shown.n_vertices:,}"
     where = f" in the {total}" if of or total == "mask" else ""
     count = {"map_count_label": f"{shown.n_values:,}{of}{where}"}
     if shown.labels:
         return count | {"map_range_label": counted(len(shown.labels), "label")}
-    like = max(np.abs(shown.range))  # the unit of the range
+    like = max(np.abs(shown.range))  # so that the mean has the unit of the range
     written = format_quantity(mean, shown.unit, 1, 4, like=like) if np.isfinite(mean) else ""
     return count | {
         "map_range_label": format_range(*shown.range, shown.unit, word="to", digits=4),

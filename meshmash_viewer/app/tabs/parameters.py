@@ -21,17 +21,17 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import format_wavelength, wavelength_eigenvalue
 from meshmash_viewer.units import format_quantity, power_unit
 
-#: Full width at half maximum of the smoothing exp(-s*λ), in units of √s, as on a plane.
+#: Full width at half maximum of the smoothing exp(-s*λ), in units of √s, on a plane.
 _WIDTH = math.sqrt(16.0 * math.log(2.0))
 _WIDTH_TIP = "Full width at half maximum of the smoothing, √(16 ln 2 · s); a length is taken as one"
 
 
 class RangeBox(QWidget):
-    """A check box for an automatic range, and a field for each end, which show the current range.
+    """Check box for an automatic range, and a field for each end of the current range.
 
-    Both ends can be typed in either order: an end beyond the other is kept until the other has
-    been typed. `names` and `texts` are object names and labels of the check box, the low and the
-    high end; `noun` is the quantity, such as "time".
+    The ends can be typed in either order: an end beyond the other end is kept until the other end
+    has been typed. `names` and `texts` are object names and labels of the check box, the low and
+    the high end; `noun` is the quantity, such as "time".
     """
 
     automatic_chosen = Signal(bool)
@@ -88,7 +88,7 @@ class RangeBox(QWidget):
             field.show_value(end, self._unit)
 
     def _is_waiting(self) -> bool:
-        """Return whether one end is beyond the other, which the user is about to type."""
+        """Return whether the ends are in the wrong order because one is still to be typed."""
         low, high = self.low.value, self.high.value
         here = self.low.hasFocus() or self.high.hasFocus()
         return here and low is not None and high is not None and low >= high
@@ -110,7 +110,7 @@ class RangeBox(QWidget):
 
 
 class FilterParameters(QWidget):
-    """A row for each parameter of the filter of a document; `prefix` begins the object names."""
+    """Row for each parameter of the filter of a document; object names begin with `prefix`."""
 
     #: The user chose a value: why it is invalid, or "".
     tried = Signal(str)
@@ -163,7 +163,7 @@ def refusal(chosen: Filters, spectrum: Eigenpairs | None) -> str:
 
 
 class FilterParameterRow(QWidget):
-    """A parameter as a slider in log scale and as a number, with the length it corresponds to."""
+    """Slider in log scale and field for a parameter, with the corresponding length."""
 
     #: Name of the parameter, and the value that the user chose.
     chosen = Signal(str, float)
@@ -192,7 +192,7 @@ class FilterParameterRow(QWidget):
         *,
         gaussian: bool = False,
     ) -> None:
-        """Show a parameter whose unit is this power of length, and the corresponding length.
+        """Show a parameter, whose unit is a `power` of length, and the corresponding length.
 
         For a `gaussian` filter, the length is its full width at half maximum.
         """

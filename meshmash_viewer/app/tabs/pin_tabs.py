@@ -35,7 +35,7 @@ _ABOUT = {
 
 
 class PinChooser(FamilyTab):
-    """Base class of tabs of families with a `vertex`, which follows the newest pin."""
+    """Base class of tabs of families with a `vertex`, which is set to each new pin."""
 
     def __init__(self, document: Document, family: type[Family]) -> None:
         self._pins: tuple[Pin, ...] = ()
@@ -58,7 +58,7 @@ class PinChooser(FamilyTab):
         self._change(vertex=self._document.pins.placed[row].vertex)
 
     def _follow_pins(self) -> None:
-        """Choose a new pin; follow the chosen pin as it moves; choose the last if it is removed."""
+        """Choose a new pin, or the last pin if the chosen pin was removed; follow a moved pin."""
         pins = self._document.pins.placed
         vertex: int | None = getattr(self._document.display[self.family], "vertex")  # noqa: B009
         before = {pin.number for pin in self._pins}
@@ -87,7 +87,7 @@ class PinChooser(FamilyTab):
         return f"Click a vertex on the render to pin it. Until then the render shows the {shown}."
 
     def _show_pin(self, vertex: int | None) -> str:
-        """Select the pin of a vertex in the combo box; return its name, or that of the vertex."""
+        """Select the pin of a vertex in the combo box; return the name of the pin or vertex."""
         pins = self._document.pins.placed
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
@@ -153,7 +153,7 @@ class DistanceTab(PinChooser):
         self.time_label.setText(f"t = {written}, √t = {length}")
 
     def show_field(self, field: Field | None) -> None:
-        """Show the distances of the other pins, and the share that is missing."""
+        """Show the distances to the other pins, and the share of the distance that is missing."""
         family = None if field is None else field.family
         if field is None or not isinstance(family, Distances):
             return

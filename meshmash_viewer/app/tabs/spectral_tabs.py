@@ -170,7 +170,7 @@ def _multiplet(spectrum: Eigenpairs, index: int, zeros: int) -> str:
     )
 
 
-#: Entry of the list for a filter that is none of the ready ones.
+#: Entry of the combo box for a filter that is not a ready filter.
 _OWN = "Formula"
 _HINT = "x is λ; other names become sliders. Arithmetic, comparisons, exp, log, sqrt, where, …"
 
@@ -181,7 +181,7 @@ def _no_range(value: float) -> str:
 
 
 def _underline(edit: QLineEdit, position: int | None) -> None:
-    """Underline the character at a position; None removes the line."""
+    """Underline the character at a position; None removes the underline."""
     formats = []
     if position is not None:
         wave = QTextCharFormat()
@@ -244,7 +244,7 @@ class FilterTab(FamilyTab):
         _underline(self.edit, self._position)
 
     def _select_error(self) -> None:
-        """Give the focus back to an invalid formula, and select its wrong character."""
+        """Return the focus to the field of an invalid formula, and select the wrong character."""
         if self._complaint(self.edit.text()):
             self.edit.setFocus()
             if self._position is not None:
