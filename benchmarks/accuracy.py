@@ -1,4 +1,4 @@
-"""How accurate the eigensolver is, on meshes given by path.
+"""Accuracy of the eigensolver on meshes given by path.
 
     python benchmarks/accuracy.py MESH[:SUBDIVISIONS] ... [--pairs 50 200]
 
@@ -6,17 +6,18 @@ Prints a table with a line for each mesh and number of pairs:
 
 residual        largest ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``
 within, across  largest entry of ``|ΦᵀMΦ - I|`` within and across slices of the spectrum
-quotient        largest relative difference of λ from the Rayleigh quotient of its φ, the latter in
-                extended precision: the error of the computed λ, whose φ is good to second order
+quotient        largest relative difference of λ from the Rayleigh quotient of φ, in extended
+                precision; it is the error of λ, as the quotient's error is of second order in φ
 count, threshold, interior
                 largest relative difference from dense `eigh`, for the lowest pairs by number and
-                by threshold, and for those nearest a value inside; up to 12,000 vertices
-dense           the same of dense `eigh` from the quotients, for the lowest pairs: its rounding is
-                relative to the largest eigenvalue, so the columns before can't be smaller
-null            the largest residual of the constants of the components, relative to Weyl's spacing
-                4π / area: they are exact, what is left is the rounding of L's own row sums
+                by threshold, and for pairs nearest an interior value; up to 12,000 vertices
+dense           largest relative difference of dense `eigh` from the quotients, for the lowest
+                pairs: its rounding is relative to the largest eigenvalue, and limits the three
+                columns before
+null            largest residual of the constant functions of the components, relative to Weyl's
+                spacing 4π / area: the functions are exact, so it is the rounding of row sums of L
 
-What is beyond the limits of this file is printed in bold, and again at the end.
+Values beyond the limits of this file are printed in bold, and again at the end.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ from scipy.sparse.csgraph import connected_components
 
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
-#: Larger problems are not solved densely.
+#: Largest number of vertices of problems that are solved densely, too.
 _DENSE_VERTICES = 12_000
-#: What is promised, by column.
+#: Promised limits, by column.
 LIMITS = {
     "residual": 1e-9,
     "within": 1e-12,
@@ -51,7 +52,7 @@ LIMITS = {
 
 @dataclass
 class Problem:
-    """A mesh's matrices, with all eigenvalues where they are few enough."""
+    """Matrices of a mesh, and all eigenvalues by a dense solver if the mesh is small."""
 
     stiffness: Any
     mass: Any
@@ -78,25 +79,25 @@ class Problem:
 
     @property
     def dense_error(self) -> float:
-        """What rounding in dense `eigh` may do to the lowest eigenvalue that is not zero."""
+        """Relative rounding error of dense `eigh` at the lowest nonzero eigenvalue."""
         if self.dense is None:
             return 0.0
         return float(0.25 * np.finfo(np.float64).eps * self.dense[-1] / self.dense[self.components])
 
     @property
     def components(self) -> int:
-        """Components of the mesh, each of which has a zero eigenvalue."""
+        """Number of components of the mesh, each of which has a zero eigenvalue."""
         return int(connected_components(self.stiffness, directed=False)[0])
 
     def difference(self, values: Any, exact: Any) -> float:
-        """Largest relative difference; infinite if their numbers differ."""
+        """Return the largest relative difference; infinite if the lengths differ."""
         if len(values) != len(exact):
             return float("inf")
         size = np.where(np.abs(exact) > 1e-6 * self.spacing, np.abs(exact), self.spacing)
         return float((np.abs(values - exact) / size).max(initial=0.0))
 
     def residual(self, values: Any, rows: Any) -> float:
-        """Largest residual."""
+        """Return the largest relative residual of pairs."""
         worst = 0.0
         for row, value in zip(rows, values, strict=True):
             defect = np.linalg.norm(self.stiffness @ row - value * self.mass * row)
@@ -105,7 +106,7 @@ class Problem:
         return worst
 
     def quotients(self, rows: Any) -> Any:
-        """Rayleigh quotients, computed in extended precision."""
+        """Return the Rayleigh quotients, computed in extended precision."""
         pattern = self.stiffness.tocoo()
         entries = pattern.data.astype(np.longdouble)
         weights = self.mass.astype(np.longdouble)
@@ -117,7 +118,7 @@ class Problem:
         return result
 
     def gram(self, rows: Any) -> Any:
-        """``|ΦᵀMΦ - I|``."""
+        """Return ``|ΦᵀMΦ - I|``."""
         products = np.zeros((len(rows), len(rows)))
         for start in range(0, rows.shape[1], 20_000):
             part = rows[:, start : start + 20_000]
@@ -126,7 +127,7 @@ class Problem:
 
 
 def measure(problem: Problem, k: int, jobs: int | None) -> dict[str, float | str]:
-    """Everything about the lowest k pairs."""
+    """Return the columns of the table for the lowest k pairs."""
     borders: list[int] = []
     found = solve(
         problem.stiffness,
@@ -159,7 +160,7 @@ def measure(problem: Problem, k: int, jobs: int | None) -> dict[str, float | str
 
 
 def by_threshold(problem: Problem, k: int, jobs: int | None) -> float:
-    """Difference from dense for all pairs up to the widest gap near the k-th."""
+    """Return the difference from dense for all pairs up to the widest gap near the k-th."""
     exact = problem.dense
     first = max(problem.components, min(k, len(exact) - 1) - 10)
     gaps = np.diff(exact[first - 1 : max(first, k) + 10])
@@ -174,7 +175,7 @@ def by_threshold(problem: Problem, k: int, jobs: int | None) -> float:
 
 
 def by_interior(problem: Problem, k: int, jobs: int | None) -> float:
-    """Difference from dense for the k / 4 pairs nearest the k-th eigenvalue."""
+    """Return the difference from dense for the k / 4 pairs nearest the k-th eigenvalue."""
     exact = problem.dense
     sigma = float(exact[min(k, len(exact) - 1)]) * 1.0001
     wanted = max(10, k // 4)
@@ -184,12 +185,12 @@ def by_interior(problem: Problem, k: int, jobs: int | None) -> float:
 
 
 def proven(problem: Problem, found: Decomposition, exact: Any) -> float:
-    """The difference; infinite where the solver itself doubts its result."""
+    """Return the difference from dense; infinite if the result is not certified."""
     return problem.difference(found.eigenvalues, exact) if found.complete else float("inf")
 
 
 def main() -> None:
-    """Read the command line and run it all."""
+    """Read the command line and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,11 +1,11 @@
-"""The contestants of the eigensolver's benchmark; each runs in a process of its own.
+"""Contestants of the benchmark of the eigensolver; each runs in a process of its own.
 
     python benchmarks/contestants.py NAME FOLDER PAIRS
 
-FOLDER holds the matrices. Prints "start" when the matrices are read and the libraries loaded,
-"stop" when the pairs are there, and then what they are worth as one line of JSON. All are judged
-alike, by the same matrices: residuals, orthonormality, and what is missing by a count that none
-of them takes part in.
+FOLDER contains the matrices. Prints "start" when the matrices are read and the libraries loaded,
+"stop" when the pairs are computed, and then the quality of the pairs as one line of JSON. All
+results are judged by the same matrices: residuals, orthonormality, and the number of missing
+pairs, by a count that does not depend on the contestant.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ OURS = ("slices-2", "slices-1")
 PEERS = ("eigsh", "bands", "lapy", "primme")
 NAMES = (*OURS, *PEERS, "limit")
 
-#: What the peers are asked for.
+#: Shift and tolerance of the peers, and number of pairs in a band.
 SIGMA, TOLERANCE, BAND = -1e-10, 1e-10, 50
 
 
 def read_matrices(folder: Path) -> tuple[Any, Any]:
-    """(L, M) as the parent stored them."""
+    """Return L and M as the parent process stored them."""
     import scipy.sparse as sp
 
     return sp.load_npz(folder / "stiffness.npz").tocsc(), sp.load_npz(folder / "mass.npz").tocsc()
 
 
 def begin() -> None:
-    """Tell the parent that loading is over."""
+    """Report to the parent process that loading has ended."""
     print("start", flush=True)
 
 
 def run_slices(folder: Path, k: int, jobs: int) -> dict[str, Any]:
-    """This package, so many slices at a time."""
+    """Solve with this package, `jobs` slices at a time."""
     from meshmash_viewer.spectral.eigensolver import solve
 
     stiffness, mass = read_matrices(folder)
-    solve(stiffness[:1200][:, :1200], mass[:1200][:, :1200], 5)  # loads what is loaded late
+    solve(stiffness[:1200][:, :1200], mass[:1200][:, :1200], 5)  # loads kernels
     begin()
     decomposition = solve(stiffness, mass, k, n_jobs=jobs)
     times = ", ".join(
@@ -63,7 +63,7 @@ def run_slices(folder: Path, k: int, jobs: int) -> dict[str, Any]:
 
 
 def run_eigsh(folder: Path, k: int) -> dict[str, Any]:
-    """The whole request in one shift-invert run."""
+    """Solve with SciPy's ARPACK in one shift-invert run."""
     from scipy.sparse.linalg import eigsh
 
     stiffness, mass = read_matrices(folder)
@@ -73,7 +73,7 @@ def run_eigsh(folder: Path, k: int) -> dict[str, Any]:
 
 
 def run_bands(folder: Path, k: int) -> dict[str, Any]:
-    """Bands of 50, each overlapping the one before."""
+    """Solve with ARPACK in bands of 50 pairs, each overlapping the previous band."""
     from scipy.sparse.linalg import eigsh
 
     stiffness, mass = read_matrices(folder)
@@ -88,7 +88,7 @@ def run_bands(folder: Path, k: int) -> dict[str, Any]:
         order = np.argsort(more)
         more, vectors = more[order], vectors[:, order]
         new = more > values[-1] * (1.0 + 1e-9)
-        if more[0] > values[-1] or not new.any():  # no overlap, so perhaps a gap; or nothing new
+        if more[0] > values[-1] or not new.any():  # no overlap, perhaps a gap; or no new pairs
             reach *= 0.7 if more[0] > values[-1] else 1.5
             barren += 1
             if barren > 12:
@@ -102,7 +102,7 @@ def run_bands(folder: Path, k: int) -> dict[str, Any]:
 
 
 def run_lapy(folder: Path, k: int) -> dict[str, Any]:
-    """LaPy's solver, given the same matrices as the others."""
+    """Solve with LaPy, on the same matrices as the other contestants."""
     from lapy import Solver, TriaMesh
 
     with np.load(folder / "mesh.npz") as mesh:
@@ -115,10 +115,11 @@ def run_lapy(folder: Path, k: int) -> dict[str, Any]:
 
 
 def run_primme(folder: Path, k: int) -> dict[str, Any]:
-    """PRIMME, preconditioned by a factor just below zero; its best of what was tried.
+    """Solve with PRIMME, preconditioned by a factor just below zero, with the best settings tried.
 
-    That is the standard problem, which takes half the time of the generalised one, in blocks of
-    eight. Its tolerance is relative to the largest eigenvalue: 1e-13 of that is about 1e-10 here.
+    These are the standard problem, which takes half the time of the generalised problem, and
+    blocks of eight. The tolerance 1e-13 is relative to the largest eigenvalue; relative to the
+    computed eigenvalues it is about 1e-10.
     """
     import primme
     import scipy.sparse as sp
@@ -146,7 +147,7 @@ def run_primme(folder: Path, k: int) -> dict[str, Any]:
 
 
 def run_limit(folder: Path, k: int) -> dict[str, Any]:
-    """Seconds of the parts that nobody can do without, each at its best, in one thread."""
+    """Return the seconds of the steps that every solver needs, each at its best, in one thread."""
     from threadpoolctl import threadpool_limits
 
     from meshmash_viewer.spectral.engine.factorization import order_pencil
@@ -155,7 +156,7 @@ def run_limit(folder: Path, k: int) -> dict[str, Any]:
     stop = np.zeros(1, dtype=np.uint8)
     pencil = reduce_pencil(*read_matrices(folder))
     with threadpool_limits(1):
-        order_pencil(pencil)  # loads what is loaded late
+        order_pencil(pencil)  # loads kernels
         order = best(lambda: order_pencil(pencil), 2)
         ordered = order_pencil(pencil)
         factor = ordered.factor(0.5 * k, 0.1, stop)
@@ -177,7 +178,7 @@ def run_limit(folder: Path, k: int) -> dict[str, Any]:
 
 
 def best(work: Callable[[], object], times: int) -> float:
-    """Shortest of some runs."""
+    """Return the shortest time of some runs in seconds."""
     spent = []
     for _ in range(times):
         began = time.perf_counter()
@@ -187,10 +188,10 @@ def best(work: Callable[[], object], times: int) -> float:
 
 
 def quality(folder: Path, values: Any, rows: Any) -> dict[str, Any]:
-    """Worst residual, worst orthonormality of a sample of pairs, and how many pairs are missing.
+    """Return worst residual, worst orthonormality of a sample, and number of missing pairs.
 
     Residuals are ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``, of all pairs above a hundredth of Weyl's spacing.
-    What is missing below the last eigenvalue tells a factor: the number of its negative pivots.
+    The number of eigenvalues below the last one is the number of negative pivots of a factor.
     """
     from meshmash_viewer.spectral.engine.factorization import order_pencil
     from meshmash_viewer.spectral.engine.pencil import reduce_pencil

@@ -1,9 +1,9 @@
-"""Pairs of many equal components against pairs of as many different ones.
+"""Time of eigenpairs of many equal components, compared with different components.
 
     python benchmarks/copies.py [--copies 500] [--pairs 600] [--subdivisions 0]
 
-Each component is an icosphere; the different ones have their vertices moved by 5 % at random.
-Printed: processor seconds of both, and their ratio.
+Each component is an icosphere; vertices of different components are moved by 5 % at random. Prints
+the processor seconds of the two cases, and their ratio.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from meshmash_viewer.spectral.eigensolver import solve
 
 
 def row_of_balls(copies: int, subdivisions: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of icospheres in a row, each vertex moved by a share of the radius."""
+    """Return vertices and faces of a row of icospheres, with vertices moved by random noise.
+
+    `spread` is the standard deviation of the noise, relative to the radius.
+    """
     ball = trimesh.creation.icosphere(subdivisions)
     n, random = len(ball.vertices), np.random.default_rng(0)
     moves = spread * random.standard_normal((copies, n, 3))
@@ -30,7 +33,7 @@ def row_of_balls(copies: int, subdivisions: int, spread: float) -> tuple[np.ndar
 
 
 def seconds(mesh: Any, pairs: int) -> float:
-    """Processor time of so many pairs, all of them proven."""
+    """Return the processor time in seconds of `pairs` eigenpairs, all certified."""
     matrices = cotangent_laplacian(mesh)
     start = time.process_time()
     assert solve(*matrices, pairs).complete
@@ -38,7 +41,7 @@ def seconds(mesh: Any, pairs: int) -> float:
 
 
 def main() -> None:
-    """Compare both, after a first run that compiles the kernels."""
+    """Compare the two cases, after a first run that compiles the kernels."""
     parser = argparse.ArgumentParser(description="Pairs of many equal components")
     parser.add_argument("--copies", type=int, default=500)
     parser.add_argument("--pairs", type=int, default=600)

@@ -1,22 +1,22 @@
-"""The eigensolver against its peers and against the machine, on meshes given by path.
+"""Comparison of the eigensolver with its peers and with a lower limit, on meshes given by path.
 
     python benchmarks/eigensolver.py MESH[:SUBDIVISIONS] ... [--pairs 100 300 1000]
 
-Prints one table a mesh. Every run is a process of its own. Contestants take turns, so that
-whatever else the machine does hits all of them; times are medians, memory is the peak of the whole
-process tree beyond what the interpreter with its libraries and the matrices take. Before each run
-a process touches some memory, so that all find it as ready as the first.
+Prints one table per mesh. Every run is a process of its own. Contestants take turns, so that other
+load of the machine affects all of them. Times are medians; memory is the peak of the whole process
+tree beyond the memory of the interpreter with its libraries and the matrices. Before each run
+a process writes to some memory, so that no run is slowed down by unused pages.
 
 slices-2, slices-1   this package, two and one slice at a time
 eigsh                SciPy's ARPACK in shift-invert mode, SuperLU, sigma = -1e-10, tol = 1e-10
-bands                the same by bands of 50 with a moving shift (Vallet & Lévy 2008)
+bands                eigsh in bands of 50 pairs with a moving shift (Vallet & Lévy 2008)
 lapy                 LaPy's solver on the same matrices
 primme               PRIMME with a factor as preconditioner, where it is installed
-limit                order + factor + 2 k columns solved in blocks + one orthogonalisation of k
-                     vectors at the best matrix product, all divided by the slices at a time
+limit                time of order + factor + 2 k columns solved in blocks + one orthogonalisation
+                     of k vectors at the best rate of matrix products, over slices at a time
 
-Peers run with one and with two threads for linear algebra (or --threads), and the faster is kept.
-A contestant may have an interpreter of its own that has this package too: --python
+Peers run with one and with two threads for linear algebra (or --threads), and the faster run
+counts. A contestant may have its own interpreter, which needs this package, too: --python
 primme=/path/to/python.
 """
 
@@ -37,12 +37,12 @@ from typing import Any
 import contestants
 import numpy as np
 
-#: A run longer than this is not repeated.
+#: Seconds of a run above which it is not repeated.
 _LONG = 60.0
 
 
 class Runner:
-    """Runs contestants on the matrices in a folder."""
+    """Runner of contestants on the matrices in a folder."""
 
     def __init__(self, folder: Path, options: argparse.Namespace) -> None:
         self.folder, self.limit, self.threads = folder, options.limit, options.threads
@@ -50,7 +50,7 @@ class Runner:
         self.pythons = dict(given.split("=", 1) for given in options.python)
 
     def run(self, contestant: str, k: int, threads: int) -> dict[str, Any]:
-        """Run a contestant in a process, watch its memory, end it when its time is over."""
+        """Run a contestant in a process, record its memory, and end it at the time limit."""
         import psutil
 
         print(f"{contestant}, {k} pairs, {threads} threads", file=sys.stderr, flush=True)
@@ -103,10 +103,10 @@ class Runner:
 
 
 def touch_memory(size: float) -> None:
-    """Have a process touch memory and end.
+    """Write to `size` bytes of memory in a process that ends.
 
-    Under a hypervisor a page that nobody has used lately comes from the host, at ten times the
-    price or more: whoever runs first would pay for all.
+    In a virtual machine the host has to provide pages that were not used lately, which takes ten
+    times as long or more: the first run would be slower than the others.
     """
     import psutil
 
@@ -116,7 +116,7 @@ def touch_memory(size: float) -> None:
 
 
 class _Tree:
-    """The memory of a process and all its descendants, looked at ten times a second."""
+    """Memory of a process and all its descendants, measured ten times per second."""
 
     def __init__(self, root: Any) -> None:
         self.root = root
@@ -127,15 +127,15 @@ class _Tree:
 
     @property
     def grown(self) -> int:
-        """Bytes at most beyond those at the beginning."""
+        """Largest growth of the memory since `begin`, in bytes."""
         return self._peak - self._base
 
     def begin(self) -> None:
-        """Count from here."""
+        """Measure the growth from now on."""
         self._base = self._peak = self._resident()
 
     def kill(self) -> None:
-        """End all of them."""
+        """End all processes."""
         import psutil
 
         self.killed = True
@@ -152,7 +152,7 @@ class _Tree:
         try:
             for process in [self.root, *self.root.children(recursive=True)]:
                 total += process.memory_info().rss
-        except psutil.NoSuchProcess:  # ended between the question and the answer
+        except psutil.NoSuchProcess:  # the process has just ended
             return 0
         return total
 
@@ -162,7 +162,7 @@ class _Tree:
 
 
 def prepare(mesh: str, folder: Path) -> int:
-    """Read a mesh, subdivide it as asked, and store matrices for the contestants."""
+    """Read and subdivide a mesh, store its matrices, and return its number of vertices."""
     import robust_laplacian
     import scipy.sparse as sp
     from trimesh.remesh import subdivide
@@ -186,7 +186,7 @@ def prepare(mesh: str, folder: Path) -> int:
 
 
 def compete(runner: Runner, names: list[str], k: int, repeats: int) -> dict[str, dict[str, Any]]:
-    """Run contestants in turns; for each what its typical run was."""
+    """Run contestants in turns; return a typical run of each."""
     runs: dict[str, list[dict[str, Any]]] = {}
     for name in names:
         counts = runner.threads if name in contestants.PEERS else [1]
@@ -209,7 +209,7 @@ def compete(runner: Runner, names: list[str], k: int, repeats: int) -> dict[str,
 
 
 def rows_of_table(results: dict[str, dict[str, Any]], k: int) -> list[str]:
-    """What came out for so many pairs, a line each."""
+    """Return the rows of the table for k pairs, one for each contestant."""
     rows = []
     ours = results.get("slices-2", {}).get("seconds")
     for name, run in results.items():
@@ -231,7 +231,7 @@ def rows_of_table(results: dict[str, dict[str, Any]], k: int) -> list[str]:
 
 
 def rows_of_limit(run: dict[str, Any], results: dict[str, dict[str, Any]], k: int) -> list[str]:
-    """The limit for one and for two slices at a time, and how near we came."""
+    """Return rows of the limit for two slices and one at a time, with the ratios of our times."""
     rows = []
     for jobs in (2, 1):
         least = (run["order"] + run["rest"]) / jobs
@@ -251,7 +251,7 @@ def rows_of_limit(run: dict[str, Any], results: dict[str, dict[str, Any]], k: in
 
 
 def report(mesh: str, options: argparse.Namespace) -> None:
-    """Everything about one mesh."""
+    """Print the table of one mesh."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         n = prepare(mesh, folder)
@@ -280,7 +280,7 @@ def report(mesh: str, options: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Read the command line and run it all."""
+    """Read the command line and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,11 +1,11 @@
-"""Break files of all formats, and see that each gives a mesh or one sentence.
+"""Test of readers with broken files of all formats: each must give a mesh or one sentence.
 
     ./dev bench fuzz --inputs 100000 [--first N] [--jobs J] [--record FILE]
     ./dev bench fuzz --show N          what input N is, and what comes of it
     ./dev bench fuzz --formulas 100000 [--first N]      lines for formulas of filters in their place
 
-Inputs are numbered, and an input is the same everywhere. With --record, what has been tried is
-kept, and the next run goes on from there. Needs Linux.
+Inputs are numbered; an input is the same on every machine. With --record, results are stored in
+FILE, and the next run omits the recorded inputs. Needs Linux.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT)]
 sys.path = [place for place in sys.path if Path(place).resolve() != Path(__file__).parent]
 
-#: Inputs that are tried and recorded at once.
+#: Number of inputs that one process tries and that are recorded together.
 CHUNK = 1000
-#: Seconds without a word after which a worker is taken for dead.
+#: Seconds without progress after which a worker is ended.
 SILENT = 600.0
 
 
 def main() -> int:
-    """Try what is asked for; 1 if there was a fault."""
+    """Try the requested inputs; return 1 if there was a fault."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--inputs", type=int, default=10_000)
     parser.add_argument("--first", type=int, default=0)
@@ -73,7 +73,7 @@ def main() -> int:
 
 
 def break_formulas(first: int, count: int) -> int:
-    """Try so many lines as formulas, print what came of them; the number of faults."""
+    """Try `count` lines as formulas, print the results, and return the number of faults."""
     from tests.fuzz.formulas import formula, outcome, watched
 
     came: Counter[str] = Counter()
@@ -83,7 +83,7 @@ def break_formulas(first: int, count: int) -> int:
             began = time.perf_counter()
             try:
                 came[outcome(number)] += 1
-            except Exception as fault:  # noqa: BLE001  whatever it is, it is counted
+            except Exception as fault:  # noqa: BLE001  any exception is a fault
                 came["fault"] += 1
                 print(f"FAULT {number} {formula(number)!r}: {type(fault).__name__}: {fault}")
             slowest = max(slowest, (time.perf_counter() - began, number))
@@ -95,7 +95,7 @@ def break_formulas(first: int, count: int) -> int:
 
 
 def recorded(record: Path | None) -> dict[int, dict[str, Any]]:
-    """What earlier runs have tried, by chunk."""
+    """Return the reports of earlier runs, by chunk."""
     if record is None or not record.exists():
         return {}
     reports = [json.loads(line) for line in record.read_text().splitlines()]
@@ -103,7 +103,7 @@ def recorded(record: Path | None) -> dict[int, dict[str, Any]]:
 
 
 def try_chunk(chunk: int) -> dict[str, Any]:
-    """In a process that may die; what killed it is left out of the next try."""
+    """Try a chunk in a process, and again without each input that ended the process."""
     skip: list[int] = []
     faults: list[dict[str, Any]] = []
     while True:
@@ -130,7 +130,7 @@ def try_chunk(chunk: int) -> dict[str, Any]:
 
 
 def watched(worker: subprocess.Popen[bytes], place: Path) -> str:
-    """How a worker ended, empty if well."""
+    """Wait for a worker; return how it failed, or ""."""
     last, since = b"", time.monotonic()
     while True:
         try:
@@ -147,12 +147,12 @@ def watched(worker: subprocess.Popen[bytes], place: Path) -> str:
 
 
 def memory_folder() -> str | None:
-    """Where files cost least, None for the usual place."""
+    """Return a folder in memory, or None for the default temporary folder."""
     return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
 
 def work(chunk: int, folder: Path, skip: list[int]) -> None:
-    """Try the inputs of a chunk and print what came of them."""
+    """Try the inputs of a chunk and print a report as JSON."""
     from tests.fuzz.trials import forking, try_input
 
     report: dict[str, Any] = {"chunk": chunk, "tried": {}, "faults": [], "clauses": {}}
@@ -182,7 +182,7 @@ def work(chunk: int, folder: Path, skip: list[int]) -> None:
 
 
 def show(number: int) -> None:
-    """Try one input, say what came of it and keep it."""
+    """Try one input, print the result and keep the file."""
     from tests.fuzz.trials import forking, input_of, try_input
 
     kind, (name, content) = input_of(number)
@@ -194,7 +194,7 @@ def show(number: int) -> None:
 
 
 def summarise(reports: list[dict[str, Any]]) -> int:
-    """Print what came of all inputs; the number of faults."""
+    """Print the results of all inputs; return the number of faults."""
     tried: Counter[str] = Counter()
     clauses: Counter[str] = Counter()
     for report in reports:

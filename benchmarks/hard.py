@@ -2,17 +2,17 @@
 
     ./dev bench hard [--problems 300] [--seed 0] [--jobs 1] [--only SEED ...] [--examples]
 
-Prints how many of each family were right, refused and wrong, the sentences of the refusals and of
-what is wrong with an example of each, and the slowest problem. A problem is known by its seed:
-``--only 17`` solves number 17 again and says all there is to say of it. `--examples` solves the
-problems of tests/hard_examples.py instead.
+Prints how many problems of each family were right, refused and wrong, the messages of refusals and
+errors with examples, and the slowest problem. The seed identifies a problem: ``--only 17`` solves
+problem 17 again and prints its details. `--examples` solves the problems of
+tests/hard_examples.py instead.
 
-right     the eigenvalues asked for, none lost, none doubled, and residuals as reported
-refused   one sentence of the package's own, or pairs that say that they are not proven; "needed"
-          where a reason is known: no such matrix may be taken, or float64 has too few digits
-wrong     anything else
+right     the requested eigenvalues, none missing, none twice, and residuals as reported
+refused   an error message of the package, or pairs marked as not certified; "needed" if a reason
+          is known: the matrix is invalid, or float64 has too few digits
+wrong     any other result
 
-Exit status 1 if anything was wrong.
+The exit status is 1 if a result was wrong.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
-#: A process that works on one problem for longer is ended, in seconds.
+#: Seconds on one problem after which its process is ended.
 _PATIENCE = 150.0
-#: Examples that are printed of each kind of answer.
+#: Number of examples printed for each kind of answer.
 _SHOWN = 3
 
 
 def summary(verdict: Any) -> dict[str, Any]:
-    """What is kept of a verdict: plain data, fit for a pipe."""
+    """Return a verdict as plain data that can be sent through a pipe."""
     return {
         "seed": verdict.problem.seed,
         "family": verdict.problem.family,
@@ -53,7 +53,7 @@ def summary(verdict: Any) -> dict[str, Any]:
 
 
 def serve(pipe: Connection) -> None:
-    """Judge the seeds that come through a pipe until None comes."""
+    """Judge the seeds received from a pipe until None is received."""
     from hard_verdict import judge_seed
 
     while (seed := pipe.recv()) is not None:
@@ -61,7 +61,7 @@ def serve(pipe: Connection) -> None:
 
 
 class Worker:
-    """A process that judges one seed at a time."""
+    """Process that judges one seed at a time."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -72,12 +72,12 @@ class Worker:
         self.seed, self.since = -1, 0.0
 
     def give(self, seed: int) -> None:
-        """Start on a seed."""
+        """Start to judge a seed."""
         self.seed, self.since = seed, time.perf_counter()
         self.pipe.send(seed)
 
     def take(self) -> dict[str, Any]:
-        """What came of it; the end of the process, too, is an answer."""
+        """Return the answer, which is "wrong" if the process has ended."""
         try:
             return dict(self.pipe.recv())
         except EOFError:
@@ -85,7 +85,7 @@ class Worker:
             return self.lost(f"the process ended with status {self.process.exitcode}")
 
     def lost(self, sentence: str) -> dict[str, Any]:
-        """An answer for the seed that the process has nothing to say of."""
+        """Return the answer for a seed whose process gave no verdict."""
         from hard_spectra import make_problem
 
         problem = make_problem(self.seed)
@@ -104,7 +104,7 @@ class Worker:
 
 
 def judged(seeds: list[int], jobs: int) -> Iterator[dict[str, Any]]:
-    """The answers to seeds, from several processes, as they come."""
+    """Yield the answers for seeds from several processes, in the order of completion."""
     waiting = iter(seeds)
     idle = [Worker() for _ in range(min(jobs, len(seeds)))]
     busy: dict[Connection, Worker] = {}
@@ -135,7 +135,7 @@ def judged(seeds: list[int], jobs: int) -> Iterator[dict[str, Any]]:
 
 
 def examples() -> Iterator[dict[str, Any]]:
-    """The answers to the problems that once went wrong."""
+    """Yield the answers for the problems that were once solved wrongly."""
     from hard_examples import EXAMPLES
     from hard_reference import scale_pencil, spectrum_of
     from hard_verdict import judge
@@ -153,7 +153,7 @@ def examples() -> Iterator[dict[str, Any]]:
 
 
 def table(answers: list[dict[str, Any]]) -> None:
-    """How many of each family had which answer."""
+    """Print the number of answers of each state by family."""
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for answer in answers:
         state = "needed" if answer["needed"] else answer["state"]
@@ -171,7 +171,7 @@ def table(answers: list[dict[str, Any]]) -> None:
 
 
 def sentences(answers: list[dict[str, Any]]) -> None:
-    """What was said in refusal, and what is wrong, equal ones together."""
+    """Print the messages of refusals and errors, grouped by kind."""
     groups: dict[tuple[str, bool, str], list[dict[str, Any]]] = defaultdict(list)
     for answer in answers:
         if answer["state"] != "right":

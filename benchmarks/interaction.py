@@ -1,4 +1,4 @@
-"""How the real window answers on large meshes: ticks, gaps, memory, first pictures.
+"""Response of the real window to large meshes: ticks, gaps, memory, first pictures.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" python benchmarks/interaction.py MESH
         [--sizes 100000 500000 1000000] [--parts window pair solve peer start]
@@ -6,33 +6,33 @@
         [--peer SECONDS] [--folder DIR] [--trace]
 
 MESH is refined to exactly the given numbers of vertices by splitting its longest edges. A full run
-takes the better part of an hour; with `--folder` meshes, eigenpairs and results are kept there, so
-that parts can be run one at a time, and the table always shows all that is known so far.
+takes most of an hour. With `--folder`, meshes, eigenpairs and results are kept in DIR, so that
+parts can be run one at a time; the table shows all results so far.
 
 window  a scripted minute in a window of its own process: open a mesh with stored eigenpairs,
-        scroll, turn, drag, pin, export, save a picture; then ticks, one at a time. Once with Mesa's
-        no-op driver (GALLIUM_NOOP), in which drawing costs nothing and what remains is the
-        processor's side, and once with the software OpenGL of this machine. Up to `--solve-up-to`
-        vertices the stored pairs are solved for; above, they are SYNTHETIC: smooth random waves
-        with eigenvalues after Weyl's law, which cost the window the same to map, sum and draw.
-pair    the same ticks with the mesh opened beside itself: until both show their fields. For pairs
-        that are solved for.
-solve   a window opens a mesh that nothing is known of, and computes at once: the first preview, the
-        first 20 and all exact pairs on the screen, counted from when the file has been read.
-peer    what a script does for its first picture: all pairs by SciPy's `eigsh` (sigma = -1e-10,
-        tol = 1e-10), then pyvista; given up after `--peer` seconds.
-start   from starting the process until the window is painted, and until it is complete.
+        scroll, turn, drag, pin, export, save a picture; then ticks, one at a time. It runs once
+        with Mesa's no-op driver (GALLIUM_NOOP), in which drawing costs nothing and only the work
+        of the processor remains, and once with the software OpenGL of this machine. Up to
+        `--solve-up-to` vertices the stored pairs are eigenpairs; above, they are SYNTHETIC: smooth
+        random waves with eigenvalues by Weyl's law, which take as long to map, sum and draw.
+pair    ticks of two renders, with the mesh opened next to itself, until both renders show their
+        fields. The stored pairs must be eigenpairs.
+solve   a window opens a mesh without stored results, and computes at once: time from the end of
+        reading to the first preview, the first 20 and all exact pairs on the screen.
+peer    time of a script to its first picture: all pairs by SciPy's `eigsh` (sigma = -1e-10,
+        tol = 1e-10), then pyvista; ended after `--peer` seconds.
+start   time from the start of the process until the window is painted, and until it is complete.
 
-Ticks go from a change of the model to the frame that shows it; the field is uploaded before VTK's
-Render, into the buffer of the one before. They are done in rounds of 40, up to eight, until the
-host of a virtual machine has left it its processors during one (less than 1 % "steal"); the round
-with the least of it counts. The thread's processor time of a tick is all that the interface thread
-does for it, plots and texts after the frame included, and tells cost from a busy machine. Gaps are
-the time between two ticks of a timer of 5 ms, less the time in which the thread was ready to run
-but the processors were taken (as Linux counts it), so that a busy machine does not blur them, or
-less the time for which its processor was withheld from the whole machine, as a process that only
-sleeps there notices (`interaction_bystander.py`); "less drawing" has the time inside VTK's Render
-and Frame taken off, too. Times are medians unless said otherwise.
+A tick is the time from a change of the model to the frame that shows it; the field is uploaded
+before VTK's Render, into the buffer of the previous field. Ticks are measured in rounds of 40,
+at most 25, until the host of a virtual machine withholds less than 1 % of a processor ("steal")
+during a round; the round with the least steal counts. The processor time of a tick is that of the
+interface thread, including plots and texts after the frame; it separates the cost from waiting for
+a busy processor. A gap is the time between two ticks of a 5 ms timer, less the longer of two times:
+that in which the thread was ready to run but other programs had the processors (as Linux counts
+it), and that for which the host withheld the thread's processor, as a sleeping process detects
+(`interaction_bystander.py`). "Less drawing" also excludes the time in VTK's Render and Frame. Times
+are medians unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ TICKS = {
 
 
 def refined(mesh: Mesh, n_vertices: int) -> Mesh:
-    """The same surface with exactly that many vertices: longest edges are split in the middle."""
+    """Return the same surface with exactly `n_vertices` vertices, by halving the longest edges."""
     vertices, faces = mesh.vertices, mesh.faces
     while len(vertices) < n_vertices:
         sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -87,7 +87,7 @@ def refined(mesh: Mesh, n_vertices: int) -> Mesh:
 
 
 def _split_faces(faces: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """Faces after a new vertex (or -1) in the middle of each side (ab, bc, ca)."""
+    """Return the faces with a new vertex, or -1 for none, in the middle of sides ab, bc, ca."""
     count = (middles >= 0).sum(axis=1)
     parts = [faces[count == 0]]
     for number in (1, 2, 3):
@@ -111,7 +111,7 @@ def _split_faces(faces: np.ndarray, middles: np.ndarray) -> np.ndarray:
 
 
 def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
-    """Fill the cache with eigenpairs of a mesh, real or synthetic."""
+    """Fill the cache with eigenpairs of a mesh, solved for or synthetic."""
     from meshmash_viewer.io.store import EigenpairStore
     from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -145,9 +145,9 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
 def run_window(
     what: str, options: dict[str, Any], driver: str, folder: Path, *, trace: bool
 ) -> dict[str, Any]:
-    """What a window of its own process measures."""
+    """Return the measurements of a window in a process of its own."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(folder), "GALLIUM_NOOP": "1"}
-    environment["PYTHONPATH"] = str(HERE.parent)  # this tree, and not the one that is installed
+    environment["PYTHONPATH"] = str(HERE.parent)  # this tree, not an installed package
     if driver != "no-op":
         del environment["GALLIUM_NOOP"]
     with tempfile.TemporaryDirectory() as scratch:
@@ -159,9 +159,9 @@ def run_window(
 
 
 def run_peer(mesh: Path, n_pairs: int, seconds: float) -> dict[str, Any]:
-    """The peer's times, or how long it was waited for."""
+    """Return the times of the peer, or the time limit that it has exceeded."""
     command = [sys.executable, str(HERE / "interaction_peer.py"), str(mesh), str(n_pairs)]
-    # with as many threads as it likes
+    # with the default number of threads
     environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
     try:
         done = subprocess.run(
@@ -173,7 +173,7 @@ def run_peer(mesh: Path, n_pairs: int, seconds: float) -> dict[str, Any]:
 
 
 def run_start(folder: Path) -> dict[str, Any]:
-    """Seconds until the window is painted, and complete; the second start, so from a warm disk."""
+    """Return the seconds until the window is painted, and complete, at its second start."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(folder)}
     for _ in range(2):
         command = [sys.executable, str(HERE / "interaction_start.py"), str(time.time())]
@@ -182,7 +182,7 @@ def run_start(folder: Path) -> dict[str, Any]:
 
 
 class Column:
-    """The results for one size, kept in a file so that parts can be run one at a time."""
+    """Results for one size, kept in a file so that parts can be run one at a time."""
 
     def __init__(self, folder: Path, source: Path, size: int) -> None:
         self.folder = folder
@@ -198,18 +198,18 @@ class Column:
             self.known = json.loads(self.results.read_text())
 
     def keep(self, what: str, result: dict[str, Any]) -> None:
-        """Note a result."""
+        """Store a result."""
         self.known[what] = result
         self.results.write_text(json.dumps(self.known, indent=1))
 
     def measure(self, part: str, options: argparse.Namespace) -> None:
-        """Run a part."""
+        """Run a part and store its result."""
         if part == "start":
             self.keep(part, run_start(self.folder))
         elif part == "peer":
             self.keep(part, run_peer(self.mesh, options.first_pairs, options.peer))
         elif part == "solve":
-            # Nothing is known of the mesh: a cache of its own.
+            # An empty cache, so that no results are stored.
             with tempfile.TemporaryDirectory(prefix="interaction-", dir=self.folder) as cache:
                 order = {"mesh": str(self.mesh), "pairs": options.first_pairs}
                 found = run_window(
@@ -224,11 +224,11 @@ class Column:
             self.measure_window(options)
 
     def measure_window(self, options: argparse.Namespace) -> None:
-        """The scripted minute and the ticks, with each driver."""
+        """Run the scripted minute and the ticks with each driver."""
         order, stored = self._order(options)
         for driver in options.drivers:
             found = run_window("session", order, driver, stored, trace=options.trace)
-            # in a process of its own: the no-op driver gives no upload's memory back
+            # in another process: the no-op driver never frees the memory of uploads
             ticks = run_window("ticks", order, driver, stored, trace=False)
             new = ("ticks", "ticks_p95", "ticks_in_render", "ticks_thread", "ticks_rounds")
             new += ("compressed", "floor", "readd")
@@ -239,7 +239,7 @@ class Column:
             print_phases(f"{order['vertices']:,} vertices", found)
 
     def _order(self, options: argparse.Namespace) -> tuple[dict[str, Any], Path]:
-        """What a window is told of the mesh, and the cache with its eigenpairs."""
+        """Return the arguments of a window, and the cache with the eigenpairs of its mesh."""
         from meshmash_viewer.io.read import read_mesh
 
         mesh = read_mesh(self.mesh)
@@ -253,7 +253,7 @@ class Column:
 
 
 def print_phases(title: str, run: dict[str, Any]) -> None:
-    """Largest gaps by what was done meanwhile."""
+    """Print the largest gaps in each phase of the script."""
     print(
         f"\n{title}, {run['driver']}: largest gap in ms, all included / less drawing;"
         " 99 % less; largest less without looking at the machine"
@@ -267,7 +267,7 @@ def print_phases(title: str, run: dict[str, Any]) -> None:
 
 
 def rows(known: dict[str, Any]) -> dict[str, str]:
-    """A column of the table: text of a row to what is known of it."""
+    """Return a column of the table: results by the text of their row."""
     lines: dict[str, str] = {}
 
     def put(text: str, form: str, *path: str, times: float = 1.0) -> float | None:
@@ -309,8 +309,8 @@ def rows(known: dict[str, Any]) -> dict[str, str]:
             driver, "moments", "field", times=1e3)  # fmt: skip
     formula = put("formula: mesh, surface, tables, fields (MB)", "{:.0f}", "no-op", "formula")
     put("  live tables in it (MB)", "{:.0f}", "no-op", "tables")
-    # With software OpenGL what the driver holds for itself is in it: its copy of the mesh, and as
-    # many lists of triangles of up to 36 MB as its threads happened to lag behind.
+    # Software OpenGL adds the memory of the driver: its copy of the mesh, and lists of triangles of
+    # up to 36 MB each, whose number depends on the timing of its threads.
     for driver in DRIVERS:
         held = put(f"private memory beyond the empty window, {driver} (MB)", "{:.0f}",
                    driver, "private")  # fmt: skip
@@ -330,7 +330,7 @@ def rows(known: dict[str, Any]) -> dict[str, str]:
 
 
 def print_table(title: str, columns: dict[int, dict[str, Any]]) -> None:
-    """All that is known, as a table of Markdown."""
+    """Print all results as a table of Markdown."""
     cells = [rows(known) for known in columns.values()]
     print(f"\n| {title} | " + " | ".join(f"{size:,}" for size in columns) + " |")
     print("|---|" + "---|" * len(columns))
@@ -341,7 +341,7 @@ def print_table(title: str, columns: dict[int, dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the parts and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mesh", type=Path)
     parser.add_argument("--sizes", type=int, nargs="*", default=[100_000, 500_000, 1_000_000])

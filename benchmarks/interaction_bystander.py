@@ -1,9 +1,9 @@
-"""Does nothing but sleep, on one processor, and prints when that was withheld from this machine.
+"""Process that sleeps on one processor, and prints when the host withheld the processor.
 
-Started by `interaction_window.py`, once for each processor. A virtual machine has its processors
-taken away now and then, some tens of milliseconds at a time; whatever runs there stands still, and
-nothing in the program can help it. Each line is the beginning and the end of such a time, as
-`time.perf_counter` counts (the same for all processes of Linux).
+Started by `interaction_window.py`, once for each processor. The host of a virtual machine withholds
+processors now and then, for some tens of milliseconds; every program on the processor then stops,
+which no program can prevent. Each printed line is the beginning and the end of such an interval, by
+`time.perf_counter` (the same clock in all processes of Linux).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from functools import cache
 
 #: Seconds between two ticks.
 TICK = 0.005
-#: Seconds later than due that a sleep may end without a reason.
+#: Seconds by which a sleep may end late without being printed.
 LATE = 0.003
 
 
 @cache
 def _schedule(process: int) -> int:
-    """Where the kernel says how long the main thread of a process waited; -1 where it does not."""
+    """Open the kernel's record of waiting times of a process; return -1 if there is none."""
     try:
         return os.open(f"/proc/{process}/schedstat", os.O_RDONLY)
     except OSError:
@@ -30,26 +30,24 @@ def _schedule(process: int) -> int:
 
 
 def seconds_waited() -> float:
-    """Seconds that the main thread was ready and other programs had the processors."""
-    # Kept open: it is asked for several times a frame, and opening it takes a tenth of a
-    # millisecond.
+    """Return the seconds for which the main thread was ready, but other programs ran."""
+    # The file is kept open: it is read several times per frame, and opening it takes 0.1 ms.
     place = _schedule(os.getpid())
     return int(os.pread(place, 200, 0).split()[1]) * 1e-9 if place >= 0 else 0.0
 
 
 def main() -> None:
-    """Sleep until the program that started it is gone."""
+    """Sleep until the parent process has ended."""
     os.sched_setaffinity(0, {int(sys.argv[1])})
-    # Before all other programs, where that is permitted: while one of them has the processor, this
-    # one could not tell that it is withheld from both.
+    # With priority over other programs, if permitted: while another program runs, this process
+    # cannot detect that the processor is withheld from both.
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     parent = os.getppid()
     now, waited = time.perf_counter(), seconds_waited()
     while os.getppid() == parent:
         time.sleep(TICK)
-        # Tick by tick without a break, awake or asleep: a processor goes when it is just awake,
-        # too.
+        # The ticks have no gaps: the processor is also withheld while this process is awake.
         due, before = now + TICK, waited
         now, waited = time.perf_counter(), seconds_waited()
         # Less the time in which another program had the processor.

@@ -1,4 +1,4 @@
-"""What `interaction_window.py` measures with: event loop, drawing, memory; and a player."""
+"""Measurements of event loop, drawing and memory, and a player of scripts."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from PySide6.QtCore import QEventLoop, Qt, QTimer
 
 from meshmash_viewer.model.field import expected_bytes
 
-#: Gaps (s, less drawing) above which `--trace` tells what ran.
+#: Length (s, less drawing) of gaps above which `--trace` prints what ran.
 LONG = 0.02
 
 Script = Iterator[float | Callable[[], bool]]
 
 
 class Bystanders:
-    """Processes that notice when a processor is withheld (`interaction_bystander.py`)."""
+    """Processes that detect when a processor is withheld (`interaction_bystander.py`)."""
 
     def __init__(self) -> None:
         program = Path(__file__).with_name("interaction_bystander.py")
         count = os.cpu_count() if sys.platform == "linux" else 0
-        # they close with the process
+        # closed at the end of this process
         self._logs = [tempfile.TemporaryFile("w+") for _ in range(count or 0)]  # noqa: SIM115
         self._processes = [
             subprocess.Popen([sys.executable, str(program), str(number)], stdout=log)
@@ -41,7 +41,7 @@ class Bystanders:
         ]
 
     def withheld(self) -> list[np.ndarray]:
-        """For each processor: beginnings and ends, shape (s, 2). Ends the processes."""
+        """End the processes; return beginnings and ends by processor, each of shape (s, 2)."""
         found = []
         for process, log in zip(self._processes, self._logs, strict=True):
             process.terminate()
@@ -53,7 +53,7 @@ class Bystanders:
 
     @staticmethod
     def here() -> int:
-        """Number of the processor that this thread runs on."""
+        """Return the number of the processor on which this thread runs."""
         return int(ctypes.CDLL(None).sched_getcpu()) if sys.platform == "linux" else 0
 
 
@@ -95,9 +95,10 @@ class Gap:
     processors: tuple[int, int]
 
     def lengths(self, withheld: list[np.ndarray]) -> tuple[float, float]:
-        """Without and with drawing taken off, both without what the machine is to blame for.
+        """Return the length with and without drawing, both without delays by the machine.
 
-        Waiting for a processor may be waiting for one that is withheld: the longer counts.
+        The delay is the longer of two times: that of waiting for a processor, and that for which
+        the processor was withheld, which may be part of the waiting.
         """
         known = withheld if withheld else [np.zeros((0, 2))] * (1 + max(self.processors))
         here = [known[number] for number in self.processors]
@@ -118,7 +119,7 @@ def _overlap(times: np.ndarray, start: float, end: float) -> float:
 
 
 class Gaps:
-    """The time between ticks of a timer, by phase of the session."""
+    """Times between ticks of a timer, by phase of the session."""
 
     def __init__(self, drawing: Drawing, trace: bool) -> None:
         self.drawing = drawing
@@ -139,7 +140,7 @@ class Gaps:
             gc.callbacks.append(self._note_collection)
 
     def _note_collection(self, moment: str, about: dict[str, int]) -> None:
-        # Python holds its lock all the while, whichever thread it happens to run in.
+        # A collection holds Python's lock, in whatever thread it runs.
         now, thread = time.perf_counter(), threading.current_thread().name
         if moment == "start":
             self._collections.append((now, now, ""))
@@ -161,7 +162,7 @@ class Gaps:
         self._last = (now, waited, here)
 
     def _tell(self, before: float, now: float, whole: float, less: float) -> None:
-        """Say what ran during a gap; a call that keeps Python's lock is seen after it only."""
+        """Print what ran during a gap; a call that holds Python's lock is sampled after its end."""
         print(f"--- {self.phase}: {1e3 * whole:.0f} ms, {1e3 * less:.0f} less drawing")
         inside = [(main, text) for at, main, text in self._samples if before < at < now + 0.005]
         for main, text in sorted(set(inside), key=inside.index):
@@ -172,16 +173,16 @@ class Gaps:
                 print(f"  {1e3 * (ended - began):.0f} ms: {text}")
 
     def stop(self) -> None:
-        """Take no more ticks, and hear when processors were withheld."""
+        """Stop the timer, and read when processors were withheld."""
         self._timer.stop()
         self.withheld = self._bystanders.withheld()
 
     def _sample(self) -> None:
-        """Note what each thread is doing, every now and then."""
+        """Record the stacks of all threads every 2 ms."""
         own = threading.get_ident()
         while True:
             time.sleep(0.002)
-            # Nothing in between may let the other threads run on: no files, no formatting.
+            # Nothing here may release Python's lock meanwhile: no files, no formatting.
             stacks = []
             for thread, top in sys._current_frames().items():
                 frame, calls = top, []
@@ -190,14 +191,14 @@ class Gaps:
                     frame = frame.f_back
                 if thread != own:
                     stacks.append((thread == self._main, calls))
-            del top, frame  # or the frames' arrays would live on
+            del top, frame  # otherwise the arrays of the frames are not freed
             at = time.perf_counter()
             for main, calls in stacks:
                 texts = [f"{Path(c.co_filename).name}:{line} {c.co_name}" for c, line in calls]
                 self._samples.append((at, main, " < ".join(texts)))
 
     def summary(self, phases: list[str] | None = None) -> dict[str, float]:
-        """In milliseconds, of all phases or some; after `stop`."""
+        """Return the statistics of all or some phases in ms; call `stop` before."""
         names = phases if phases is not None else list(self.found)
         gaps = np.array([gap.lengths(self.withheld) for name in names for gap in self.found[name]])
         raw = np.array([gap.lengths([])[1] for name in names for gap in self.found[name]])
@@ -211,12 +212,12 @@ class Gaps:
 
 
 class Player:
-    """Plays a script while the event loop runs: each step is a delay (s) or a condition."""
+    """Player of a script in the event loop: each step is a delay (s) or a condition."""
 
     def __init__(self, script: Script, patience: float = 900.0) -> None:
         self._script = script
         self._patience = patience
-        # Not the application's own loop, whose end closes all windows.
+        # The end of the application's own loop would close all windows.
         self._loop = QEventLoop()
 
     def play(self) -> None:
@@ -231,7 +232,7 @@ class Player:
             step = next(self._script)
         except StopIteration:
             self._loop.quit()
-        except BaseException as fault:  # noqa: BLE001  raised again where it is waited for
+        except BaseException as fault:  # noqa: BLE001  raised again by `play`
             self.fault = fault
             self._loop.quit()
         else:
@@ -251,7 +252,7 @@ class Player:
 
 
 def seconds_stolen() -> float:
-    """Seconds for which the host has had processors of this machine, where Linux says so."""
+    """Return the seconds for which the host withheld processors; 0 if Linux does not count."""
     try:
         first, *_ = Path("/proc/stat").read_text().splitlines()
     except OSError:
@@ -260,19 +261,19 @@ def seconds_stolen() -> float:
 
 
 def claim_memory(upload: int, count: int = 300) -> None:
-    """Have memory for that many uploads of so many bytes at hand, warm and free.
+    """Make `malloc` keep memory for `count` uploads of `upload` bytes.
 
-    The no-op driver takes new memory for each upload and gives none back, which no other driver
-    does: the system would have to clear it page by page, 2 ms for a million values, and the host
-    of a virtual machine to give it first, sixteen microseconds a page. So blocks of that size are
-    taken, written to and given back to `malloc`, from which the driver takes its own; the highest
-    one is kept, or `malloc` would give those below it back to the system.
+    Unlike other drivers, the no-op driver allocates new memory for each upload and never frees it.
+    The system would have to clear new memory, which takes 2 ms for a million values, and the host
+    of a virtual machine would have to provide it first, which takes 16 µs per page. So blocks of
+    this size are allocated, written to and freed, and the driver gets them from `malloc`. The
+    highest block is not freed, because `malloc` would return the blocks below to the system.
     """
     library = ctypes.CDLL(None)
     library.malloc.restype = ctypes.c_void_p
     library.malloc.argtypes = [ctypes.c_size_t]
     library.free.argtypes = [ctypes.c_void_p]
-    library.free(library.malloc(upload))  # from now on, blocks of that size are of the heap
+    library.free(library.malloc(upload))  # makes `malloc` take such blocks from the heap
     blocks = sorted(library.malloc(upload) for _ in range(count))
     for block in blocks:
         ctypes.memset(block, 1, upload)
@@ -281,7 +282,7 @@ def claim_memory(upload: int, count: int = 300) -> None:
 
 
 def private_bytes() -> int:
-    """Memory of this process that no file backs."""
+    """Return the anonymous memory of this process (RssAnon) in bytes."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("RssAnon:"):
             return 1024 * int(line.split()[1])
@@ -289,11 +290,11 @@ def private_bytes() -> int:
 
 
 def formula_bytes(n_vertices: int, n_faces: int) -> int:
-    """What a window should hold.
+    """Return the bytes that a window should need for n vertices and m faces.
 
-    The mesh in double precision with 64-bit indices (24 n + 24 m), its normals (12 n), the
-    surface that is drawn (12 n + 4 n and, for its faces, 16 m), the order of its faces for picking
-    (4 m), then tables and fields.
+    These are the mesh in double precision with 64-bit indices (24 n + 24 m), normals (12 n), the
+    drawn surface (12 n + 4 n, and 16 m for its faces), the order of faces for picking (4 m), tables
+    and fields.
     """
     mesh = 24 * n_vertices + 24 * n_faces + 12 * n_vertices
     surface = 16 * n_vertices + 16 * n_faces

@@ -1,8 +1,8 @@
-"""The peer's time to its first picture: all pairs with SciPy's ARPACK, then a pyvista scene.
+"""Time of the peer to its first picture: all pairs by SciPy's ARPACK, then a pyvista scene.
 
-Started by `interaction.py` as ``python interaction_peer.py MESH.npz PAIRS``; prints JSON. It does
-what scripts do that have no viewer: robust Laplacian, `eigsh` in shift-invert mode around -1e-10
-with a tolerance of 1e-10, `add_mesh` of the first function that is not constant, one frame.
+Started by `interaction.py` as ``python interaction_peer.py MESH.npz PAIRS``; prints JSON. The
+steps are those of a script without a viewer: robust Laplacian, `eigsh` in shift-invert mode around
+-1e-10 with a tolerance of 1e-10, `add_mesh` of the first function that is not constant, one frame.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.sparse.linalg import eigsh
 
 
 def main() -> None:
-    """Solve, draw, and say what took how long."""
+    """Solve, draw, and print the times in seconds."""
     with np.load(sys.argv[1]) as archive:
         vertices, faces = archive["vertices"], archive["faces"]
     n_pairs = int(sys.argv[2])

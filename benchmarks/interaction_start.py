@@ -1,4 +1,4 @@
-"""How long the window takes to be there; started by `interaction.py` with the time of its start."""
+"""Time until the window is shown; run by `interaction.py` with the time of its start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One window, driven by events and measured from inside; started by `interaction.py`."""
+"""Window driven by events and measured in its own process; started by `interaction.py`."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import subscript
 
-#: Ticks are done again, so many times at most, while the host of a virtual machine takes more than
-#: this share of a processor from it: no program can help that.
+#: Largest number of rounds of ticks, and the share of a processor above which a round is repeated
+#: because the host of a virtual machine has withheld it.
 ROUNDS, STOLEN = 25, 0.01
 
 
 class Awaited:
-    """Whether a render has shown another field since."""
+    """Observer of whether a render has shown another field since its construction."""
 
     def __init__(self, canvas: RenderWidget, source: Controller) -> None:
         self.canvas, self.shown = canvas, False
         self._source, self._field, self._drawn = source, source.field, False
-        # The window's own slot is connected before this one: the frame is done, but Qt has
-        # not yet put it into the window.
+        # The window's own slot is connected before this one: the frame is drawn, but not yet on
+        # the screen.
         canvas.frame_due.connect(self._note)
         canvas.frameSwapped.connect(self._swapped)
 
@@ -69,13 +69,13 @@ class Awaited:
         self.shown = self.shown or self._drawn
 
     def let_go(self) -> None:
-        """Hear no more of it."""
+        """Disconnect from the render."""
         self.canvas.frame_due.disconnect(self._note)
         self.canvas.frameSwapped.disconnect()
 
 
 class Session:
-    """The window and what is done with it."""
+    """The window, and the scripts that operate it."""
 
     def __init__(self, order: dict[str, Any]) -> None:
         self.order = order
@@ -92,7 +92,7 @@ class Session:
         self.display = self.document.display
         self.source = self.window.controller
         self.canvas = self.window.findChild(RenderWidget)
-        #: What a tick waits for: renders, and what computes their fields.
+        #: Renders that a tick waits for, and the controllers that compute their fields.
         self.renders = [(self.canvas, self.source)]
         self.gaps = Gaps(self.drawing, order["trace"])
         self.empty = private_bytes()
@@ -100,10 +100,10 @@ class Session:
         self.moments: dict[str, float] = {}
         self.document.mesh_changed.connect(lambda: self.note("mesh"))
         self.document.spectrum_changed.connect(self.note_pairs)
-        # the window's own slot is connected before this one: the frame is done
+        # the window's own slot is connected before this one: the frame is drawn
         self.canvas.frame_due.connect(self.note_frame)
 
-    # -- what came when -----------------------------------------------------------------------
+    # -- times of events ----------------------------------------------------------------------
 
     def note(self, what: str) -> None:
         self.moments.setdefault(what, time.perf_counter())
@@ -117,7 +117,7 @@ class Session:
 
     def note_frame(self) -> None:
         scene, drawing = self.window.scene, self.window.scene.renderer
-        # where drawing is slow, nothing of the mesh is drawn before its stand-in is there
+        # if drawing is slow, the mesh is not drawn before its stand-in is made
         drawn = drawing.surface and drawing.surface.actor.GetVisibility()
         seen = scene.renderer.shows_coarse or drawn
         if self.source.field is not None and scene.mesh is self.document.mesh and seen:
@@ -127,7 +127,7 @@ class Session:
                 self.note("exact_field")
 
     def since_mesh(self, what: str) -> float | None:
-        """Seconds after the mesh was read."""
+        """Return the seconds from reading the mesh to an event."""
         return self.moments[what] - self.moments["mesh"] if what in self.moments else None
 
     # -- parts of scripts -------------------------------------------------------------------
@@ -156,7 +156,7 @@ class Session:
         QApplication.sendEvent(widget, event)
 
     def wheel_fault(self, index: int) -> str:
-        """What is wrong after the wheel has gone to an eigenfunction; empty if nothing is."""
+        """Return what is wrong after scrolling to an eigenfunction, or ""."""
         window, rows = self.window, self.document.spectrum.shown_rows
         shown = window.scene.renderer.surface.values
         label = self.part("eigenvalue_label").text()
@@ -188,8 +188,8 @@ class Session:
     # -- scripts ------------------------------------------------------------------------------
 
     def open(self) -> Script:
-        yield 0.5  # the first paint of the window belongs to the start, which has its own part
-        if _is_noop(self.window):  # it stands for a graphics card, for which no frame waits
+        yield 0.5  # the first paint is measured by the part "start"
+        if _is_noop(self.window):  # the no-op driver stands for a graphics card
             self.window.scene.frames.software = False
         self.phase("empty")
         yield 1.0
@@ -220,7 +220,7 @@ class Session:
         for number in range(200):
             self.wheel(canvas, 1, control)
             if number % 20 == 19:
-                yield 0.0  # it is the window that is measured, not this loop
+                yield 0.0  # the window is measured, not this loop
         yield self.at_rest
         yield 0.1
         self.result["wheel"] = paced or self.wheel_fault(max(reached - 200, 0)) or "ok"
@@ -319,15 +319,15 @@ class Session:
         dialog = FigureDialog(self.folder / "picture", pictures._seen, self.window, None)
         said: list[object] = []
         self.document.notices.shown.connect(said.append)
-        yield 0.1  # whoever presses Save takes longer
+        yield 0.1  # a user takes longer to press Save
         self.window.commands.pictures._write_picture(dialog)
-        # saved, or refused as empty where nothing is drawn
+        # a notice: the picture is saved, or refused as empty if nothing is drawn
         yield lambda: bool(said)
         self.document.notices.shown.disconnect(said.append)
         dialog.deleteLater()
 
     def ticks(self, names: Collection[str] = ()) -> Script:
-        """From a change of the display to the frame that shows it, one at a time; of all kinds."""
+        """Measure ticks of each kind: from a change of the display to the frame that shows it."""
         display = self.display
         count = 40 if self.result["driver"] == "no-op" else 12
         pairs, vertices = self.order["pairs"], self.order["vertices"]
@@ -379,7 +379,7 @@ class Session:
             yield self.at_rest
 
     def pair(self) -> Script:
-        """Open the mesh beside itself, and step through both."""
+        """Open the mesh next to itself, and measure ticks of both renders."""
         window = self.window
         window.opening.open_second(Path(self.order["mesh"]))
         yield lambda: window.opening.second_view is not None
@@ -393,7 +393,7 @@ class Session:
         return (("t", time_at(self.document, (i % 37) / 37)),)
 
     def edges_at(self, i: int) -> tuple[tuple[str, float], ...]:
-        """A sharp band of a quarter of the spectrum."""
+        """Return the ends of a sharp band of a quarter of the spectrum."""
         assert self.document.spectrum is not None
         share = (i % 37) / 37
         last = float(self.document.spectrum.eigenvalues[-1])
@@ -402,9 +402,10 @@ class Session:
     def round_of_ticks(
         self, family: type[Family], parameter: str, value_of: Callable[[int], float], count: int
     ) -> Generator[Any, None, tuple[float, list[tuple[float, float, float]]]]:
-        """What share of the processors was stolen, and seconds in all and in Render of each.
+        """Return the share of a processor withheld by the host, and three times of each tick.
 
-        The third number of a tick is the interface thread's processor time until the next one.
+        The times are the seconds of the tick, the part in Render, and the processor time of the
+        interface thread until the next tick.
         """
         claim_memory(4 * self.order["vertices"])
         frames = []
@@ -420,7 +421,7 @@ class Session:
             for each in waits:
                 each.canvas.frameSwapped.connect(shown)
             value = value_of(i)
-            QTimer.singleShot(5000, loop.quit)  # which takes half a millisecond
+            QTimer.singleShot(5000, loop.quit)  # takes 0.5 ms, so before `started`
             started, worked = time.perf_counter(), time.thread_time()
             self.display.change(family, **{parameter: value})
             loop.exec()
@@ -433,7 +434,7 @@ class Session:
         return (seconds_stolen() - stolen) / (time.perf_counter() - begun), frames
 
     def solve(self) -> Script:
-        """Open a mesh that nothing is known of, and compute at once; look around meanwhile."""
+        """Open a mesh without stored pairs, compute at once, and step through pairs meanwhile."""
         yield 0.5
         self.phase("empty")
         yield 1.0
@@ -447,7 +448,7 @@ class Session:
         step = 0
         while self.document.work.job is not None:
             spectrum = self.document.spectrum
-            # not before the preview is looked at, and after the first exact pairs have replaced it
+            # only after the first exact pairs have replaced the preview
             if spectrum is not None and "pairs_20" in self.moments:
                 step += 1
                 self.display.change(Eigenfunctions, index=1 + step % (len(spectrum) - 1))
@@ -464,7 +465,7 @@ class Session:
             "pair": self.open,
         }
         Player(scripts[what]()).play()
-        # not earlier: to ask makes the context, in a window that is not on the screen yet
+        # not earlier: the query makes the context, for which the window must be on the screen
         self.result["driver"] = "no-op" if _is_noop(self.window) else "software"
         self.gaps.stop()
         phases = [name for name in self.gaps.found if name != "start"]
@@ -497,7 +498,7 @@ def _is_noop(window: MainWindow) -> bool:
 
 
 def main() -> None:
-    """Do what the argument says and leave the result where it says."""
+    """Run the script named in the JSON argument, and write the result to its path."""
     order = json.loads(sys.argv[1])
     application()
     session = Session(order)

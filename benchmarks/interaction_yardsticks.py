@@ -1,4 +1,4 @@
-"""What the window is measured against; used by `interaction_window.py`."""
+"""Reference times for the window; used by `interaction_window.py`."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 def time_at(document: Document, share: float) -> float:
-    """The diffusion time at a share of the slider."""
+    """Return the diffusion time at a position of the slider, from 0 to 1."""
     low, high = document.display[HeatKernelSignature].range(document.spectrum)
     return float(low * (high / low) ** share)
 
 
 def compressed(document: Document, source: Controller) -> dict[str, float]:
-    """The table of the heat kernel signature against the direct sum."""
+    """Return times (ms) of HKS by its table and by the direct sum, and the largest error."""
     kept, spectrum = source.live.table(HeatKernelSignature.name), document.spectrum
     assert kept is not None
     table = kept.content
@@ -47,7 +47,7 @@ def compressed(document: Document, source: Controller) -> dict[str, float]:
 
 
 def readd(document: Document) -> float:
-    """What a pyvista script does for the next eigenfunction, smooth as here (ms)."""
+    """Return the time (ms) of a pyvista script for the next eigenfunction, smoothly shaded."""
     import pyvista as pv
 
     mesh, spectrum = document.mesh, document.spectrum
@@ -65,7 +65,7 @@ def readd(document: Document) -> float:
 
 
 def floor(source: Controller) -> float:
-    """Writing a field into an array that is there (ms)."""
+    """Return the time (ms) of writing a field into an existing array."""
     target = source.field.values.copy()
     values = np.zeros_like(target)
     took = []

@@ -1,12 +1,11 @@
-"""Processes killed while they compute: what was proven or published stays, and nothing else.
+"""Test of killed processes: certified pairs and finished files stay, and nothing else.
 
     python benchmarks/kills.py [--kills 50] [--kinds window] [--disk-full 0] [--seed 0]
 
 The command line, the worker process of a window or a window itself are killed at random moments
-with SIGKILL, SIGTERM and SIGINT, from an empty store and from 60 proven pairs; see
-`tests/fuzz/kills.py` for what must hold. `--disk-full` fills the disk of the cache, of the result
-or of temporary files at random moments instead; it mounts a tmpfs of its own, for which it has to
-be root.
+with SIGKILL, SIGTERM and SIGINT, starting from an empty store or from 60 certified pairs;
+`tests/fuzz/kills.py` lists the conditions. `--disk-full` fills the disk of the cache, of the result
+or of temporary files at random moments instead; it mounts a tmpfs and must run as root.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from tests.fuzz.kills import fill_once, kill_once, prepare
 
 
 def main() -> None:
-    """See the module."""
+    """Run the trials and print the outcomes."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--disk-full", type=int, default=0)
@@ -54,9 +53,9 @@ def main() -> None:
                 number += 1
                 try:
                     what = trial(undisturbed, folder / f"{title} {number}", rng)
-                    if what:  # else it came too late to do anything
+                    if what:  # "" if the process had already ended
                         outcomes[what.split(", at")[0]] += 1
-                except Exception as defect:  # noqa: BLE001  whatever it is, the next one is tried
+                except Exception as defect:  # noqa: BLE001  the next trial follows any error
                     failed += 1
                     print(f"  {title} {number}: {type(defect).__name__}: {defect}", flush=True)
             if count:

@@ -1,12 +1,12 @@
-"""Single small faults in the package, chosen by seed, and whether the tests notice them.
+"""Single small faults in the package, chosen by seed, and whether the tests detect them.
 
     ./dev bench mutations [--count 200] [--seed 11] [--first 0] [--tree DIR] [--slow]
 
-A comparison is reversed, + and - or `and` and `or` are exchanged, a number is one larger, or a
-returned condition is negated. Each fault is put into a temporary copy of the tree. The tests named
+A fault reverses a comparison, exchanges + and - or `and` and `or`, adds one to a number, or negates
+a returned condition. Each fault is put into a temporary copy of the tree. The tests named
 like the module run first, then those of its folder, each file until its first failure; a test that
 fails without the fault as well does not count. A line is printed for each fault, and the shares at
-the end. Windows are tested where there is a display.
+the end. Tests of windows need a display.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ COMPARISONS = {
     ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
 }  # fmt: skip
 EXCHANGED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.And: ast.Or, ast.Or: ast.And}
-#: Tests of a folder of the package, quick ones first; the longest prefix counts.
+#: Tests of each folder of the package, quick tests first; the longest prefix counts.
 TESTS = {
     "": "test_mesh test_health test_units test_public_api test_cli",
     "app": "app/test_session_end_to_end app/test_main_window app/test_use_cases",
@@ -53,7 +53,7 @@ TESTS = {
 
 
 def faults(node: ast.AST) -> Iterator[tuple[Any, str]]:
-    """Nodes of a module, each with what is written in its place; annotations are left out."""
+    """Yield nodes of a module, each with the text of its replacement, without annotations."""
     changed: ast.AST | None = None
     match node:
         case ast.Compare(ops=[operator]) if type(operator) in COMPARISONS:
@@ -77,7 +77,7 @@ def faults(node: ast.AST) -> Iterator[tuple[Any, str]]:
 
 
 def all_faults(tree: Path) -> list[tuple[str, int, str, str, bytes]]:
-    """Of each fault the module, the line, what it read, what it reads, and the whole module."""
+    """Return name, line, old text, new text and whole changed module of each fault."""
     found = []
     for path in sorted((tree / "meshmash_viewer").rglob("*.py")):
         source = path.read_bytes()
@@ -94,7 +94,7 @@ def all_faults(tree: Path) -> list[tuple[str, int, str, str, bytes]]:
 
 
 def tests_of(tree: Path, module: str) -> list[str]:
-    """Files of tests that concern a module."""
+    """Return the test files of a module."""
     folder, stem = module.rpartition("/")[0], Path(module).stem
     same = [str(each.relative_to(tree)) for each in (tree / "tests").rglob(f"test_{stem}.py")]
     while folder not in TESTS:
@@ -112,7 +112,7 @@ class Trials:
         self._broken: list[str] = []  # tests that fail without a fault
 
     def outcome(self, name: str, module: bytes) -> str:
-        """Which test notices a changed module; "survived" if none does."""
+        """Return the test that detects a changed module, or "survived"."""
         path = self._copy / "meshmash_viewer" / name
         whole = path.read_bytes()
         for file in tests_of(self._copy, name):
@@ -128,7 +128,7 @@ class Trials:
         return "survived"
 
     def _failing(self, tests: str) -> str | None:
-        """The first test of a file that fails or takes too long; None if all pass."""
+        """Return the first test of a file that fails or takes too long; None if all pass."""
         if tests.startswith("tests/app/") and not os.environ.get("DISPLAY"):
             return None
         command = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider", *self._chosen]
@@ -144,7 +144,7 @@ class Trials:
             )
         except subprocess.TimeoutExpired:
             return f"{tests} (timeout)"
-        if done.returncode in (0, 5):  # 5: none was selected
+        if done.returncode in (0, 5):  # 5: no test was selected
             return None
         lines = done.stdout.decode(errors="replace").splitlines()
         failed = [line.split(" - ")[0] for line in lines if line.startswith("FAILED ")]
@@ -152,7 +152,7 @@ class Trials:
 
 
 def main() -> None:
-    """Make faults one after the other, run tests, and print what noticed them."""
+    """Make one fault after the other, run the tests, and print which test detects it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=200, help="faults that are chosen")
     parser.add_argument("--seed", type=int, default=11)

@@ -1,10 +1,10 @@
-"""The robust operator against ``robust_laplacian`` itself, on meshes given by path.
+"""Comparison of the robust operator with ``robust_laplacian``, on meshes given by path.
 
     python benchmarks/operators.py MESH ... [--rounds 7]
 
-Both are computed in turn, from the same arrays. Printed for each mesh: the largest difference of L
-and M, relative to their largest entries, at vertices that a face uses; the median processor times
-of both in seconds, and their ratio.
+The two operators are computed in turn from the same arrays. Printed for each mesh: the largest
+differences of L and M, relative to the largest entries, at vertices with faces; the median
+processor times in seconds, and their ratio.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from meshmash_viewer.laplacian import cotangent_laplacian
 
 
 def timed(compute: Callable[[], Any]) -> tuple[float, Any]:
-    """Processor time that a call takes, and what it returns."""
+    """Return the processor time of a call in seconds, and its result."""
     start = time.process_time()
     result = compute()
     return time.process_time() - start, result
 
 
 def difference(ours: Any, theirs: Any, used: np.ndarray) -> float:
-    """Largest difference of two matrices at some vertices, relative to the largest entry."""
+    """Return the largest difference of two matrices at some vertices, over the largest entry."""
     first, second = (matrix.tocsc()[used][:, used] for matrix in (ours, theirs))
     return float(abs(first - second).max() / abs(second).max())
 

@@ -1,22 +1,22 @@
-"""Heat kernel signatures in overlapping pieces against those of the whole: time, memory, seams.
+"""Heat kernel signatures in overlapping pieces and of the whole mesh: time, memory, seams.
 
     python benchmarks/pieces.py MESH [--unit 8 nm] [--subdivisions 4 5] [--truth 3] [--jobs 16]
 
-Each triangle is divided into four as often as asked, so that the shape stays the same. The whole is
-solved at the size `--truth`, whose vertices are the first ones of all larger sizes (``--truth -1``:
-without). Every size runs in a process of its own, with the kernels compiled before. Printed for
-each:
+Each triangle is divided into four `--subdivisions` times, which keeps the shape. The whole mesh is
+solved with `--truth` subdivisions; its vertices are the first vertices of all larger sizes.
+``--truth -1`` omits it. Every size runs in a process of its own, after the kernels have been
+compiled. Printed for each size:
 
-time      seconds of splitting and of all
-memory    the main process and its largest child at most (ru_maxrss); of all processes together at
-          most, shared pages counted once (Linux)
-marked    share of the columns that miss more than 1 % for want of eigenpairs, by the estimate
-seams     relative differences next to seams of the columns that are not marked: the largest median
-          of a column, and the largest difference
-error     differences from the whole at its vertices, likewise
+time      seconds of splitting, and in total
+memory    peak of the main process and of its largest child (ru_maxrss), and of all processes
+          together with shared pages counted once (Linux)
+marked    number of columns of which, by the estimate, more than 1 % is missing: too few eigenpairs
+seams     relative differences at seams in columns that are not marked: the largest median of a
+          column, and the largest difference
+error     relative differences from the whole mesh at its vertices, likewise
 
-and with --columns the same for each column. Neither the window nor its packages are needed; without
-an installation run it with ``PYTHONPATH`` set to the repository.
+and with --columns seams and error of each column. The window and its packages are not needed;
+without an installation set ``PYTHONPATH`` to the repository.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher
 
-#: Bytes of the unit of ru_maxrss.
+#: Unit of ru_maxrss in bytes.
 _RSS = 1 if sys.platform == "darwin" else 1024
 
 
@@ -65,7 +65,10 @@ def subdivided(vertices: FloatArray, faces: np.ndarray, times: int) -> Mesh:
 
 
 class Memory:
-    """Memory of this process and its descendants, shared pages counted once; 0 without /proc."""
+    """Peak memory of this process and its descendants in bytes; 0 without /proc.
+
+    Shared pages are counted once.
+    """
 
     def __init__(self) -> None:
         self.peak = 0
@@ -78,17 +81,17 @@ class Memory:
 
 
 def _with_descendants(pid: str) -> list[str]:
-    """Return a process and all that it started."""
+    """Return the ids of a process and its descendants."""
     lists = Path(f"/proc/{pid}/task").glob("*/children")
     try:
         children = [child for each in lists for child in each.read_text().split()]
-    except OSError:  # it has ended since
+    except OSError:  # the process has ended
         return []
     return [pid, *(found for child in children for found in _with_descendants(child))]
 
 
 def _proportional(pid: str) -> int:
-    """Return the bytes of a process, of shared ones its part."""
+    """Return the memory of a process in bytes, with its part of shared pages."""
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:
@@ -97,7 +100,7 @@ def _proportional(pid: str) -> int:
 
 
 def run(options: argparse.Namespace, times: int, whole: bool, folder: Path) -> dict[str, Any]:
-    """Compute one size, whole or in pieces."""
+    """Compute the mesh of one size, whole or in pieces."""
     bank = heat_kernel_bank(np.geomspace(options.t_min, options.t_max, options.times))
     warm_up(bank)
     given = repair_mesh(read_mesh(options.mesh), "drop_duplicate_faces")
@@ -121,7 +124,7 @@ def run(options: argparse.Namespace, times: int, whole: bool, folder: Path) -> d
 
 
 def warm_up(bank: Any) -> None:
-    """Compile the kernels, of which processes started later read what was stored."""
+    """Compile the kernels and store them for processes started later."""
     tetrahedron = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     ball = subdivided(tetrahedron, faces, 6)
@@ -132,7 +135,7 @@ def warm_up(bank: Any) -> None:
 def compute_whole(
     options: argparse.Namespace, mesh: Mesh, bank: Any, folder: Path
 ) -> dict[str, Any]:
-    """Solve the whole and store its signature as the truth."""
+    """Solve the whole mesh and store its signature as the truth."""
     stiffness, mass = cotangent_laplacian(mesh, robust=True)
     pairs = solve(stiffness, mass, max_eigenvalue=options.max_eigenvalue)
     assert pairs.complete
@@ -172,7 +175,7 @@ def compute_pieces(
 
 
 def third_party() -> list[str]:
-    """Return the packages that were imported, without those of Python."""
+    """Return the imported packages that are not part of Python."""
     names = {name.partition(".")[0] for name in sys.modules}
     return sorted(
         name
@@ -182,7 +185,7 @@ def third_party() -> list[str]:
 
 
 def described(found: dict[str, Any], columns: bool) -> str:
-    """Write what was found as lines of text."""
+    """Return the results of a size as lines of text."""
     own, child, together = (size / 1e9 for size in found["bytes"])
     line = (
         f"{found['vertices']:9,} vertices   {found['seconds']:7.1f} s   "
@@ -211,7 +214,7 @@ def described(found: dict[str, Any], columns: bool) -> str:
 
 
 def main() -> None:
-    """Run each size in a process of its own, and print."""
+    """Run each size in a process of its own, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("mesh", help="path")
     parser.add_argument("--unit", type=float, default=8.0, help="nm of the unit of its file")

@@ -1,11 +1,11 @@
-"""What the window tells of a solve, over the time that it truly took.
+"""Progress and time left that the window displays during a solve, against the true times.
 
     ./dev bench progress MESH... [--pairs 300] [--plot FILE]
 
-Each mesh is opened in the real window, nothing of it is stored, and its pairs are computed. From
-the window's own signals: the told fraction, the told time left over the true one, and when the
-first exact pairs were on the render. Exits with 1 if a told time left was off by more than a
-factor of two after a fifth of the time and more than a second from the end.
+Each mesh is opened in the real window, without stored pairs, and its pairs are computed. The
+signals of the window give the displayed fraction, the ratio of displayed and true time left, and
+the time of the first exact pairs. The exit status is 1 if a displayed time left was wrong by more
+than a factor of two, after a fifth of the time and more than a second before the end.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-#: From this share of the time on, told times may be off by the factor; seconds before the end
-#: count for nobody.
+#: Share of the time after which displayed times must be right within the factor, until `LAST`
+#: seconds before the end.
 SETTLED, FACTOR, LAST = 0.2, 2.0, 1.0
 
 
@@ -46,7 +46,7 @@ def main() -> int:
         ends = seconds[-1]
         judged = (seconds > SETTLED * ends) & (seconds < ends - LAST)
         off = remaining[judged] / (ends - seconds[judged])
-        off = np.append(np.maximum(off, 1.0 / np.maximum(off, 1e-9)), 1.0)  # the last one is right
+        off = np.append(np.maximum(off, 1.0 / np.maximum(off, 1e-9)), 1.0)  # the end is exact
         most = max(most, np.nanmax(off))
         first = seconds[np.argmax(exact > 0)] if exact.any() else np.nan
         print(
@@ -68,7 +68,7 @@ def _measured(mesh: Path, pairs: int) -> Any:
 
 
 def _watch(mesh: Path, pairs: int) -> Any:
-    """Rows of seconds, told fraction, told seconds left, and exact pairs on the render."""
+    """Return rows of seconds, displayed fraction, displayed seconds left, exact pairs."""
     from PySide6.QtCore import QEventLoop, QTimer
 
     from meshmash_viewer.app.main_window import MainWindow

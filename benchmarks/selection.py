@@ -1,11 +1,11 @@
-"""Selecting on a large mesh: a move of the brush, a lasso, and a range of values.
+"""Times of selecting on a large mesh: by a brush, a lasso, and a range of values.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" python benchmarks/selection.py MESH.npz [COUNT]
 
 Opens the window with Mesa's no-op driver, in which drawing costs nothing, and prints the median,
 the 95th percentile and the largest of COUNT (200) times in milliseconds: of a move of the brush,
-from the event of the mouse to the frame that shows what it selects; of a lasso, from the release
-of the button to that frame; and of a step of a handle of a range of values.
+from the mouse event to the frame that shows the selection; of a lasso, from the release of the
+button to that frame; and of a step of a handle of a range of values.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Hand:
         self.window, self.canvas, self.tool = window, window.scene.plotter, window.select_tool
 
     def timed(self, act: Callable[[], None]) -> float:
-        """Return the milliseconds from an act to the frame that shows another selection."""
+        """Return the milliseconds from a call to the frame that shows another selection."""
         loop, before = QEventLoop(), self.window.document.selection.mask
         drawn = False
 
@@ -74,7 +74,7 @@ class Hand:
         return 1e3 * took
 
     def way(self, count: int) -> Iterator[QPoint]:
-        """Yield places of a pointer that wanders over the mesh in steps of 8 pixels."""
+        """Yield positions of a pointer that moves over the mesh in steps of 8 pixels."""
         rng, at = np.random.default_rng(0), self.canvas.rect().center()
         size = np.array([self.canvas.width(), self.canvas.height()])
         while not self.hits(at):
@@ -90,7 +90,7 @@ class Hand:
             yield at
 
     def hits(self, at: QPoint) -> bool:
-        """Whether there is a vertex at a place."""
+        """Return whether there is a vertex at a position."""
         return self.canvas.rect().contains(at) and self.window.scene.vertex_at(at.x(), at.y()) >= 0
 
     def brush(self, count: int) -> list[float]:

@@ -1,11 +1,11 @@
-"""Random faults of stored eigenpairs: each has to be found before a number leaves the program.
+"""Random faults of stored eigenpairs, each of which must be detected before a pair is used.
 
     python benchmarks/stores.py [--corruptions 100] [--sizes 3000 50000 500000] [--seed 0]
 
-After each fault (a bit, a page, a truncation, files of another mesh, edited text, ...) all that is
-still served is compared with what was stored, and all that was touched is made again, which must
-write nothing else; see `tests/fuzz/store_faults.py`. Up to `--solve-up-to` vertices the pairs are
-eigenpairs and are solved for again, above they are noise.
+After each fault (a bit, a page, a truncation, files of another mesh, edited text, ...) the pairs
+that can still be read are compared with the original pairs, and the damaged pairs are computed
+again, which must write nothing else; see `tests/fuzz/store_faults.py`. Up to `--solve-up-to`
+vertices the pairs are eigenpairs and are solved for again; above, they are noise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tests.fuzz.store_faults import Mutator, blanket, examine, make_store, mend
 
 
 def main() -> None:
-    """See the module."""
+    """Try all sizes; exit with 1 if a fault was overlooked."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--corruptions", type=int, default=100, help="of each size")
     parser.add_argument("--sizes", type=int, nargs="+", default=[3000, 50_000, 500_000])
@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def try_size(size: int, options: argparse.Namespace) -> bool:
-    """Print what came of the faults at a size; whether one was overlooked."""
+    """Print the results of the faults at a size; return whether one was overlooked."""
     solved = size <= options.solve_up_to
     n_pairs = 60 if solved else 24
     truth = make_store(blanket(size), n_pairs, 3 if solved else 6, solved)
@@ -60,7 +60,7 @@ def try_size(size: int, options: argparse.Namespace) -> bool:
             examine(mutator.truth, fault)
             finding.append(time.perf_counter() - began)
             mutator.truth = mend(mutator.truth, fault)
-        except Exception as defect:  # noqa: BLE001  whatever it is, the next fault is tried too
+        except Exception as defect:  # noqa: BLE001  the next fault follows any error
             wrong += 1
             print(f"  {number}: {fault.kind}, {fault.what} -> {type(defect).__name__}: {defect}")
             shutil.rmtree(truth.store.folder, ignore_errors=True)

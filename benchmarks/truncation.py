@@ -1,17 +1,18 @@
-"""Truncation error: its bound and its estimate against full dense spectra of meshes given by path.
+"""Bound and estimate of truncation errors against dense spectra, on meshes given by path.
 
     python benchmarks/truncation.py MESH[@UNIT] ... [--shares 0.05 0.2 0.6] [--no-robust]
 
-All eigenpairs of each mesh are computed by SciPy's dense solver, which shares nothing with this
-package; then features of 5, 20 and 60 % of them are compared with features of all. Printed for
-each kind:
+All eigenpairs of each mesh are computed by SciPy's dense solver, which shares no code with this
+package. Features of 5, 20 and 60 % of the pairs are compared with features of all pairs. Printed
+for each kind of feature:
 
-bound / error        the smallest ratio at any vertex of any column, errors below rounding left out
-within 3             columns whose estimate is within a factor of 3 of their median error, of those
-                     that miss more than 1e-6
-flagged              columns flagged, of those that miss more than 1 % (and flagged needlessly)
-tail                 the median error that is left of HKS after tail="weyl", as a share of it
-                     before, at the first and the last of the times
+bound / error        smallest ratio over vertices and columns; errors below rounding are left out
+within 3             number of columns whose estimate is within a factor of 3 of their median error,
+                     of the columns with a relative error above 1e-6
+flagged              number of flagged columns, of the columns with a relative error above 1 %, and
+                     of columns flagged needlessly
+tail                 median error of HKS with tail="weyl" over the error without, at the first time
+                     and at the last time with an error above 1 %
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import Decomposition
 
-#: Times of HKS in units of 1 / λ_K: from "nearly all is missing" to "nothing is".
+#: Times of HKS in units of 1 / λ_K: from nearly everything missing to nothing missing.
 _TIMES = np.geomspace(0.3, 9.0, 32)
 
 
 def whole_spectrum(mesh: Any, robust: bool) -> Decomposition:
-    """All pairs of a mesh, dense."""
+    """Return all pairs of a mesh by a dense solver."""
     stiffness, mass = cotangent_laplacian(mesh, robust=robust)
     diagonal = np.asarray(mass.diagonal())
     root = np.sqrt(diagonal)
@@ -57,7 +58,7 @@ def whole_spectrum(mesh: Any, robust: bool) -> Decomposition:
 
 
 def banks_of(eigenvalues: np.ndarray) -> dict[str, FilterBank]:
-    """What is tried, all of it reaching beyond the last eigenvalue."""
+    """Return the banks by kind, each with weights beyond the last eigenvalue."""
     last = float(eigenvalues[-1])
     return {
         "HKS": heat_kernel_bank(_TIMES / last),
@@ -68,13 +69,13 @@ def banks_of(eigenvalues: np.ndarray) -> dict[str, FilterBank]:
 
 
 def compare(whole: Decomposition, count: int, bank: FilterBank) -> dict[str, Any]:
-    """One kind of features of so many pairs with that of all."""
+    """Compare features of `count` pairs with features of all pairs."""
     part = replace(whole, eigenvalues=whole.eigenvalues[:count], rows=whole.rows[:count])
     features = truncated_features(part, bank)
     truth = truncated_features(whole, bank).values
     error = np.abs(truth - features.values)
     estimate, bound = features.truncation_at_vertices()
-    # What sums in float64 cannot tell from nothing is no error.
+    # Differences within the rounding of float64 sums are not counted as errors.
     rounding = 1e-12 * np.maximum(np.abs(truth), 1e-3 / whole.mass[:, np.newaxis])
     seen = error > rounding
     smallest = float((bound[seen] / error[seen]).min(initial=np.inf))
@@ -100,7 +101,7 @@ def compare(whole: Decomposition, count: int, bank: FilterBank) -> dict[str, Any
 
 
 def print_mesh(name: str, whole: Decomposition, shares: list[float]) -> dict[str, list[int]]:
-    """The table of a mesh; returns within and counted of each kind."""
+    """Print the table of a mesh; return "within" and "counted" of each kind."""
     totals: dict[str, list[int]] = {}
     n = whole.n_components
     for share in shares:
@@ -130,7 +131,7 @@ def print_mesh(name: str, whole: Decomposition, shares: list[float]) -> dict[str
 
 
 def main() -> None:
-    """Compare, and print."""
+    """Compare the meshes, and print the results."""
     parser = argparse.ArgumentParser(description="Truncation error against dense spectra.")
     parser.add_argument("mesh", nargs="+", help="path, or path@unit")
     parser.add_argument("--shares", type=float, nargs="+", default=[0.05, 0.2, 0.6])
@@ -139,7 +140,7 @@ def main() -> None:
     sums: dict[str, list[int]] = {}
     for given in options.mesh:
         path, _, unit = given.partition("@")
-        # Vertices that no face uses have no eigenpairs.
+        # Vertices without faces have no eigenpairs.
         mesh = repair_mesh(read_mesh(Path(path), unit or None), "drop_unreferenced_vertices")
         began = time.perf_counter()
         whole = whole_spectrum(mesh, not options.no_robust)

@@ -1,9 +1,9 @@
-"""Walks over the window at random, and tells what went wrong and what has grown.
+"""Random actions in the window, with a report of faults and of growing memory.
 
     python benchmarks/walk.py --seed 1 --actions 10000
 
-Needs a display; ``./dev bench walk`` runs it on a virtual one. Nothing of the user's is read or
-changed: settings, meshes and stored eigenpairs are the walk's own. Exits with 1 if there was an
+Needs a display; ``./dev bench walk`` uses a virtual display. Settings, meshes and stored eigenpairs
+are temporary; those of the user are neither read nor changed. The exit status is 1 if there was an
 exception, a warning of Qt or Python, or a notice of a defect.
 """
 
@@ -18,12 +18,12 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-# in the place of this folder, whose fuzz.py is another one
+# replaces this folder, whose fuzz.py would hide tests/fuzz
 sys.path[:1] = [str(HERE.parent), str(HERE.parent / "tests")]
 
 
 def main() -> int:
-    """Read the command line and walk."""
+    """Read the command line and run the actions."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--actions", type=int, default=1000)
