@@ -1,9 +1,9 @@
-"""Draws what each page of ``docs/algorithms`` shows, on the meshes that come with the package.
+"""Pictures for the pages in ``docs/algorithms``, of the sample meshes of the package.
 
     python assets/algorithms.py DIR
 
-Needs no window; ``./dev shots DIR`` runs it after the tour. Every picture is of one line of panels,
-on a transparent ground, with words in a grey that is read on light and on dark pages.
+Needs no window; ``./dev shots DIR`` runs it after the tour. Every picture is one row of panels on a
+transparent background, with text in a grey that is legible on light and on dark pages.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from meshmash_viewer.samples import sample_path
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 GREY = "#7d8590"
 SIGNED, POSITIVE = "RdBu_r", "viridis"
-#: Pixels of a panel, and how much finer it is rendered.
+#: Width and height of a panel in pixels, and factor by which the panel is rendered larger.
 SIZE, FINER = (420, 260), 2
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A panel with a field on a mesh; `limits` are its colours' ends."""
+    """Panel with a field on a mesh; `limits` are the ends of the colour scale."""
 
     title: str
     mesh: Any
@@ -51,7 +51,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Picture:
-    """A panel with a picture that is there."""
+    """Panel with an existing picture."""
 
     title: str
     pixels: Any
@@ -59,7 +59,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Curves:
-    """A panel with lines: names and values over one abscissa."""
+    """Panel with lines: names, and values over a common abscissa."""
 
     title: str
     x: Any
@@ -71,19 +71,19 @@ class Curves:
 
 @cache
 def dendrite() -> mv.Mesh:
-    """The sample, in nm."""
+    """Return the sample dendrite, in nm."""
     return mv.read_mesh(sample_path("dendrite"))
 
 
 @cache
 def pairs() -> mv.Decomposition:
-    """Its 150 lowest eigenpairs."""
+    """Return the 150 lowest eigenpairs of the dendrite."""
     return mv.solve(*mv.cotangent_laplacian(dendrite(), robust=True), 150)
 
 
 @cache
 def ball() -> Any:
-    """A sphere of a metre with dents: something that curvature and Shape-DNA can see."""
+    """Return a dented sphere of radius 1 m, with varying curvature."""
     mesh = trimesh.creation.icosphere(5)
     x, y, z = mesh.vertices.T
     dents = np.sin(4.0 * x) * np.cos(3.0 * y + 1.0) * np.cos(3.0 * z)
@@ -92,12 +92,12 @@ def ball() -> Any:
 
 
 def features(bank: mv.FilterBank) -> Any:
-    """Columns of a bank on the dendrite."""
+    """Return the features of a bank on the dendrite."""
     return mv.compute_features(pairs(), bank, warn=False).values
 
 
 def laplacian() -> list[Any]:
-    """What L and M say of a sphere, where −Δz³ is known."""
+    """Return panels of M, and of −Δz³ by L and M, on a sphere."""
     sphere = trimesh.creation.icosphere(4)
     stiffness, mass = mv.cotangent_laplacian(sphere)
     wave = sphere.vertices[:, 2] ** 3
@@ -110,7 +110,7 @@ def laplacian() -> list[Any]:
 
 
 def eigenpairs() -> list[Any]:
-    """Three eigenfunctions."""
+    """Return panels of three eigenfunctions."""
     phi = pairs().eigenvectors
     return [
         Surface(f"φ{index}", dendrite(), phi[:, index], SIGNED, _even(phi[:, index]))
@@ -119,7 +119,7 @@ def eigenpairs() -> list[Any]:
 
 
 def heat_kernel_signature() -> list[Any]:
-    """HKS at three times."""
+    """Return panels of HKS at three times."""
     times = [5e4, 5e5, 5e6]
     values = features(mv.heat_kernel_bank(times))
     return [
@@ -129,7 +129,7 @@ def heat_kernel_signature() -> list[Any]:
 
 
 def wave_kernel_signature() -> list[Any]:
-    """Weights of WKS, and two columns."""
+    """Return panels of the weights of WKS and of two columns."""
     bank = mv.wave_kernel_bank(pairs().eigenvalues, n_energies=12)
     values = features(bank)
     return [_responses(bank, "weight", "log")] + [
@@ -145,7 +145,7 @@ def wave_kernel_signature() -> list[Any]:
 
 
 def geometry_vectors() -> list[Any]:
-    """Weights of the bands, and two of them."""
+    """Return panels of the weights of the bands and of two bands."""
     bank = mv.bspline_bank(0.0, float(pairs().eigenvalues[-1]), 8)
     values = features(bank)
     return [_responses(bank, "weight")] + [
@@ -161,7 +161,7 @@ def geometry_vectors() -> list[Any]:
 
 
 def filters() -> list[Any]:
-    """Weights of a formula with two values of its parameter, and what comes out."""
+    """Return panels of the weights and features of a formula with two values of its parameter."""
     high = float(pairs().eigenvalues[-1])
     bank = mv.formula_bank("exp(-log(x/c)**2 / (2*w**2))", c=[high / 30, high / 4], w=0.5)
     values = features(bank)
@@ -172,7 +172,7 @@ def filters() -> list[Any]:
 
 
 def similarity() -> list[Any]:
-    """Distances in feature space from two vertices."""
+    """Return panels of distances in feature space from two vertices."""
     values = features(mv.heat_kernel_bank(np.geomspace(1e5, 5e6, 12)))
     head = int(np.argsort(values[:, 6])[len(values) * 9 // 10])
     shaft = int(np.argsort(values[:, 6])[len(values) // 20])
@@ -183,7 +183,7 @@ def similarity() -> list[Any]:
 
 
 def two_shapes() -> list[Any]:
-    """A map carried over by the matches, and two spectra."""
+    """Return panels of a map, of the map transferred by matches, and of two spectra."""
     first = ball()
     turn: Any = trimesh.transformations.rotation_matrix
     second = first.copy().apply_transform(turn(0.3, [0.3, 1, 0.2]))
@@ -208,7 +208,7 @@ def two_shapes() -> list[Any]:
 
 
 def distances() -> list[Any]:
-    """Three distances from one end."""
+    """Return panels of three kinds of distance from one end."""
     start = int(np.argmin(dendrite().vertices[:, 2]))
     kinds = {"geodesic": "nm", "biharmonic": "nm", "diffusion": "nm⁻¹"}
     panels = []
@@ -221,7 +221,7 @@ def distances() -> list[Any]:
 
 
 def maps() -> list[Any]:
-    """A map, its lowest pairs, and how much these explain."""
+    """Return panels of a map, of its projection on the lowest pairs, and of their energy."""
     depth = dendrite().vertices[:, 0] + 3000.0 * np.random.default_rng(3).standard_normal(
         dendrite().n_vertices
     )
@@ -243,7 +243,7 @@ def maps() -> list[Any]:
 
 
 def reconstruction() -> list[Any]:
-    """A shape from few, more and many pairs."""
+    """Return panels of a shape from few, more and many pairs."""
     known = mv.solve(*mv.cotangent_laplacian(ball()), 150)
     panels = []
     for count in (4, 25, 150):
@@ -255,7 +255,7 @@ def reconstruction() -> list[Any]:
 
 
 def curvature() -> list[Any]:
-    """The two curvatures."""
+    """Return panels of the mean and the Gaussian curvature."""
     mean, gauss = mv.mean_curvature(ball()), mv.gaussian_curvature(ball())
     return [
         Surface("mean curvature H", ball(), mean, SIGNED, _even(mean), "m⁻¹"),
@@ -264,7 +264,7 @@ def curvature() -> list[Any]:
 
 
 def truncation() -> list[Any]:
-    """What is missing of HKS over the time."""
+    """Return panels of the missing share of HKS over time, and of HKS at one time."""
     times = np.geomspace(1e4, 1e7, 40)
     lines = []
     for count in (20, 60, 150):
@@ -280,7 +280,7 @@ def truncation() -> list[Any]:
 
 
 def pieces() -> list[Any]:
-    """Which vertex is in which pieces."""
+    """Return panels of the pieces, and of the number of pieces at each vertex."""
     stitcher = mv.MeshStitcher(dendrite(), n_jobs=1)
     stitcher.split_mesh(max_vertex_threshold=9000)
     owner = np.full(dendrite().n_vertices, np.nan)
@@ -295,7 +295,7 @@ def pieces() -> list[Any]:
 
 
 def examples() -> list[Any]:
-    """What four of the scripts in ``examples`` write."""
+    """Return panels of the files that four scripts in ``examples`` write."""
     with TemporaryDirectory() as folder:
         for script in ("bands", "own_map", "distance_and_shape", "with_pyvista"):
             subprocess.run([sys.executable, EXAMPLES / f"{script}.py"], cwd=folder, check=True)
@@ -336,7 +336,7 @@ def main() -> None:
 
 
 def draw(panels: Sequence[Any], file: Path) -> None:
-    """Put panels beside one another."""
+    """Draw panels next to one another into a file."""
     with plt.rc_context(
         {
             "text.color": GREY,

@@ -1,9 +1,9 @@
-"""Make the pictures of docs/gallery.md by the commands on that page.
+"""Pictures of docs/gallery.md, made by the commands on that page.
 
     python assets/gallery.py FOLDER
 
-writes FOLDER/NAME.webp for each NAME.png of a command. The page shows those in
-docs/pictures/gallery.
+writes FOLDER/NAME.webp for each NAME.png of a command. The page shows the
+pictures in docs/pictures/gallery.
 """
 
 from __future__ import annotations

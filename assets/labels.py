@@ -1,8 +1,8 @@
-"""Make the pictures of painting labels and of a classified neuron, light and dark.
+"""Pictures of painting labels and of a classified neuron, in the light and the dark theme.
 
     python assets/labels.py FOLDER
 
-Needs a display. Pages show these pictures from docs/pictures.
+Needs a display. The pages show the pictures in docs/pictures.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from meshmash_viewer.samples import labels_path, sample_path
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap
 
-#: Strokes of each class, and vertices of one.
+#: Number of strokes for each class, and of vertices in a stroke.
 STROKES, LENGTH = 10, 25
 
 
 def painted(tour: Tour) -> VertexMap:
-    """Return labels of some vertices, as they are painted by hand."""
+    """Return labels of some vertices, as if painted by hand."""
     mesh = tour.document.mesh
     assert mesh is not None
     parts = read_labels(labels_path("neuron"), mesh)
@@ -44,7 +44,7 @@ def painted(tour: Tour) -> VertexMap:
 
 
 def go(tour: Tour) -> None:
-    """Paint, and classify."""
+    """Paint labels, classify the vertices, and take the pictures."""
     window, document = tour.window, tour.document
     tour.resize(1440, 900)
     window.show()

@@ -1,10 +1,10 @@
-"""Draw the application's icon: an eigenfunction on a triangle mesh of the sphere.
+"""Icon of the application: an eigenfunction on a triangle mesh of the sphere.
 
     python assets/make_icon.py
 
 writes ``meshmash_viewer/app/icon.png``, 256 pixels wide. The function is the real spherical
-harmonic of degree 3 and order 2, x y z up to a turn: eight equal lobes, few enough to be told
-apart at 32 pixels.
+harmonic of degree 3 and order 2, x y z up to a rotation: eight equal lobes, which can be
+distinguished at 32 pixels.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from PIL import Image
 
 ICON = Path(__file__).resolve().parent.parent / "meshmash_viewer" / "app" / "icon.png"
 SIZE = 256
-#: Samples to a pixel, each way; averaging them smooths the edges.
+#: Samples per pixel in each direction; their average smooths the edges.
 SAMPLES = 6
 
 TILE_TOP, TILE_BOTTOM = np.array([33, 46, 66]), np.array([15, 22, 34])
-#: Blue – white – red, the display's own way to show a sign.
+#: Blue – white – red, as in the window for fields with a sign.
 STOPS = np.array([-1.0, -0.45, 0.0, 0.45, 1.0])
 COLORS = np.array([[22, 84, 160], [84, 158, 211], [246, 244, 240], [240, 145, 104], [190, 32, 50]])
 
 
 def turned(points: np.ndarray, about: str, degrees: float) -> np.ndarray:
-    """Coordinates turned about an axis."""
+    """Return coordinates rotated about an axis."""
     i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[about]
     angle = np.radians(degrees)
     result = points.copy()
@@ -37,24 +37,24 @@ def turned(points: np.ndarray, about: str, degrees: float) -> np.ndarray:
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """The same directions with length 1."""
+    """Return vectors of length 1 in the same directions."""
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def geodesic_sphere() -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of an icosahedron with each face cut in four, on the unit sphere."""
+    """Return vertices and faces of an icosahedron with faces cut in four, on the unit sphere."""
     ball = pv.Icosphere(nsub=1)
     faces = ball.faces.reshape(-1, 4)[:, 1:]
     return unit(np.asarray(ball.points, dtype=float)), faces
 
 
 def draw() -> np.ndarray:
-    """Red, green, blue and opacity, shape (SIZE, SIZE, 4), 0 to 255."""
+    """Return red, green, blue and opacity, shape (SIZE, SIZE, 4), 0 to 255."""
     n = SIZE * SAMPLES
     axis = (np.arange(n) + 0.5) / n * 2.0 - 1.0
     x, y = np.meshgrid(axis, -axis)
 
-    # A tile with round corners, as desktops and docks like them.
+    # A tile with round corners, as is usual for icons.
     corner = 0.44
     reach = 0.97
     outside = np.hypot(
@@ -70,7 +70,7 @@ def draw() -> np.ndarray:
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = (normals * a).sum(axis=1)
-    # A line of sight meets a convex solid in the nearest of the planes that face the viewer.
+    # The visible point of a convex solid is on the lowest of the planes that face the viewer.
     depth, face = np.full((n, n), np.inf), np.zeros((n, n), dtype=int)
     second = np.full((n, n), np.inf)
     for i in np.flatnonzero(normals[:, 2] > 1e-6):
@@ -96,7 +96,7 @@ def draw() -> np.ndarray:
     diffuse = np.clip(normals @ light, 0.0, None)
     gloss = np.clip(normals @ unit(light + np.array([0.0, 0.0, 1.0])), 0.0, None) ** 30
     shaded = color * (0.46 + 0.60 * diffuse)[face][..., None] + (55.0 * gloss)[face][..., None]
-    # Edges are where the two nearest planes nearly meet; darker, not black.
+    # Edges, where the two lowest planes nearly meet, are darkened.
     edge = (second - depth) * normals[face, 2] < 0.0042
     shaded[edge] *= 0.55
     image[ball] = shaded[ball]

@@ -1,4 +1,4 @@
-"""Generate the meshes that come with the package; nothing is downloaded, every run is the same.
+"""Sample meshes of the package, generated without downloads and equal in every run.
 
     python assets/make_samples.py
 
@@ -8,14 +8,14 @@ writes ``meshmash_viewer/samples/dendrite.npz``, a piece of spiny dendrite in nm
 ``meshmash_viewer/samples/sphere.npz``, the unit sphere, whose eigenvalues are known, and
 ``meshmash_viewer/samples/two_components.npz``, a small mesh with the faults of raw data.
 
-The labels of dendrite and neuron are those that they were made with, in ``dendrite_labels.npz`` and
-``neuron_labels.npz``: a vertex is on a spine where it is outside the shafts alone.
+``dendrite_labels.npz`` and ``neuron_labels.npz`` contain the parts of the two meshes: a vertex is
+on a spine if it is outside the surface of the shafts without spines.
 
 Dendrite, neuron and cow are zero levels of distance fields: round cones along centre lines,
-joined by the polynomial smooth minimum, so that necks flow into the shaft as membranes do. The
-field is sampled on a grid, contoured, evened out, and thinned by quadric decimation. Sizes follow
+joined by the polynomial smooth minimum, so that necks join the shaft smoothly. The field
+is sampled on a grid, contoured, smoothed, and simplified by quadric decimation. Sizes follow
 the electron microscopy of cortical pyramidal cells: shafts 0.5 to 1.1 µm across, spine necks
-0.1 to 0.2 µm, heads 0.3 to 0.7 µm, two to three spines a µm (Harris & Stevens 1989; Arellano et
+0.1 to 0.2 µm, heads 0.3 to 0.7 µm, two to three spines per µm (Harris & Stevens 1989; Arellano et
 al. 2007).
 """
 
@@ -35,22 +35,22 @@ from scipy.spatial import cKDTree
 
 SAMPLES = Path(__file__).resolve().parent.parent / "meshmash_viewer" / "samples"
 SEED = 7
-#: How much a branch bends.
+#: Strength of the random bending of branches.
 WANDER = 0.009
 #: Edge of a grid cell, nm: a third of the thinnest neck.
 SPACING = 34.0
 N_VERTICES = 44_000
-#: The same of the neuron, before it is enlarged.
+#: Grid cell and number of vertices of the neuron, and factor by which it is enlarged.
 NEURON_SPACING, N_NEURON, NEURON_SCALE = 46.0, 13_000, 1.6
-#: The same of the cow, mm.
+#: Grid cell, mm, and number of vertices of the cow.
 COW_SPACING, N_COW = 16.0, 9_000
-#: Distance from the shafts alone beyond which a vertex is on a spine, nm.
+#: Distance from the shafts, nm, beyond which a vertex is on a spine.
 SPINE_FROM = 70.0
 #: Names and colours of the labels.
 PARTS = {"shaft": "#4477aa", "spine": "#ee6677", "soma": "#ccbb44", "axon": "#228833"}
-#: Where the piece lies in its volume, nm, as in a data set of a cubic millimetre.
+#: Position of the mesh, nm, as in a data set of a cubic millimetre.
 ORIGIN = np.array([612_400.0, 418_900.0, 287_300.0])
-#: Coordinates in nm are rounded to this: far below what a microscope sees, and it packs better.
+#: Rounding of coordinates, nm: far below microscope resolution, and better to compress.
 RESOLUTION = 0.25
 
 Array = npt.NDArray[np.float64]
@@ -74,12 +74,12 @@ class Tube:
 
 
 def unit_vector(vector: Array) -> Array:
-    """The vector of length 1 in the same direction."""
+    """Return the vector of length 1 in the same direction."""
     return vector / np.linalg.norm(vector)
 
 
 def smooth_noise(rng: np.random.Generator, n: int, wavelength: float) -> Array:
-    """Random values of unit variance, smooth over `wavelength` samples."""
+    """Return random values of unit variance, smooth over `wavelength` samples."""
     reach = int(4 * wavelength)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / wavelength) ** 2)
     noise = np.convolve(rng.standard_normal(n + 2 * reach), kernel, mode="valid")
@@ -95,7 +95,7 @@ def wandering_tube(
     wander: float,
     step: float = 40.0,
 ) -> Tube:
-    """A tapering tube that bends gently, with the swellings that mitochondria make."""
+    """Return a tapering tube that bends gently, with swellings as from mitochondria."""
     n = int(length / step)
     heading = unit_vector(direction)
     bends = np.stack([smooth_noise(rng, n, 45.0) for _ in range(3)], axis=1)
@@ -104,7 +104,7 @@ def wandering_tube(
     points[0] = start
     for i in range(1, n):
         sideways = bends[i] - (bends[i] @ heading) * heading
-        # It bends, yet it is on its way somewhere.
+        # The tube bends, but keeps its general direction.
         heading = unit_vector(heading + wander * sideways + 0.02 * unit_vector(direction))
         points[i] = points[i - 1] + step * heading
     taper = np.linspace(0.0, 1.0, n)
@@ -115,7 +115,7 @@ def wandering_tube(
 
 @dataclass
 class Spine:
-    """A neck, and the balls that make its head."""
+    """A neck, and the balls that form the head of the spine."""
 
     neck: Tube
     centres: Array
@@ -125,7 +125,7 @@ class Spine:
 def make_spine(
     rng: np.random.Generator, base: Array, outward: Array, tangent: Array, shaft_radius: float
 ) -> Spine:
-    """A mushroom, thin or stubby spine that leaves the shaft at `base`."""
+    """Return a mushroom, thin or stubby spine that leaves the shaft at `base`."""
     kind = rng.choice(["mushroom", "thin", "stubby"], p=[0.62, 0.26, 0.12])
     if kind == "mushroom":
         neck, head, length = rng.uniform(60, 80), rng.uniform(175, 300), rng.uniform(350, 900)
@@ -133,7 +133,7 @@ def make_spine(
         neck, head, length = rng.uniform(54, 66), rng.uniform(115, 165), rng.uniform(600, 1300)
     else:
         neck, head, length = rng.uniform(120, 160), rng.uniform(180, 240), rng.uniform(120, 240)
-    # It begins inside the shaft, so that the fillet has something to hold on to.
+    # The neck begins inside the shaft, so that a fillet joins the two.
     root = 0.6 * shaft_radius
     total = root + length + 0.6 * head
     along = np.linspace(0.0, total, max(int(total / 20.0), 10))
@@ -144,7 +144,7 @@ def make_spine(
     points = base - root * outward + along[:, None] * lean + curl[:, None] * side
     flare = 0.8 * neck * np.exp(-np.maximum(along - root, 0.0) / 80.0)
     tube = Tube(points, neck + flare)
-    # Balls around the tip, spread across the neck: a cap wider than it is high, never quite round.
+    # Balls around the tip, spread across the neck, form an irregular cap, wider than high.
     tip = unit_vector(points[-1] - points[-3])
     n_balls = 1 if head < 150 else int(rng.integers(3, 6))
     spread = rng.standard_normal((n_balls, 3))
@@ -173,7 +173,7 @@ class Field:
         return tuple(slice(a, b) for a, b in zip(first, last, strict=True))  # type: ignore[return-value]
 
     def add(self, tube: Tube, blend: float) -> None:
-        """Join a tube to what is there, with a fillet of about `blend` nm."""
+        """Join a tube to the solid, with a fillet of about `blend` nm."""
         reach = 2.0 * blend + 4.0 * self.spacing
         whole = self._box(tube.points, tube.radii.max() + reach)
         origin = np.array([side.start for side in whole])
@@ -205,7 +205,7 @@ class Field:
         self.values[whole] = np.minimum(here, there) - 0.25 * blend * overlap**2
 
     def beyond(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Whether points of the grid, counted from its corner, are on spines."""
+        """Return whether points, relative to the corner of the grid, are on spines."""
         distances = map_coordinates(self.values, points.T / self.spacing, order=1)
         return np.asarray(distances > SPINE_FROM)
 
@@ -236,9 +236,9 @@ class Field:
 
 
 def make_dendrite(seed: int = SEED, size: float = 1.0) -> tuple[Array, Faces, list[str]]:
-    """A shaft that forks twice, with its spines: one closed surface of genus 0, and its parts.
+    """Return a shaft that forks twice, with spines, and its parts.
 
-    With a smaller `size` branches are shorter, with fewer spines.
+    It is one closed surface of genus 0. A smaller `size` gives shorter branches with fewer spines.
     """
     rng = np.random.default_rng(seed)
     shaft = wandering_tube(
@@ -259,7 +259,7 @@ def make_dendrite(seed: int = SEED, size: float = 1.0) -> tuple[Array, Faces, li
         field.add(tube, blend=260.0)
     shafts = copy(field)
     shafts.values = field.values.copy()
-    # Branches are bare near the fork.
+    # Branches have no spines near the fork.
     n_spines = grow_spines(rng, field, [(shaft, 0), (limb, 34), (twig, 34)], 5.0)
     field.roughen(rng, amplitude=11.0, wavelength=420.0)
     vertices, faces = thinned(field.surface(), round(N_VERTICES * size))
@@ -270,7 +270,7 @@ def make_dendrite(seed: int = SEED, size: float = 1.0) -> tuple[Array, Faces, li
 
 
 def make_neuron() -> tuple[Array, Faces, list[str]]:
-    """A soma, an apical dendrite that forks, basal ones, an axon with boutons, and its parts."""
+    """Return a soma with a forked apical dendrite, basal dendrites and an axon, and its parts."""
     rng = np.random.default_rng(SEED)
 
     def branch(start: Array, to: tuple[float, float, float], length: float, radii: tuple) -> Tube:
@@ -295,7 +295,7 @@ def make_neuron() -> tuple[Array, Faces, list[str]]:
         fork, aside = basal.points[len(basal.points) // 2], (to[0] - 0.75, 0.6 * to[1], to[2] + 0.2)
         dendrites += [basal, branch(fork, aside, 0.55 * length, (250, 165))]
     axon = branch(np.array([-2100.0, -500.0, 0.0]), (-0.85, -0.6, 0.1), 10_400, (260, 105))
-    # A hillock, a smooth segment, then a bouton every two µm.
+    # The axon has a hillock, a smooth segment, then a bouton every two µm.
     places = 40.0 * np.arange(len(axon.points))
     boutons = np.cos(np.pi * places / 2000.0) ** 24 * (places > 3500.0)
     axon.radii = 105.0 + 330.0 * np.exp(-places / 500.0) + 190.0 * boutons
@@ -313,22 +313,22 @@ def make_neuron() -> tuple[Array, Faces, list[str]]:
     nearest = np.argmin([away(each, vertices + field.low) for each in tubes], axis=0)
     of_tube = np.array(["soma", *["shaft"] * len(dendrites), "axon"])
     parts = np.where(shafts.beyond(vertices), "spine", of_tube[nearest]).tolist()
-    vertices = NEURON_SCALE * (vertices + field.low) + ORIGIN  # where the soma is
+    vertices = NEURON_SCALE * (vertices + field.low) + ORIGIN  # the soma is at ORIGIN
     print(f"neuron: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")
     return vertices, faces, parts
 
 
 def away(tube: Tube, points: Array) -> Array:
-    """How far points are from the surface of a tube."""
+    """Return the distances of points from the surface of a tube."""
     distances, at = cKDTree(tube.points).query(points)
     return np.asarray(distances - tube.radii[at])
 
 
 def make_cow() -> tuple[Array, npt.NDArray[np.int64]]:
-    """A cow: a trunk with neck, head, horns, ears, legs, udder and tail, mm, symmetric in y."""
+    """Return a cow: trunk, neck, head, horns, ears, legs, udder and tail, mm, symmetric in y."""
 
     def limb(*points: tuple[float, float, float, float]) -> Tube:
-        """A smooth tube through points (x, y, z) with their radii."""
+        """Return a smooth tube through points with their radii, (x, y, z, radius)."""
         given = np.array(points)
         at, dense = np.arange(len(given)), np.linspace(0.0, len(given) - 1.0, 12 * len(given))
         smooth = make_interp_spline(at, given, k=min(3, len(given) - 1))(dense)
@@ -360,7 +360,7 @@ def make_cow() -> tuple[Array, npt.NDArray[np.int64]]:
 
 
 def make_sphere() -> tuple[Array, npt.NDArray[np.int64]]:
-    """The unit sphere: eigenvalues l (l + 1), each 2 l + 1 times."""
+    """Return the unit sphere, whose eigenvalues are l (l + 1), each 2 l + 1 times."""
     ball = pv.Icosphere(radius=1.0, nsub=5)
     return np.asarray(ball.points, dtype=float), ball.faces.reshape(-1, 4)[:, 1:].astype(np.int64)
 
@@ -368,10 +368,13 @@ def make_sphere() -> tuple[Array, npt.NDArray[np.int64]]:
 def grow_spines(
     rng: np.random.Generator, field: Field, tubes: list[tuple[Tube, int]], density: float
 ) -> int:
-    """Put spines on tubes behind their first few points, at most so many a µm; returns how many."""
+    """Add at most `density` spines per µm to tubes, and return the number of spines.
+
+    The number with each tube is that of its first points, which have no spines.
+    """
     n_spines = 0
     for tube, bare in tubes:
-        # They sit at random, never on one another.
+        # Spines at random places are left out if they would touch others.
         length = 40.0 * (len(tube.points) - bare)
         for _ in range(round(length / 1000.0 * density)):
             at = int(rng.integers(bare + 12, len(tube.points) - 4))
@@ -382,7 +385,7 @@ def grow_spines(
             spine = make_spine(rng, base, outward, tangent, tube.radii[at])
             reach = np.linalg.norm(spine.neck.points - spine.neck.points[0], axis=1)
             beyond = reach - 0.6 * tube.radii[at] - 160.0
-            # A neck starts at the shaft; from there on two membranes keep apart.
+            # A neck starts at the shaft; farther out it keeps a distance from membranes.
             neck_free = field.at(spine.neck.points) - spine.neck.radii
             head_free = field.at(spine.centres) - spine.radii
             crowded = (neck_free < np.minimum(beyond, 170.0) - 60.0)[beyond > 0.0]
@@ -396,24 +399,24 @@ def grow_spines(
 
 
 def thinned(surface: pv.PolyData, n_vertices: int) -> tuple[Array, npt.NDArray[np.int64]]:
-    """The largest part of a contour with about so many vertices, evened out."""
+    """Return the largest part of a contour, smoothed, with about `n_vertices` vertices."""
     surface = surface.connectivity("largest").smooth_taubin(n_iter=12, pass_band=0.12)
     surface = surface.decimate(
         1.0 - n_vertices / surface.n_points, volume_preservation=True
     ).smooth_taubin(n_iter=6, pass_band=0.25)
-    # The contour looks towards growing distance from within; normals point outwards.
+    # The faces of the contour are reversed, so that normals point outwards.
     faces = surface.faces.reshape(-1, 4)[:, [1, 3, 2]].astype(np.int64)
     return np.asarray(surface.points, dtype=float), faces
 
 
 def make_two_components() -> tuple[Array, npt.NDArray[np.int64]]:
-    """A ball with a hole and a fin, an edge of three faces, and a small ball of its own, nm."""
+    """Return a ball with a hole and an edge of three faces, and a separate small ball, nm."""
     ball = pv.Icosphere(radius=900.0, nsub=3)
     vertices = np.asarray(ball.points, dtype=float)
     faces = ball.faces.reshape(-1, 4)[:, 1:].astype(np.int64)
     top = vertices[faces].mean(axis=1)[:, 2].argsort()[-6:]
     faces = np.delete(faces, top, axis=0)
-    # The third face on one edge: what a segmentation leaves where two membranes touch.
+    # A third face on one edge, as segmentations have where two membranes touch.
     a, b = faces[0, :2]
     tip = vertices[[a, b]].mean(axis=0) * 1.4
     faces = np.concatenate([faces, [[a, b, len(vertices)]]])
@@ -432,8 +435,8 @@ def save(
     unit: str = "nm",
     resolution: float = RESOLUTION,
 ) -> None:
-    """Write a mesh to the package, small, and the labels of its parts."""
-    # Neighbours in space become neighbours in the file, which halves what the faces take.
+    """Write a mesh, compressed, and the labels of its parts to the package."""
+    # Vertices close in space become close in the file, which halves the size of the faces.
     order = np.lexsort(np.floor(vertices.T / (1200.0 * resolution)))
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -447,7 +450,7 @@ def save(
         path,
         vertices=(np.round(vertices[order] / resolution) * resolution).astype(np.float32),
         faces=faces.astype(np.int32),
-        # Where the package's own exports state the unit, so that reading it needs no option.
+        # The unit is stored as in exports of the package, so that reading needs no option.
         meta=np.array(json.dumps({"mesh": {"name": name, "unit": unit}})),
     )
     print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")

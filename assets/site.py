@@ -1,7 +1,7 @@
 """Hooks of MkDocs: formulas as MathML, and the program's icon.
 
-A fence of the language ``math`` holds a formula in LaTeX. Forges typeset it themselves; here it
-becomes MathML, which browsers draw without a script or a font from elsewhere.
+A fenced block of the language ``math`` contains a formula in LaTeX, which code hosts typeset. On
+the site it is converted to MathML, which browsers draw without scripts or downloaded fonts.
 """
 
 from __future__ import annotations

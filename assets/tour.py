@@ -1,10 +1,9 @@
-"""Drives the real window through a session and saves a picture of each stop.
+"""Tour of the real window that saves a picture of each stop.
 
     python assets/tour.py DIR [MESH] [--stops N]
 
-Needs a display; ``./dev shots DIR`` runs it on a virtual one. Without MESH it goes through the
-dendrite that comes with the package. Nothing of the user's is read or changed: settings and stored
-eigenpairs are the tour's own.
+Needs a display; ``./dev shots DIR`` uses a virtual display. MESH is the sample dendrite by default.
+Settings and stored eigenpairs are temporary; those of the user are neither read nor changed.
 """
 
 from __future__ import annotations
@@ -43,18 +42,18 @@ PATIENCE = 600.0
 
 
 def pause(milliseconds: int) -> None:
-    """Let the window live; unlike `QTest.qWait`, this leaves Python's lock to its threads."""
+    """Process events for a while; unlike `QTest.qWait`, release Python's lock for threads."""
     loop = QEventLoop()
     QTimer.singleShot(milliseconds, loop.quit)
     loop.exec()
 
 
 class LastStop(Exception):
-    """No more pictures are wanted."""
+    """Raised after the last requested picture."""
 
 
 class Tour:
-    """The window, and the folder that its pictures go to."""
+    """The window, and the folder of its pictures."""
 
     def __init__(self, folder: Path, stops: int | None = None) -> None:
         self.folder = folder
@@ -66,7 +65,7 @@ class Tour:
     # -- walking ------------------------------------------------------------------------------
 
     def wait(self, condition: Callable[[], bool]) -> None:
-        """Let the window live until a condition holds."""
+        """Process events until a condition holds."""
         deadline = time.monotonic() + PATIENCE
         while not condition():
             if time.monotonic() > deadline:
@@ -74,7 +73,7 @@ class Tour:
             pause(10)
 
     def settle(self) -> None:
-        """Wait until what is wanted is on the screen, nodal lines and profiles included."""
+        """Wait until the window is up to date, including nodal lines and profiles."""
         pause(250)
         if self.document.spectrum is not None:
             self.wait(lambda: self.window.controller.idle)
@@ -83,17 +82,17 @@ class Tour:
         pause(700)
 
     def resize(self, width: int, height: int) -> None:
-        """Give the window a size; it may have to make room first."""
+        """Resize the window, twice, because its panels may have to shrink first."""
         for _ in range(2):
             self.window.resize(width, height)
             pause(150)
 
     def shoot(self, name: str) -> None:
-        """Save what the screen shows of the window, dialogs over it included."""
+        """Save a picture of the window on the screen, including dialogs over it."""
         catch_up()
         pause(60)
         window = self.window
-        window.repaint()  # which may not have happened on a busy machine
+        window.repaint()  # a busy machine may not have painted it yet
         self.number += 1
         place = window.mapToGlobal(QPoint(0, 0))
         picture = window.screen().grabWindow(
@@ -139,7 +138,7 @@ class Tour:
         self.settle()
 
     def vertices_in_sight(self, count: int) -> list[int]:
-        """Some vertices in front, far from one another."""
+        """Return some visible vertices, far from one another."""
         scene, vertices = self.window.scene, self.document.mesh.vertices
         seen = []
         for down in np.linspace(0.1, 0.9, 24):
@@ -156,7 +155,7 @@ class Tour:
     # -- the stops ----------------------------------------------------------------------------
 
     def go(self, mesh: Path) -> None:
-        """Go through everything."""
+        """Take all pictures."""
         window, document, display = self.window, self.document, self.display
         theme.set_mode(theme.Mode.LIGHT)
         window.move(0, 0)
@@ -169,7 +168,7 @@ class Tour:
         self.open(mesh)
         self.shoot("mesh")
 
-        constants = document.ready.health.n_components  # they come first
+        constants = document.ready.health.n_components  # the first pairs are constants
         self.ask_for(2000)
         self.wait(
             lambda: document.spectrum is not None and len(document.spectrum) >= constants + 12
@@ -264,7 +263,7 @@ class Tour:
         window.close()
 
     def go_through_instruments(self, mesh: Path) -> None:
-        """Curvature, distances from a pin, a filter, the shape from few pairs, and two meshes."""
+        """Take pictures of curvature, distances, a filter, the shape from few pairs, two meshes."""
         window, document, display = self.window, self.document, self.display
         display.nodal_lines = False
         display.kind = "map"
@@ -306,7 +305,7 @@ class Tour:
         self.settle()
 
     def go_to_the_soma(self) -> None:
-        """Go through curvature of a neuron, and distance from a pin on its soma with isolines."""
+        """Take pictures of the curvature of a neuron, and of distances from its soma."""
         document, display = self.document, self.display
         self.open(sample_path("neuron"))
         self.ask_for(200)
@@ -328,7 +327,7 @@ class Tour:
         display.nodal_lines = False
 
     def go_first_sessions(self) -> None:
-        """Go through what the pages of the first sessions show, on surfaces of formulas."""
+        """Take pictures for the pages on first sessions, of surfaces given by formulas."""
         document, display = self.document, self.display
         with tempfile.TemporaryDirectory(prefix="meshes-") as folder:
             sphere, folded = Path(folder) / "ball.ply", Path(folder) / "folded.npz"
@@ -363,7 +362,7 @@ class Tour:
             self.shoot("first-session-folded")
 
     def go_large(self, mesh: Path) -> None:
-        """Go through what only large meshes need: preview, hand-over, and the stand-in."""
+        """Take pictures of a large mesh: preview, its replacement, and the stand-in."""
         document, display = self.document, self.display
         window, canvas = self.window, self.window.findChild(RenderWidget)
         with tempfile.TemporaryDirectory() as folder:
@@ -376,7 +375,7 @@ class Tour:
             self.settle()
             self.shoot("preview")
 
-            # the same function before and after the exact one has taken its place
+            # the same function as a preview, then exact
             before, limits = self.shown()
             self.ask_for(constants + 20)
             self.wait(lambda: document.spectrum.is_exact(display[Eigenfunctions].index))
@@ -403,7 +402,7 @@ class Tour:
             self.shoot("turned")
 
     def shown(self) -> tuple[np.ndarray, float]:
-        """Values on the render, and the upper end of their colours."""
+        """Return the values on the render, and the upper end of the colour scale."""
         field = self.window.controller.field
         return field.values[np.isfinite(field.values)], field.limits(self.display.limits)[1]
 
@@ -423,14 +422,14 @@ def bend(mesh: Path, path: Path) -> None:
 
 
 def refine(mesh: Path, path: Path) -> None:
-    """Write a mesh with every face split in four, so that it is a large one."""
+    """Write a large mesh, with every face of a mesh split in four."""
     read = read_mesh(mesh)
     vertices, faces = subdivide(read.vertices, read.faces)
     np.savez(path, vertices=vertices, faces=faces)
 
 
 def main() -> int:
-    """Read the command line and go."""
+    """Read the command line and take the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="where the pictures go")
     parser.add_argument("mesh", type=Path, nargs="?", default=None, help="instead of the sample")
