@@ -1,4 +1,4 @@
-"""Which vertex of a mesh is which of another, here of itself, turned and numbered anew."""
+"""Matching vertices of two meshes, here of a mesh and its rotated, renumbered copy."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How far every vertex is from one, and the mesh from its lowest eigenfunctions."""
+"""Distances of all vertices from one vertex, and the mesh from its lowest eigenfunctions."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Features by filters of your own, as a formula in λ: a pyramid of Gaussians, and one band."""
+"""Features of filters given by formulas in λ: a pyramid of Gaussians, and one band."""
 
 import numpy as np
 

@@ -12,7 +12,7 @@ import meshmash_viewer as mv
 from meshmash_viewer.samples import sample_path
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else sample_path().parent
-bank = mv.heat_kernel_bank(np.geomspace(1e6, 1e8, 16))  # nm², so that columns agree
+bank = mv.heat_kernel_bank(np.geomspace(1e6, 1e8, 16))  # nm², so that columns of all meshes agree
 
 for path in sorted(folder.glob("*.npz")):
     if path.stem.endswith("_labels"):

@@ -1,11 +1,11 @@
-"""A mesh that is too large to be solved whole: features in overlapping pieces, stitched."""
+"""Features of a large mesh, computed in overlapping pieces and stitched."""
 
 import numpy as np
 
 import meshmash_viewer as mv
 from meshmash_viewer.samples import sample_path
 
-TIMES = {"t_min": 3e5, "t_max": 4e5}  # each piece has a spectrum of its own: give the times
+TIMES = {"t_min": 3e5, "t_max": 4e5}  # each piece has its own spectrum: give the times
 
 mesh = mv.read_mesh(sample_path("dendrite"))
 stitcher = mv.MeshStitcher(mesh, n_jobs=1)

@@ -1,4 +1,4 @@
-"""A map of your own, here the mean curvature: its spectrum, and what heat flow leaves of it."""
+"""Spectrum of your own map, here the mean curvature, and the map smoothed by heat flow."""
 
 import numpy as np
 
