@@ -2,7 +2,7 @@
 
     python packaging/check.py FOLDER MESH     (needs a display)
 
-No Python is on its PATH. Prints the size of the folder and how long the window took.
+The PATH of the program has no Python. Prints the size of the folder and the time until the window.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ assert not window.grab().toImage().isNull()
 window.close()
 """
 
-#: Variables that a program needs on each platform to start at all and to find the screen.
+#: Environment variables that a program needs to start and to find the screen.
 KEPT = ("DISPLAY", "XAUTHORITY", "SYSTEMROOT", "COMSPEC")
 
 

@@ -1,7 +1,7 @@
-"""What the stand-alone program starts with: the command line, or Python for its own processes.
+"""Entry point of the stand-alone program: the command line, or Python for its own processes.
 
 Processes of the solver, of readers and of the window are started as ``sys.executable -c …``,
-``-m …`` or with a file. In a bundle that is the program itself, which has to be Python for them.
+``-m …`` or with a file. In a bundle ``sys.executable`` is the program, which then acts as Python.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from __future__ import annotations
 import runpy
 import sys
 
-#: Flags of Python that an embedded interpreter has no use for; the second kind has a value.
+#: Flags of Python that are skipped, without and with a value.
 _FLAGS, _VALUED = ("-P", "-I", "-B", "-E", "-s", "-S", "-u", "-O"), ("-W", "-X")
 
 
 def _as_python(arguments: list[str]) -> bool:
-    """Do what Python does with these arguments, if they are Python's."""
+    """Run arguments of Python as Python does; return False for other arguments."""
     while arguments and (arguments[0] in _FLAGS or arguments[0][:2] in _VALUED):
         flag = arguments.pop(0)
         if flag in _VALUED:

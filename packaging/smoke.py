@@ -2,7 +2,7 @@
 
     python packaging/smoke.py PROGRAM
 
-PROGRAM is `meshmash-viewer` of the environment that is tried.
+PROGRAM is `meshmash-viewer` of the tested environment.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def smoke(program: str, folder: Path) -> None:
                 stderr=subprocess.STDOUT,
                 check=True,
             )
-        sys.stdout.buffer.write(printed.read_bytes())  # in the same encoding, whichever it is
+        sys.stdout.buffer.write(printed.read_bytes())  # in the same encoding
         sys.stdout.flush()
         if not printed.stat().st_size:
             raise SystemExit(f"{' '.join(arguments)} printed nothing")
