@@ -31,7 +31,7 @@ STAMP = VENV / "installed-from"
 LINUX = sys.platform.startswith("linux")
 
 #: Libraries that Qt and VTK load on Linux, with the Debian package of each. They are looked up by
-#: file, because other releases have other names for the packages.
+#: file, because package names differ between releases.
 SYSTEM_LIBRARIES = {
     "libGL.so.1": "libgl1",
     "libEGL.so.1": "libegl1",
@@ -49,7 +49,7 @@ SYSTEM_LIBRARIES = {
 #: Programs of the virtual screen; PyInstaller needs objdump.
 SYSTEM_PROGRAMS = {"Xvfb": "xvfb", "xauth": "xauth", "objdump": "binutils"}
 
-#: Number of failed tests up to which they are repeated: more are no accident of a busy machine.
+#: Largest number of failed tests that are repeated: more are not due to a busy machine.
 MOST_REPEATED = 20
 
 #: Benchmarks that open windows.
@@ -63,7 +63,7 @@ def say(message: str) -> None:
 
 
 def fail(message: str) -> SystemExit:
-    """Return the exit of this script with a message."""
+    """Return the exception that ends this script with a message."""
     return SystemExit(f"dev: {message}")
 
 
@@ -97,7 +97,7 @@ def must(*command: str | Path, **environment: str) -> None:
 
 
 def install_system_libraries() -> None:
-    """Install by apt, where that is allowed, what Qt, VTK and the virtual screen need on Linux."""
+    """Install packages for Qt, VTK and the virtual screen on Linux by apt, if permitted."""
     if not LINUX or not (ldconfig := shutil.which("ldconfig", path=_with_sbin())):
         return
     known = subprocess.run([ldconfig, "-p"], capture_output=True, text=True, check=False).stdout
@@ -126,7 +126,7 @@ def _with_sbin() -> str:
 
 
 def fingerprint() -> str:
-    """Return a digest of what the environment is made from: requirements, versions, this folder."""
+    """Return a digest of requirements, versions and this folder, which define the environment."""
     files = (HERE / name for name in ("pyproject.toml", "constraints.txt"))
     digest = hashlib.sha256(str(HERE).encode())
     for file in files:
@@ -141,7 +141,7 @@ def install(extras: str) -> None:
 
 
 def make_environment() -> None:
-    """Make .venv and install the package in it, unless that has been done."""
+    """Make .venv and install the package in it, unless .venv is up to date."""
     if PYTHON.exists() and STAMP.exists() and STAMP.read_text() == fingerprint():
         return
     if not PYTHON.exists() or call(PYTHON, "-m", "pip", "--version") != 0:
@@ -165,7 +165,7 @@ def install_if_missing(modules: str, extras: str) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be shown here."""
+    """Return whether a window can be shown."""
     return not LINUX or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
@@ -188,7 +188,7 @@ def one_thread_each() -> None:
 
 
 def folder(arguments: list[str], default: str) -> Path:
-    """Return the folder named first, from where the caller stands, or the default in the clone."""
+    """Return the folder of the first argument, or the default folder in the clone."""
     return Path(arguments[0]).absolute() if arguments else HERE / default
 
 
@@ -223,9 +223,9 @@ def run(arguments: list[str]) -> int:
 
 
 def run_in_parallel(tests: list[str], passed_alone: list[str]) -> int:
-    """Run pytest, and tests that fail, if they are few, once more in one process.
+    """Run pytest; if few tests fail, run these tests again in one process.
 
-    If these pass then, they are added to `passed_alone`, and the exit status is 0.
+    If all of them pass then, add them to `passed_alone` and return 0.
     """
     status = with_windows(PYTHON, "-m", "pytest", "--cache-clear", *tests)
     kept = HERE / ".pytest_cache" / "v" / "cache" / "lastfailed"
@@ -266,7 +266,7 @@ def test(arguments: list[str]) -> int:
         "mypy": lambda: finish(mypy),
     }
     if everything:
-        # in caches of their own, since each change of platform would empty a common one
+        # in separate caches, since each change of platform would empty a common cache
         for platform in ("win32", "darwin"):
             asked = ("--platform", platform, "--cache-dir", f".mypy_cache/{platform}")
             steps[f"mypy for {platform}"] = lambda asked=asked: call(PYTHON, "-m", "mypy", *asked)
@@ -285,7 +285,7 @@ def test(arguments: list[str]) -> int:
 
 
 def bench(arguments: list[str]) -> int:
-    """Run a benchmark, that of the eigensolver unless the first word names another."""
+    """Run the benchmark named by the first argument, by default that of the eigensolver."""
     name = "eigensolver"
     if arguments and (HERE / "benchmarks" / f"{arguments[0]}.py").exists():
         name, *arguments = arguments
@@ -314,7 +314,7 @@ def shots(arguments: list[str]) -> int:
 
 
 def docs(arguments: list[str]) -> int:
-    """Build the pages."""
+    """Build the pages of the documentation."""
     out = folder(arguments, "build/site")
     make_environment()
     install_if_missing("material, mkdocstrings, latex2mathml", "test,docs")
@@ -325,7 +325,7 @@ def docs(arguments: list[str]) -> int:
 
 
 def bundle(arguments: list[str]) -> int:
-    """Build the program that needs no Python, and try it."""
+    """Build the program that needs no Python, and test it."""
     out = folder(arguments, "build/bundle")
     make_environment()
     install_system_libraries()
@@ -351,7 +351,7 @@ COMMANDS = {each.__name__: each for each in (run, test, bench, shots, docs, bund
 
 
 def main(arguments: list[str]) -> int:
-    """Run the command named first."""
+    """Run the command named by the first argument."""
     if sys.version_info < (3, 11):  # noqa: UP036  (any Python can call this file)
         raise fail("Python 3.11 or newer is needed: /path/to/python3.11 dev.py ...")
     if not arguments or arguments[0] in ("help", "-h", "--help"):
