@@ -111,7 +111,7 @@ class FieldWheel(QObject):
     A field handles the wheel only if it has the focus and its panel is not being scrolled, by the
     wheel or by the momentum of a trackpad.
 
-    Call `watch` after making fields.
+    Call `watch` after adding fields.
     """
 
     def __init__(self, parent: QObject) -> None:
@@ -123,7 +123,7 @@ class FieldWheel(QObject):
     def watch(self, within: QWidget) -> None:
         """Install the filter on a widget and the fields in it; repeated calls have no effect."""
         for field in (within, *within.findChildren(QWidget)):
-            if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:  # the wheel would give it
+            if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:  # the wheel would give focus
                 field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             if isinstance(field, _FIELDS) and not isinstance(field, QScrollBar):
                 field.installEventFilter(self)

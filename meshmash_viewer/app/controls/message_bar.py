@@ -96,10 +96,7 @@ class MessageBar(QFrame):
             notice.action()
 
     def keep_clear(self, title: QSize, bar: int) -> None:
-        """Leave the title at the upper left and the colour bar at the right uncovered.
-
-        `title` is the size of the title in pixels, `bar` the width of the colour bar.
-        """
+        """Leave a title at the upper left, and `bar` pixels of a colour bar at the right, clear."""
         if (title, bar) != (self._title, self._bar):
             self._title, self._bar = title, bar
             if self.isVisible():

@@ -170,7 +170,7 @@ class DecimalField(_ValidatedSpin, QDoubleSpinBox):
         return number
 
 
-#: Largest valid magnitude, and inverse of the smallest: squares beyond overflow.
+#: Largest valid magnitude, and inverse of the smallest: squares of other numbers overflow.
 _LARGEST = 1e150
 
 
