@@ -147,7 +147,7 @@ def run_primme(folder: Path, k: int) -> dict[str, Any]:
 
 
 def run_limit(folder: Path, k: int) -> dict[str, Any]:
-    """Return the seconds of the steps that every solver needs, each at its best, in one thread."""
+    """Return seconds of the steps that shift-invert needs, each at its best, in one thread."""
     from threadpoolctl import threadpool_limits
 
     from meshmash_viewer.spectral.engine.factorization import order_pencil

@@ -20,10 +20,7 @@ from meshmash_viewer.spectral.eigensolver import solve
 
 
 def row_of_balls(copies: int, subdivisions: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces of a row of icospheres, with vertices moved by random noise.
-
-    `spread` is the standard deviation of the noise, relative to the radius.
-    """
+    """Return vertices and faces of icospheres in a row, with noise of `spread` times the radius."""
     ball = trimesh.creation.icosphere(subdivisions)
     n, random = len(ball.vertices), np.random.default_rng(0)
     moves = spread * random.standard_normal((copies, n, 3))

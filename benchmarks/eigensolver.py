@@ -4,16 +4,16 @@
 
 Prints one table per mesh. Every run is a process of its own. Contestants take turns, so that other
 load of the machine affects all of them. Times are medians; memory is the peak of the whole process
-tree beyond the memory of the interpreter with its libraries and the matrices. Before each run
-a process writes to some memory, so that no run is slowed down by unused pages.
+tree beyond the memory of the interpreter with its libraries and the matrices. Before each run,
+a process writes to some memory, so that every run finds pages that were used recently.
 
 slices-2, slices-1   this package, two and one slice at a time
 eigsh                SciPy's ARPACK in shift-invert mode, SuperLU, sigma = -1e-10, tol = 1e-10
 bands                eigsh in bands of 50 pairs with a moving shift (Vallet & Lévy 2008)
 lapy                 LaPy's solver on the same matrices
 primme               PRIMME with a factor as preconditioner, where it is installed
-limit                time of order + factor + 2 k columns solved in blocks + one orthogonalisation
-                     of k vectors at the best rate of matrix products, over slices at a time
+limit                order + factor + 2 k columns solved in blocks + one orthogonalisation of k
+                     vectors at the best rate of matrix products, divided by slices at a time
 
 Peers run with one and with two threads for linear algebra (or --threads), and the faster run
 counts. A contestant may have its own interpreter, which needs this package, too: --python

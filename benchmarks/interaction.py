@@ -28,11 +28,10 @@ before VTK's Render, into the buffer of the previous field. Ticks are measured i
 at most 25, until the host of a virtual machine withholds less than 1 % of a processor ("steal")
 during a round; the round with the least steal counts. The processor time of a tick is that of the
 interface thread, including plots and texts after the frame; it separates the cost from waiting for
-a busy processor. A gap is the time between two ticks of a 5 ms timer, less the longer of two times:
-that in which the thread was ready to run but other programs had the processors (as Linux counts
-it), and that for which the host withheld the thread's processor, as a sleeping process detects
-(`interaction_bystander.py`). "Less drawing" also excludes the time in VTK's Render and Frame. Times
-are medians unless stated otherwise.
+a busy processor. A gap is the time between two ticks of a 5 ms timer, less the longer of two
+delays: the thread waited for a processor used by other programs (as Linux counts), or the host
+withheld the processor (as detected by `interaction_bystander.py`). "Less drawing" also excludes the
+time in VTK's Render and Frame. Times are medians unless stated otherwise.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class Bystanders:
         ]
 
     def withheld(self) -> list[np.ndarray]:
-        """End the processes; return beginnings and ends by processor, each of shape (s, 2)."""
+        """End the processes; return the withheld intervals of each processor, shape (s, 2)."""
         found = []
         for process, log in zip(self._processes, self._logs, strict=True):
             process.terminate()

@@ -15,7 +15,7 @@ seams     relative differences at seams in columns that are not marked: the larg
           column, and the largest difference
 error     relative differences from the whole mesh at its vertices, likewise
 
-and with --columns seams and error of each column. The window and its packages are not needed;
+and, with --columns, seams and error of each column. The window and its packages are not needed;
 without an installation set ``PYTHONPATH`` to the repository.
 """
 
@@ -65,10 +65,7 @@ def subdivided(vertices: FloatArray, faces: np.ndarray, times: int) -> Mesh:
 
 
 class Memory:
-    """Peak memory of this process and its descendants in bytes; 0 without /proc.
-
-    Shared pages are counted once.
-    """
+    """Peak memory of this process and descendants, shared pages counted once; 0 without /proc."""
 
     def __init__(self) -> None:
         self.peak = 0
