@@ -368,10 +368,7 @@ def make_sphere() -> tuple[Array, npt.NDArray[np.int64]]:
 def grow_spines(
     rng: np.random.Generator, field: Field, tubes: list[tuple[Tube, int]], density: float
 ) -> int:
-    """Add at most `density` spines per µm to tubes, and return the number of spines.
-
-    The number with each tube is that of its first points, which have no spines.
-    """
+    """Add at most `density` spines per µm to tubes after their `bare` points; return the number."""
     n_spines = 0
     for tube, bare in tubes:
         # Spines at random places are left out if they would touch others.
