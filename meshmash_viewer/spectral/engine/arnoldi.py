@@ -20,7 +20,7 @@ _EXTRA = 6
 
 @dataclass(frozen=True, eq=False)
 class PairsAround:
-    """The pairs nearest a shift found by a Krylov basis, possibly with gaps."""
+    """Pairs nearest a shift as found by ARPACK, which may have missed some."""
 
     #: Shape (p,): Ascending.
     values: FloatArray
@@ -31,7 +31,7 @@ class PairsAround:
     high: float
     #: Number of pairs found in the interval, a few more than p.
     count: int
-    #: Number of these below `values`.
+    #: Number of these pairs below the first of `values`.
     first: int
 
 
@@ -51,7 +51,7 @@ def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) ->
     shift = (request.target or 0.0) / pencil.unit
     distance = np.abs(values - shift)
     order = np.argsort(distance, kind="stable")
-    # Pairs farther away than the last one found are unknown, so zeros count only up to there.
+    # Beyond the farthest pair found other pairs are unknown, so zeros farther away are ignored.
     order = order[distance[order] <= distance[pencil.n_null :].max(initial=0.0)]
     if len(order) <= wanted:
         return None
@@ -72,9 +72,9 @@ def _pairs_of_inverse(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute eigenvalues (k,), ascending, and rows (k, n) beyond the null space.
 
-    There are fewer if some fail. The pairs are those nearest the σ of `inverse`, ``(L - σ M)^-1``,
-    shape (n_all, n_all); `ncv` is the size of the Krylov basis; `check` is called before each
-    application of the inverse.
+    Fewer are returned if some do not converge. The pairs are those nearest the σ of `inverse`,
+    ``(L - σ M)^-1``, shape (n_all, n_all); `ncv` is the size of the Krylov basis; `check` is called
+    before each application of the inverse.
     """
     from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
 

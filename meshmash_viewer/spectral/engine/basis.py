@@ -1,10 +1,10 @@
 """Block Krylov basis of the deflated inverse of a shifted matrix, and its Ritz pairs.
 
-Rounding makes the basis lose orthogonality along the Ritz vectors nearest the shift: there the
-inverse magnifies most, and each solve adds about 1e-10 of them. So these few are projected out of
-every new block (selective orthogonalisation, Parlett & Scott 1979). The remaining loss is so slow
-that the whole basis has to be orthogonalised only every few steps, when inner products with random
-sums of its rows exceed a limit (partial reorthogonalisation, Simon 1984).
+Rounding makes the basis lose orthogonality along the Ritz vectors nearest the shift, which the
+inverse magnifies most: each solve adds a share of about 1e-10 of them. So these few vectors are
+projected out of every new block (selective orthogonalisation, Parlett & Scott 1979). The remaining
+loss is so slow that the whole basis has to be orthogonalised only every few steps, when inner
+products with random sums of its rows exceed a limit (partial reorthogonalisation, Simon 1984).
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil,
 _CHUNK = 4096
 #: Largest deviation of the Gram matrix of orthonormal rows from the identity.
 _NORMAL = 1e-13
-#: Smallest share of its norm that a row has orthogonal to those before it, if independent.
+#: Smallest share of the norm of an independent row that is orthogonal to the rows before it.
 _INDEPENDENT = 0.3
 
 
 def multiply_in_place(weights: FloatArray, rows: FloatArray, result: FloatArray) -> None:
-    """Compute weights · rows into `result`, (m, n), which may be the beginning of `rows`."""
+    """Write weights · rows into `result`, shape (m, n), which may be the start of `rows`."""
     for part in blocks(rows.shape[1], _CHUNK):
         result[:, part] = weights @ rows[:, part]
 
@@ -37,7 +37,7 @@ def subtract(
     sources: Sequence[tuple[FloatArray, FloatArray]],
     against: Sequence[FloatArray],
 ) -> list[FloatArray]:
-    """Subtract weights · rows for each source; return target · rowsᵀ for each set of rows.
+    """Subtract weights · rows of each source from a target; return target · rowsᵀ for `against`.
 
     `target`, shape (b, n), is changed in place and read from memory only once.
     """
@@ -103,7 +103,7 @@ def orthonormalise_block(
 ) -> tuple[FloatArray, bool]:
     """Orthonormalise rows (8, n) by Cholesky QR, up to twice, in place.
 
-    Returns the factor with old block = lower · new block, and False if the block is rank deficient.
+    Returns the factor with old block = lower · new block, and whether the block has full rank.
     `gram` is block · blockᵀ, if known.
     """
     total = np.eye(len(block))
@@ -128,9 +128,9 @@ def orthonormalise_block(
 BLOCK = 8
 #: Maximum number of Ritz vectors nearest the shift that are projected out of every new block.
 _NEAREST = 24
-#: Size of the basis at which these are computed first.
+#: Smallest size of the basis at which these Ritz vectors are computed.
 _FIRST_LOOK = 5 * BLOCK
-#: Largest allowed inner product between blocks; its square is the error of T.
+#: Largest allowed inner product between blocks; its square is the error of the projection T.
 _SEMIORTHOGONAL = 1e-7
 #: Number of random sums of all rows and known vectors, with which orthogonality is monitored.
 _MIXTURES = 4
@@ -153,8 +153,8 @@ class RitzPairs:
 def _relative(shared: FloatArray, gram: FloatArray) -> float:
     """Estimate the largest inner product of a block, once orthonormal, with the basis.
 
-    `shared`, shape (8, m), are its inner products with random sums of all rows, rarely much smaller
-    than the norm of all inner products; `gram`, shape (8, 8), is its Gram matrix.
+    `shared`, shape (8, m), are inner products of the block with random sums of all rows, rarely
+    much smaller than the norm of all inner products; `gram`, shape (8, 8), is its Gram matrix.
     """
     try:
         shared = np.linalg.solve(np.linalg.cholesky(gram), shared)
@@ -167,8 +167,8 @@ class KrylovBasis:
     """A block Krylov basis, extended block by block from a random start.
 
     The basis is orthogonal to `found`, orthonormal rows of shape (f, n), and has at most `capacity`
-    rows. If `careful`, every block is orthogonalised against the whole basis. All rows
-    are zero on `left_out`, a mask of vertices of whole components.
+    rows. If `careful`, every block is orthogonalised against the whole basis. All rows are zero on
+    `left_out`, a mask of the vertices of some components.
     """
 
     def __init__(
@@ -197,13 +197,12 @@ class KrylovBasis:
         self.size = 0
         self.rows = np.empty((capacity + 2 * BLOCK, self._n))
         first = self.rows[:BLOCK]
-        # The inverse does not mix components: rows stay zero on those left out.
+        # The inverse does not mix components: rows stay zero on left-out components.
         self._apply(self._without(self._random.random((BLOCK, self._n)) - 0.5), first)
         if not orthonormalise_block(first)[1]:
             first[:] = np.linalg.qr(first.T)[0].T
 
     def _without(self, rows: FloatArray) -> FloatArray:
-        """Set rows to zero on the components left out."""
         if self._left_out is not None:
             rows[:, self._left_out] = 0.0
         return rows
@@ -222,9 +221,9 @@ class KrylovBasis:
             project_out(result, self._found)
 
     def extend(self) -> None:
-        """Perform one Lanczos step: append a block, and a block column of T.
+        """Perform one Lanczos step: append a block of rows, and a block column of T.
 
-        The inner products of one pass over the vectors are subtracted in the next pass.
+        The projections computed in one pass over the vectors are subtracted in the next pass.
         """
         b, rows, size = BLOCK, self.rows, self.size
         nearest = self._nearest
@@ -283,7 +282,7 @@ class KrylovBasis:
             project_out(new, self._found)
 
     def _find_nearest(self, size: int) -> None:
-        """Compute the nearly converged Ritz vectors of the largest values of the inverse."""
+        """Compute the nearly converged Ritz vectors with the largest Ritz values of the inverse."""
         pairs = RitzPairs(self._projection[:size, :size], self._coupling)
         largest = np.argsort(-np.abs(pairs.mu), kind="stable")[:_NEAREST]
         settled = pairs.errors[largest] < _SEMIORTHOGONAL * np.abs(pairs.mu).max()
@@ -319,8 +318,8 @@ class KrylovBasis:
     def vectors(self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]) -> FloatArray:
         """Compute vectors of the chosen pairs, after one more implicit application of the inverse.
 
-        They are nearly orthonormal, shape (p, n), and reuse the memory of the basis, which is
-        invalid afterwards; the rest of its memory is freed.
+        The vectors are nearly orthonormal, shape (p, n). They reuse the memory of the basis, which
+        is invalid afterwards; the rest of that memory is freed.
         """
         size = self.size
         weights = np.empty((len(chosen), size + BLOCK))

@@ -44,10 +44,10 @@ def import_compiler() -> Any:
 
 
 def compiled(signature: str, *fast: str) -> Callable[[Any], Any]:
-    """Make a decorator that compiles a function now, to run without the interpreter lock.
+    """Return a decorator that compiles a function at once, to run without the interpreter lock.
 
-    The superword-level (SLP) vectoriser, off by default in numba, doubles the speed of the kernels
-    here. `signature` is in numba's notation, `fast` are flags of ``fastmath`` such as "contract".
+    The superword-level (SLP) vectoriser, off by default in numba, doubles the speed of these
+    kernels. `signature` is in numba's notation; `fast` are ``fastmath`` flags such as "contract".
     """
     numba = import_compiler()
 
@@ -69,9 +69,9 @@ def _can_write_below(folder: Path) -> bool:
 
 
 def _provide_cache(settings: Any) -> None:
-    """Set a temporary cache folder if numba has no writable one, without which it fails.
+    """Set a temporary cache folder for numba, which fails without one, if no other is writable.
 
-    A system-wide installation used by an account without a home folder has none.
+    This happens in a system-wide installation used by an account without a home folder.
     """
     import platformdirs
 
@@ -85,7 +85,7 @@ def _provide_cache(settings: Any) -> None:
 def limit_accelerate(environment: MutableMapping[str, str]) -> None:
     """Limit Accelerate, the BLAS of NumPy on macOS, to one thread in new processes.
 
-    It cannot be limited once it is loaded. A value set by the user is kept.
+    Accelerate cannot be limited after it is loaded. A value set by the user is kept.
     """
     if sys.platform == "darwin":
         environment.setdefault("VECLIB_MAXIMUM_THREADS", "1")
@@ -96,8 +96,8 @@ def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread, since several threads make products of thin matrices slower.
 
     With most BLAS libraries the limit applies to the whole process. If each solve set and restored
-    it, a solve that ends would lift the limit of another one, or restore a wrong limit permanently.
-    So a separate thread holds the limit from the start of the first solve to the end of the last.
+    it, a solve that ends would lift the limit of another, or restore a wrong limit permanently.
+    So a separate thread sets the limit before the first solve and lifts it after the last.
     With OpenMP the limit applies to a thread, so the calling thread is limited too.
     """
     from threadpoolctl import threadpool_limits
@@ -119,7 +119,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class _Limit:
-    """The limit of the process, held while any solve runs."""
+    """Limit of BLAS in the process, which applies while any solve runs."""
 
     lock = threading.Lock()
     users = 0

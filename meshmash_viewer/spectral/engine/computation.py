@@ -47,9 +47,9 @@ _BEYOND = 1.25
 
 
 class Computation:
-    """The computation of a request, in one thread and those that it starts.
+    """Computation of the pairs of a request, in one thread and the threads that it starts.
 
-    `output` holds the results so far. `sizes` returns the numbers of pairs of slices for a total
+    `output` is the result so far. `sizes` returns the number of pairs of each slice for a total
     number. `report` receives functions that report progress, to be called by the starting thread.
     """
 
@@ -95,17 +95,16 @@ class Computation:
         )
 
     def leave(self) -> None:
-        """End soon; called by another thread."""
+        """Request an early end, from another thread."""
         self.is_left = True
         self._stop[0] = 1
 
     def _check(self) -> None:
-        """Raise `Cancelled` after the iterator was closed."""
         if self.is_left:
             raise Cancelled("the iterator was closed")
 
     def _resume(self) -> None:
-        """Continue after an error that stopped the slices, unless the iterator was closed."""
+        """Allow further slices after an error; raise `Cancelled` if the iterator was closed."""
         self._stop[0] = 0
         self._check()
 
@@ -135,7 +134,7 @@ class Computation:
         try:
             yield from self._sliced(self._ordered or self._order())
         except (ArithmeticError, FactorizationError, np.linalg.LinAlgError):
-            # Published pairs are final; before that, a small mesh can be solved densely.
+            # Published pairs are final; before the first one a small mesh can be solved densely.
             n_published = self.output.written if hasattr(self, "output") else 0
             if n_published > self.pencil.n_null or not can_be_dense(self.pencil.n):
                 raise
@@ -242,7 +241,7 @@ class Computation:
             )
 
     def _kept(self, values: FloatArray, threshold: float) -> int:
-        """Return the number of eigenvalues up to a threshold, with all copies of a multiple one."""
+        """Return the number of eigenvalues up to a threshold, with all copies of the last one."""
         rounding = max(_THRESHOLD_MARGIN * threshold, self.pencil.noise)
         kept = int(np.searchsorted(values, threshold + rounding, side="right"))
         while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
@@ -256,7 +255,7 @@ class Computation:
     def _found(
         self, ordered: OrderedPencil, intervals: Iterable[Interval], count: int
     ) -> Iterator[IntervalPairs]:
-        """Find the pairs of intervals, up to `count` in all."""
+        """Find the pairs of intervals in parallel, as memory for `count` pairs allows."""
         jobs = self._workers(ordered, count)
         return run_slices(ordered, intervals, self.request.tolerance, jobs, self._stop)
 
@@ -268,7 +267,7 @@ class Computation:
     ) -> Iterator[slice]:
         """Compute and write the pairs between two values.
 
-        If a slice shows that its border lies on an eigenvalue, the slices below it are kept, and
+        If a border proves to lie on an eigenvalue, the slices already computed are kept, and
         further borders are counted on both sides.
         """
         if low >= high:
@@ -295,7 +294,7 @@ class Computation:
         self._spend("slices", started)
 
     def _needed(self, first: int) -> int | None:
-        """Return the number of pairs needed from an index on; None for all pairs of a slice."""
+        """Return the number of pairs needed of a slice from index `first`; None for all pairs."""
         return max(self.output.total - first, 0) if first >= self._n_kept else None
 
     def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
@@ -340,7 +339,7 @@ class Computation:
         rows = np.concatenate([part.rows for part in parts])
         chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
         unit = pencil.unit
-        # Without a lower end these are the lowest pairs.
+        # No lower end means that the pairs are the lowest.
         below = None if low == 0.0 and chosen[0] == 0 else low * unit
         self._count = Certificate("inertia", inside, inside, high * unit, below)
         rows = rows[chosen]
@@ -417,7 +416,7 @@ class Computation:
         if counted != found.count:
             return None
         unit = self.pencil.unit
-        # Without eigenvalues below them these are the lowest pairs.
+        # No lower end means that the pairs are the lowest.
         begin = low * unit if below + found.first else None
         self._count = Certificate("inertia", counted, counted, high * unit, begin)
         return Found(found.values, measure_pairs(ordered, found.rows)[1], found.rows)
@@ -425,7 +424,7 @@ class Computation:
     # -- output -----------------------------------------------------------------------------------
 
     def _open(self, k: int, known: KnownPairs | None = None) -> Iterator[slice]:
-        """Allocate the rows, and keep those of known pairs."""
+        """Allocate k rows; yield the slice of the known rows, which are kept."""
         self._known = known
         self._n_kept = kept = 0 if known is None else min(k, len(known.values))
         self.output = Output.allocate(self.pencil, self.request, k, kept)

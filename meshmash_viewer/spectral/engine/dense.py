@@ -1,7 +1,7 @@
 """Pairs from dense matrices: of small pencils, and of repeated components.
 
 A mesh of 500 equal components has eigenvalues of multiplicity 1500, of which a block Krylov basis
-finds eight copies at a time. Solving components one by one is faster; equal ones are solved once.
+finds eight copies at a time. Solving single components is faster; equal ones are solved once.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class DenseSpectrum:
     """All pairs of a small pencil; `values`, shape (n,), begin with the zeros of the null space.
 
     Components are solved one by one, since their stiffness may differ by a factor of a million.
-    `check` is called before each; `InputError` is raised if an eigenvalue is negative by more than
-    rounding.
+    `check` is called before each component; `InputError` is raised if an eigenvalue is negative by
+    more than rounding.
     """
 
     def __init__(self, pencil: Pencil, check: Callable[[], None]) -> None:
@@ -72,14 +72,14 @@ class DenseSpectrum:
 def component_pairs(
     matrix: FloatArray, constant: FloatArray | None, highest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute all pairs of a component's matrix, (c, c), or those up to `highest`, ascending.
+    """Compute the pairs of a component's matrix, (c, c), up to `highest` or all, ascending.
 
-    `constant` is its null vector if that is known; it is left out.
+    `constant` is the null vector if it is known; its pair is left out.
     """
     from scipy.linalg import eigh
 
     if constant is not None:
-        # Shifted above all other eigenvalues, the zero does not mix with the lowest ones.
+        # The zero is shifted above all other eigenvalues, so that it does not mix with the lowest.
         lift = 1.1 * np.abs(matrix).sum(axis=0).max()
         matrix = matrix + lift * np.outer(constant, constant)
     if highest is not None:
@@ -103,26 +103,26 @@ def dense_residuals(pencil: Pencil, values: FloatArray, rows: FloatArray) -> Flo
 
 #: Minimum number of components of one size; fewer are solved with the Krylov basis.
 _FEWEST = 16
-#: Maximum number of vertices of a component.
+#: Maximum number of vertices of such a component.
 _LARGEST = 700
-#: Total cost, in cubed vertices, up to which components of a size are solved, and number of them
-#: per vertex of one from which they are solved at any cost.
+#: Maximum total cost, in cubed vertices, of components of one size, and ratio of their number to
+#: the vertices of one component from which they are solved at any cost.
 _CHEAP, _COPIES_PER_VERTEX = 1e9, 0.125
 #: Relative difference below which matrices of components are equal.
 _EQUAL = 1e-13
-#: Number of previously solved components that another is compared with.
+#: Number of solved components that the next component is compared with.
 _COMPARED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class AlonePairs:
-    """Pairs of an interval that lie on single components."""
+    """Pairs of an interval whose eigenvectors are zero outside one component."""
 
     #: Shape (p,): Ascending.
     values: FloatArray
-    #: Shape (q, n): Eigenvectors of the lowest q of them, as many as requested.
+    #: Shape (q, n): Eigenvectors of the lowest q pairs, as many as requested.
     rows: FloatArray
-    #: Shape (n,): Mask of these components.
+    #: Shape (n,): Mask of the vertices of these components.
     vertices: npt.NDArray[np.bool_]
     #: Largest defect of the rows' inner products.
     orthonormality: float
@@ -130,7 +130,7 @@ class AlonePairs:
 
 @dataclass(frozen=True, eq=False)
 class _Kind:
-    """Equal components: their pairs, and the vertices of each, shape (copies, c)."""
+    """Equal components: the pairs of one, and the vertices of each, shape (copies, c)."""
 
     values: FloatArray
     vectors: FloatArray
@@ -150,11 +150,11 @@ class RepeatedComponents:
         self._kinds = list(_kinds(pencil, highest))
 
     def count(self, high: float) -> int:
-        """Count their nonzero eigenvalues below a value."""
+        """Count the nonzero eigenvalues of these components below a value."""
         return sum(int((kind.values < high).sum()) * len(kind.places) for kind in self._kinds)
 
     def within(self, low: float, high: float, most: int | None = None) -> AlonePairs | None:
-        """Return the pairs between two values, with rows for the lowest `most`, or None."""
+        """Return the pairs between two values, with the lowest `most` rows; None without pairs."""
         values, kinds, columns, copies = [], [], [], []
         for at, kind in enumerate(self._kinds):
             inside = np.flatnonzero((kind.values > low) & (kind.values < high))
@@ -200,7 +200,7 @@ def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
 
 
 def _solved(pencil: Pencil, places: npt.NDArray[np.int64], highest: float) -> list[_Kind]:
-    """Solve components of one size, shape (copies, c); return none if that costs too much."""
+    """Solve components of one size, `places` (copies, c); return [] if this costs too much."""
     copies, size = places.shape
     matrix = sparse.csr_array(pencil.matrix[places.ravel()][:, places.ravel()])
     most = max(_CHEAP / size**3, copies if copies >= _COPIES_PER_VERTEX * size else 0)
@@ -223,7 +223,7 @@ def _solved(pencil: Pencil, places: npt.NDArray[np.int64], highest: float) -> li
 
 
 def _block(matrix: sparse.csr_array, start: int, size: int) -> FloatArray:
-    """Return a dense diagonal block; its rows have no entries elsewhere."""
+    """Return a dense diagonal block, whose rows have no entries outside the block."""
     bounds = matrix.indptr[start : start + size + 1]
     part = slice(bounds[0], bounds[-1])
     block = np.zeros((size, size))
@@ -233,7 +233,7 @@ def _block(matrix: sparse.csr_array, start: int, size: int) -> FloatArray:
 
 
 def _equal_to(block: FloatArray, blocks: list[FloatArray]) -> int | None:
-    """Return the index, from the end, of a block that equals another, or None."""
+    """Return the negative index of the last of `blocks` that equals `block`, or None."""
     limit = _EQUAL * np.abs(block).max()
     for back in range(-1, -len(blocks) - 1, -1):
         if np.abs(block - blocks[back]).max() <= limit:

@@ -18,7 +18,7 @@ StopFlag = npt.NDArray[np.uint8]
 
 #: Largest allowed backward error of the probe solve.
 _PROBE_TOLERANCE = 1e-9
-#: Powers of ten times the nudge by which a shift is moved.
+#: Exponents of ten in the multiples of the nudge by which a shift is moved.
 _POWERS = (-6, -4, -2, -1, 0)
 
 
@@ -30,11 +30,11 @@ class FactorizationError(RuntimeError):
 class OrderedPencil:
     """A pencil in elimination order, with the symbolic structure of its factors."""
 
-    #: Its vertices are in elimination order.
+    #: The pencil, whose vertices are in elimination order.
     pencil: Pencil
-    #: Blocks of the factor.
+    #: Block structure of the factors.
     structure: Any
-    #: Factors made for counting that will be reused, by shift.
+    #: Factors of counts that will be reused, by shift.
     kept: dict[float, Factor] = field(default_factory=dict, repr=False)
     #: Number of blocks solved so far, a measure of progress.
     steps: int = 0
@@ -42,17 +42,17 @@ class OrderedPencil:
     repeated: RepeatedComponents | None = None
 
     def solve_repeated(self, highest: float) -> None:
-        """Compute the pairs up to a value on components of which there are many copies."""
+        """Compute the pairs up to a value of components that have many equal copies."""
         self.repeated = RepeatedComponents(self.pencil, highest)
 
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
-        """Factor at a shift or, if a pivot vanishes, close to it.
+        """Return a factor at a shift or, if a pivot vanishes, close to it.
 
         A pivot may be nearly zero even if no eigenvalue is near. The shift is then moved to both
         sides by 1e-6 `nudge`, 1e-4 `nudge` and so on, up to `nudge`.
 
-        `FactorizationError` is raised if no shift gave a stable factor, and `Cancelled` if `stop`
-        was set.
+        `FactorizationError` is raised if no shift gives a stable factor, and `Cancelled` if `stop`
+        is set.
         """
         kept = self.kept.pop(shift, None)
         if kept is not None:
@@ -67,7 +67,7 @@ class OrderedPencil:
         raise FactorizationError(f"no stable factor near shift {shift:.6g}")
 
     def factor_at(self, shift: float, stop: StopFlag) -> Factor | None:
-        """Factor at exactly this shift; return None if a pivot vanishes or nearly does."""
+        """Return a factor at exactly this shift, or None if a pivot nearly vanishes."""
         try:
             factor = Factor(self, shift, stop)
         except FactorizationError:
@@ -120,15 +120,12 @@ def order_pencil(pencil: Pencil) -> OrderedPencil:
 
 
 class Factor:
-    """``A - shift I = L D Lᵀ`` without pivoting, in blocks [1]_.
+    """Factorization ``A - shift I = L D Lᵀ`` without pivoting, in dense blocks [1]_.
 
-    Sylvester's law of inertia: the number of negative pivots in D is the number of eigenvalues
-    of A below the shift.
-
-    `count_below` is the number of eigenvalues below the shift. `error` is the backward error of a
-    probe solve, which grows if a pivot is nearly zero, and `blur` the first-order change of
-    eigenvalues near the shift due to it. `FactorizationError` is raised if a pivot vanished,
-    `Cancelled` if `stop` was set.
+    `count_below` is the number of eigenvalues of A below the shift: by Sylvester's law of inertia,
+    the number of negative pivots in D. `error` is the backward error of a probe solve, which grows
+    if a pivot is nearly zero; `blur` is the first-order change of eigenvalues near the shift due to
+    this error. `FactorizationError` is raised if a pivot vanishes, `Cancelled` if `stop` is set.
 
     References
     ----------
@@ -165,7 +162,7 @@ class Factor:
         solve_block(*structure, self._blocks, self._inverse, block.reshape(-1))
 
     def _probe(self, pencil: Pencil) -> tuple[float, float]:
-        """Measure error and blur of a solve with a fixed right-hand side without null space."""
+        """Return `error` and `blur`, by a solve with a right-hand side free of the null space."""
         n = pencil.n
         block = np.zeros((n, 8))
         probe = np.cos(np.arange(n, dtype=np.float64))

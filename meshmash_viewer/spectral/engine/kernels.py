@@ -1,6 +1,6 @@
 """Compiled operations on blocks of vectors.
 
-All release the interpreter lock, so that slices run in threads. Blocks of vectors have shape
+They release the interpreter lock, so that slices of the spectrum run in threads. Blocks have shape
 (n, 8), C order: eight columns fill two vector registers.
 """
 
@@ -19,12 +19,12 @@ _TRANSPOSE = "void(float64[:, ::1], float64[:, ::1])"
 _REMOVAL = "void(int64[::1], float64[::1], float64[:, ::1], float64[:, ::1])"
 
 
-# Written out, the eight numbers of a row stay in two registers; in a loop they do not.
+# Only without a loop does the compiler keep the eight numbers of a row in two registers.
 
 
 @numba.njit(inline="always")
 def load(x, at):  # type: ignore[no-untyped-def]
-    """Return the eight numbers from an index of a flat block on."""
+    """Return the eight numbers of a flat block that start at index `at`."""
     return (
         x[at],
         x[at + U1],
@@ -39,7 +39,7 @@ def load(x, at):  # type: ignore[no-untyped-def]
 
 @numba.njit(inline="always")
 def store(x, at, row):  # type: ignore[no-untyped-def]
-    """Write eight numbers from an index of a flat block on."""
+    """Write eight numbers into a flat block, starting at index `at`."""
     x[at] = row[0]
     x[at + U1] = row[1]
     x[at + U2] = row[2]
@@ -52,7 +52,7 @@ def store(x, at, row):  # type: ignore[no-untyped-def]
 
 @numba.njit(inline="always")
 def added(row, factor, other):  # type: ignore[no-untyped-def]
-    """Return row + factor · other for eight numbers each."""
+    """Return row + factor · other for rows of eight numbers."""
     return (
         row[0] + factor * other[0],
         row[1] + factor * other[1],
@@ -67,7 +67,7 @@ def added(row, factor, other):  # type: ignore[no-untyped-def]
 
 @compiled(_PRODUCT, "contract", "nsz")
 def multiply_block(start, index, data, x, y):  # type: ignore[no-untyped-def]
-    """Compute Y = A X for symmetric A in compressed form; x and y are of shape (n, 8), flat."""
+    """Compute Y = A X for symmetric A in compressed form; x and y are flat blocks (n, 8)."""
     for i in range(len(start) - U1):
         row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for p in range(start[i], start[i + U1]):
@@ -104,10 +104,10 @@ def multiply_block_exactly(start, index, data, x, y):  # type: ignore[no-untyped
 
 @compiled(_REMOVAL)
 def remove_null_block(labels, direction, sums, x):  # type: ignore[no-untyped-def]
-    """Project the direction of each component out of X of shape (n, 8), in place."""
+    """Project the null vector of each component out of X, shape (n, 8), in place."""
     sums[:] = 0.0
     if len(sums) == 1:
-        # Vertices outside have the direction 0; without indirect indexing this is faster.
+        # One component needs no slow indirect indexing: outside it the direction is 0.
         only = sums[0]
         for i in range(len(direction)):
             for c in range(8):
@@ -128,7 +128,7 @@ def remove_null_block(labels, direction, sums, x):  # type: ignore[no-untyped-de
 
 @compiled(_QUOTIENTS)
 def quotients_block(x, y, weight, values, residuals):  # type: ignore[no-untyped-def]
-    """Compute x·y by columns and ‖w (y - (x·y) x)‖ / ‖w x‖, for x and y of shape (n, 8)."""
+    """Compute x·y and ‖w (y - (x·y) x)‖ / ‖w x‖ of each column, for x and y of shape (n, 8)."""
     size = np.zeros(8)
     values[:] = 0.0
     residuals[:] = 0.0

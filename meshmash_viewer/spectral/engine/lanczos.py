@@ -2,7 +2,7 @@
 
 Grimes, Lewis & Simon 1994: the inverse ``(A - σ)^-1`` maps the eigenvalues around the shift to
 the ends of its spectrum, where a block Krylov basis finds them first. The number of pairs in the
-interval is known from inertia, so the iteration ends when that many have converged.
+interval is known from inertia, so the iteration ends when this number has converged.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis, orthonorma
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.refinement import refine_pairs, rotate_to_pairs
 
-#: Slope and intercept of the usual basis size at convergence, as a function of the pairs.
+#: Slope and intercept of the usual basis size at convergence, as a function of the number of pairs.
 _USUAL = (2.3, 56)
 #: Number of consecutive restarts without new pairs after which an interval fails.
 _PATIENCE = 6
@@ -31,7 +31,7 @@ _LENIENCE = 1e3
 _BLURRED = 2e-14
 #: Distance of an eigenvalue from the shift, in mean spacings, below which its rounding dominates.
 _NEAR = 1e-3
-#: Distance by which the shift is then moved, in mean spacings, and maximum number of moves.
+#: Distance by which such a shift is moved, in mean spacings, and maximum number of moves.
 _MOVE, _MOVES = 0.3, 5
 
 
@@ -50,7 +50,7 @@ class Interval:
     shift: float
     #: Smallest distance of an eigenvalue from `high` at which the count is reliable.
     clearance: float = 0.0
-    #: Number of its lowest pairs to return; None: all.
+    #: Number of lowest pairs to return; None for all pairs.
     most: int | None = None
 
 
@@ -66,7 +66,7 @@ class Found:
     values: FloatArray
     #: Shape (p,): ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit.
     residuals: FloatArray
-    #: Shape (p, n): Orthonormal, in elimination order.
+    #: Shape (p, n): Orthonormal, with vertices in elimination order.
     rows: FloatArray
     #: Largest defect of the rows' inner products, if it has been measured.
     orthonormality: float | None = None
@@ -100,11 +100,11 @@ def run_slices(
     n_jobs: int,
     stop: StopFlag,
 ) -> Iterator[IntervalPairs]:
-    """Find the pairs of intervals in parallel, and yield those of each in order.
+    """Find the pairs of intervals in parallel, and yield the pairs of each interval in order.
 
     The kernels release the interpreter lock, so `n_jobs` threads are used; results do not depend on
     their number. `intervals` may be computed lazily; `tolerance` is the residual relative to the
-    eigenvalue; `stop`, which ends running kernels, is set when the iteration is left early.
+    eigenvalue. If the iteration is left early, `stop` is set, which ends running kernels.
     """
     if n_jobs == 1:
         for interval in intervals:
@@ -133,8 +133,8 @@ def find_pairs(
     """Find the pairs of an interval, or the lowest `most` of them.
 
     `tolerance` is the residual relative to the eigenvalue. `UnclearBorder` is raised if the upper
-    end lies on an eigenvalue, `ArithmeticError` if the iteration fails, `Cancelled` after another
-    thread has set `stop`.
+    end lies on an eigenvalue, `ArithmeticError` if the iteration fails, `Cancelled` if another
+    thread sets `stop`.
     """
     low, high, clearance = interval.low, interval.high, interval.clearance
     repeated = ordered.repeated
@@ -169,8 +169,8 @@ def _search(
 ) -> tuple[FloatArray, FloatArray, float, Factor]:
     """Find the pairs of an interval with Krylov bases, restarted until all are found.
 
-    `left_out` are the vertices of whole components, whose pairs the interval does not count. The
-    result are values, rows of shape (p, n), their orthonormality, and the last factor.
+    `left_out` is a mask of the vertices of components whose pairs are not sought. Returns values,
+    rows of shape (p, n), their orthonormality, and the last factor.
     """
     width = interval.high - interval.low
     factor = _factor(ordered, interval, stop)
@@ -186,14 +186,14 @@ def _search(
         missing = n_expected - len(found_values)
         if missing <= 0:
             break
-        # A missed copy may lie at an end of the interval, and take as many steps as all pairs.
+        # One missing copy of a multiple eigenvalue may take as many steps as all pairs.
         free = n - ordered.pencil.n_null - len(found) - n_left_out
-        # A basis that is too small cannot resolve close pairs near an end: double it.
+        # A basis that is too small cannot resolve close pairs near an end: double its capacity.
         capacity = (4 * n_expected + 20 * BLOCK) * 2**fruitless
         capacity = min(capacity, BLOCK * max(free // BLOCK, 1))
         seed = (interval.first, n_expected, attempt)
         basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful, left_out)
-        # The last, hardest pairs are refined at the end.
+        # The last pairs, which converge slowly, are refined afterwards.
         target = tolerance * (_LENIENCE if fruitless else 1.0)
         try:
             values, rows = _converge(basis, interval, missing, factor.shift, target)
@@ -231,10 +231,10 @@ def _search(
 
 
 def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Factor:
-    """Factor for an interval at its shift or close to it.
+    """Return a factor at the shift of an interval or close to it.
 
     A nearly vanishing pivot hardly affects eigenvalues far above zero. In the lowest slice all
-    pairs would have to be refined: another factor is cheaper.
+    pairs would have to be refined, and another factor is cheaper.
     """
     nudge = 0.03 * (interval.high - interval.low)
     best = ordered.factor(interval.shift, nudge, stop)
@@ -249,7 +249,7 @@ def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Facto
 def _converge(
     basis: KrylovBasis, interval: Interval, missing: int, shift: float, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Extend a basis until the missing pairs have converged or no new ones appear.
+    """Extend a basis until the missing pairs have converged or no new pairs appear.
 
     Returns values, shape (p,), and nearly orthonormal rows, shape (p, n).
     """
@@ -269,8 +269,8 @@ def _converge(
         pairs = basis.ritz()
         theta = shift + 1.0 / pairs.mu
         inside = (theta > interval.low) & (theta < interval.high)
-        # After one more implicit solve this is the residual, independent of the norm of A.
-        # Limited by the width, so that pairs of distant slices are equally orthogonal.
+        # `ratio` compares residuals after one more implicit solve, independent of the norm of A,
+        # with a bound, limited by the width so that distant slices are equally orthogonal.
         width = interval.high - interval.low
         wanted = tolerance * np.clip(np.abs(theta), 1e-3, width)
         floor = 1e-15 * np.linalg.norm(pairs.coupling) / pairs.mu**2
@@ -281,8 +281,8 @@ def _converge(
         n_inside, good = int(inside.sum()), int((inside & converged).sum())
         stagnant = stagnant + 1 if (n_inside, good) == before else 0
         before = (n_inside, good)
-        # All inside have converged, but fewer than expected: the basis contains no further copies
-        # of multiple eigenvalues.
+        # All pairs inside have converged, but fewer than expected: the basis contains no further
+        # copies of multiple eigenvalues.
         copies_left = n_inside == good < missing and good > 0 and stagnant >= 2
         if good > missing:
             raise ArithmeticError("more pairs converged than were counted")

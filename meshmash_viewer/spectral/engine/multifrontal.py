@@ -1,7 +1,7 @@
 """Compiled loops of the multifrontal factor and its block solves.
 
-All release the interpreter lock, so that slices run in threads. Blocks of vectors have shape
-(n, 8), C order: eight columns fill two vector registers.
+They release the interpreter lock, so that slices of the spectrum run in threads. Blocks of vectors
+have shape (n, 8), C order.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _SOLVE = (
 
 @compiled(_ELIMINATION, "contract", "nsz")
 def _eliminate_panel(front, columns, k0, k1):  # type: ignore[no-untyped-def]
-    """Factor columns k0 to k1 of the lower triangle of a front; the others are not updated.
+    """Factor columns k0 to k1 of the lower triangle of a front, without updating later columns.
 
-    `columns` receives them unscaled, as rows, which are contiguous in memory.
+    `columns` receives the unscaled columns as contiguous rows. Returns False if a pivot vanishes.
     """
     m = front.shape[0]
     for k in range(k0, k1):
@@ -125,7 +125,7 @@ def factor_numeric(  # type: ignore[no-untyped-def]  # noqa: C901
 ):
     """Compute LDLᵀ without pivoting; return the number of negative pivots.
 
-    -1 stands for a vanishing pivot, -2 for a stopped computation.
+    Returns -1 if a pivot vanishes, -2 if `stop` is set.
 
     `blocks` receives L with D on its diagonal, and `inverse` the diagonal of D⁻¹.
     """
@@ -201,7 +201,7 @@ def factor_numeric(  # type: ignore[no-untyped-def]  # noqa: C901
 def solve_block(  # type: ignore[no-untyped-def]  # noqa: C901
     first, row_start, rows, block_start, blocks, inverse, x
 ):
-    """Solve L D Lᵀ X = X in place; x is X of shape (n, 8), flat, and `inverse` the diagonal of D⁻¹.
+    """Solve L D Lᵀ X = B in place; x is B, flat (n, 8), and `inverse` the diagonal of D⁻¹.
 
     Unsigned indices let the compiler keep a row of X in two registers. Rows are processed in pairs
     to hide the latency of sums; memory is read in ascending order in the forward solve and in

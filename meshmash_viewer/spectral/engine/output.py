@@ -1,7 +1,7 @@
 """Scaling, signs and orthogonality of final pairs, and progress reports.
 
 The orthogonality of pairs of different slices is limited by their residuals and distance, so each
-slice is orthogonalised against the final one before it.
+slice is orthogonalised against the slice below it, which is final.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ _ZERO = 1e-9
 _MIXTURES = 8
 #: Vertices processed at a time.
 _CHUNK = 8192
-#: Earlier or known rows at a time.
+#: Earlier or known rows processed at a time.
 _KEPT = 128
 
 
 class Output:
-    """The arrays of a decomposition while they fill, lowest pair first.
+    """Arrays of a decomposition, filled from the lowest pair upwards.
 
-    `pencil` has the vertex order of `rows`, shape (k, n_all), the first of which may be final (see
-    `keep`). `ceiling` is the threshold, which rounded eigenvalues must not exceed.
+    `rows`, shape (k, n_all), may begin with final rows (see `keep`); rows to be written have the
+    vertex order of `pencil`. `ceiling` is the threshold, which rounded eigenvalues must not exceed.
     """
 
     def __init__(
@@ -96,9 +96,9 @@ class Output:
         )
 
     def write(self, pairs: Found) -> slice:
-        """Scale pairs of the reduced problem and append them; return their place.
+        """Scale pairs of the reduced problem and append them; return the slice of their indices.
 
-        Their residuals are in the reduced unit, not relative. Their rows are overwritten.
+        The given residuals are in the reduced unit, not relative. The given rows are overwritten.
         """
         pencil = self.pencil
         count = min(len(pairs.values), self.total - self.written)
@@ -132,7 +132,7 @@ class Output:
         return place
 
     def keep(self, eigenvalues: FloatArray, residuals: FloatArray) -> slice:
-        """Accept the next rows of the array as final, and measure their orthonormality."""
+        """Accept the next rows of the array as final, measure them, and return their slice."""
         place = slice(self.written, self.written + len(eigenvalues))
         self.eigenvalues[place], self.residuals[place] = eigenvalues, residuals
         for part in blocks(place.stop, _KEPT, place.start):
@@ -144,7 +144,7 @@ class Output:
         return place
 
     def _separate(self, place: slice, at: slice) -> tuple[FloatArray, FloatArray]:
-        """Orthogonalise rows against others that are final; return the remaining products."""
+        """Orthogonalise new rows against final rows; return the remaining inner products."""
         written, others = self.rows[place], self.rows[at]
         shared, far = self._products(written, others)
         most = float(np.abs(shared).max(initial=0.0))
@@ -166,11 +166,11 @@ class Output:
         return shared, far
 
     def _agree(self, place: slice, final: bool = False) -> float:
-        """Orthogonalise rows against the slice before; return the largest remaining product.
+        """Orthogonalise rows against the slice before; return the largest remaining inner product.
 
-        `final` rows are only measured. Eight random sums of all earlier rows estimate the norm of
-        the inner products with these, an upper bound of the largest. If hundreds of eigenvalues are
-        nearly equal, rows are orthogonalised against earlier slices too.
+        `final` rows are only measured. Products with eight random sums of all earlier rows estimate
+        the norm of the products with the rows, an upper bound of the largest. Rows are
+        orthogonalised against earlier slices too if hundreds of eigenvalues are nearly equal.
         """
         written, before = self.rows[place], self.rows[self._before]
         if len(before) == 0 or len(written) == 0:
@@ -214,14 +214,14 @@ class Output:
 
 
 def _largest(far: FloatArray) -> float:
-    """Estimate the largest norm of inner products of a row from those with random sums."""
+    """Estimate the largest norm of a row's inner products from its products with random sums."""
     return float(np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5)
 
 
 def _level(row: FloatArray) -> None:
     """Make nonzero entries that are equal within rounding exactly equal, in place.
 
-    On stiff meshes the rounding of a constant's entries causes a large residual.
+    On stiff meshes the rounding of the entries of a constant would cause a large residual.
     """
     used = np.flatnonzero(row)
     entries = row[used]
@@ -250,7 +250,7 @@ def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:
 #: vertices (`benchmarks/progress.py` measures the accuracy).
 _BEFORE = {"matrices": 0.0, "order": 18.0, "eigenpairs": 32.0}
 #: Steps of a slice relative to the usual number, and time to rotate, refine, measure and write its
-#: pairs relative to that of these steps.
+#: pairs relative to the time of its steps.
 _OVER, _END = 1.26, 0.26
 #: Minimum seconds between two reports without new pairs.
 _INTERVAL = 0.1
@@ -264,8 +264,8 @@ _MESSAGES = {
 class Pace:
     """Progress reports of a run.
 
-    `pairs` is the estimated number of pairs; `sizes` returns the numbers of pairs of slices for a
-    total number.
+    `pairs` is the estimated number of pairs; `sizes` returns the number of pairs of each slice for
+    a total number.
     """
 
     def __init__(
@@ -280,7 +280,7 @@ class Pace:
         self._is_sliced = False
 
     def begin_slices(self, pairs: int) -> None:
-        """Start the last stage, slices with a number of pairs in all."""
+        """Start the last stage, the slices, which have a number of pairs in total."""
         self._pairs, self._is_sliced = pairs, True
         self._steps = _OVER * sum(usual_rows(size) for size in self._sizes(pairs)) / BLOCK
 
@@ -304,7 +304,7 @@ class Pace:
             return
         now = self._reported = time.perf_counter()
         done, total = self._done, self._total
-        # The end of a slice has no steps: it counts when its pairs are final.
+        # The final work on a slice has no steps: it is counted when its pairs are final.
         found = max(done - (total - self._pairs), 0) if self._is_sliced else 0
         ended = min(found / max(self._pairs, 1), 1.0)
         taken = min(steps, self._steps) + _END * self._steps * ended

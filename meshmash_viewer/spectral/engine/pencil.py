@@ -1,8 +1,8 @@
 """Reduction of the pencil L φ = λ M φ to one symmetric matrix in natural units.
 
 The reduced matrix is ``A = M^-1/2 L M^-1/2 / unit`` on the vertices with mass, where
-``unit`` is the power of two next to Weyl's spacing 4π / area. Its eigenvalues are then about
-their own index for any unit of the mesh, so no tolerance in the engine is absolute.
+``unit`` is the power of two next to Weyl's spacing 4π / area. Eigenvalue i of the reduced matrix is
+then about i, for any unit of the mesh, so tolerances in the engine do not depend on that unit.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class Pencil:
     n_all: int
     #: Shape (n,): Component of each active vertex if its constant is a null vector, else -1.
     labels: npt.NDArray[np.int64]
-    #: Shape (n_null,): ``‖Lφ‖ / ‖Mφ‖`` of these constants, in the reduced unit.
+    #: Shape (n_null,): ``‖Lφ‖ / ‖Mφ‖`` of the constants in the null space, in the reduced unit.
     null_residuals: FloatArray
 
     @property
     def n_null(self) -> int:
-        """Dimension of the null space that is known exactly."""
+        """Dimension of the null space, which is known exactly."""
         return len(self.null_residuals)
 
     @property
@@ -55,7 +55,7 @@ class Pencil:
 
     @cached_property
     def magnitudes(self) -> Any:
-        """The reduced matrix with all its entries positive, shape (n, n)."""
+        """Absolute values of the entries of the reduced matrix, shape (n, n)."""
         return abs(self.matrix)
 
     @cached_property
@@ -70,7 +70,7 @@ class Pencil:
 
     @cached_property
     def null_direction(self) -> FloatArray:
-        """Entries of the normalised null vector of each vertex's component, 0 for none, (n,)."""
+        """Entry of each vertex in the unit null vector of its component, 0 without one, (n,)."""
         used = self.labels >= 0
         labels, root_mass = self.labels[used], self.root_mass[used]
         direction = np.zeros(self.n)
@@ -108,8 +108,9 @@ class Pencil:
 def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     """Reduce (L, M) to the symmetric problem on the vertices with mass.
 
-    M may be its diagonal. `InputError` is raised if the shapes differ, an entry is not finite, M is
-    not diagonal or negative, L is not symmetric, or a vertex without mass has entries in L.
+    M may be given as its diagonal. `InputError` is raised if the shapes differ, an entry is not
+    finite, M is not diagonal or negative, L is not symmetric, or a vertex without mass has entries
+    in L.
     """
     laplacian: Any = _real_matrix(stiffness)
     n_all = laplacian.shape[0]
@@ -240,7 +241,7 @@ def _real_matrix(stiffness: Any) -> Any:
 
 
 def mass_diagonal(mass: Any, n: int) -> FloatArray:
-    """Take the diagonal of a mass matrix given as matrix or as vector, shape (n,)."""
+    """Return the diagonal of a mass matrix given as matrix or as vector, shape (n,)."""
     if sp.issparse(mass) or np.ndim(mass) == 2:
         rest: Any = sp.coo_array(mass)
         if rest.shape != (n, n):

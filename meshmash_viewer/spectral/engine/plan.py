@@ -1,9 +1,9 @@
-"""Division of the spectrum into slices with about equal numbers of eigenvalues, by counting.
+"""Division of the spectrum into slices with about equal numbers of eigenvalues.
 
-Weyl's law gives the first place to count, and every count corrects the estimate. Counts are exact
-(Sylvester's law of inertia), so the number of eigenvalues in each slice is known. If a border lies
-close to an eigenvalue, counts on both sides verify it. Slices begin after `KnownPairs` of an
-earlier run.
+Eigenvalues below a value are counted exactly, by Sylvester's law of inertia, so the number in each
+slice is known. Weyl's law gives the value of the first count; every count corrects the estimate. A
+border close to an eigenvalue is verified by counts on both sides. Slices start above the
+`KnownPairs` of an earlier run.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from meshmash_viewer.spectral.engine.refinement import measure_pairs
 
 T = TypeVar("T")
 
-#: Allowed deviation of a border from its intended index, as a share of a slice: for a separate
-#: count, and for one in parallel with another count.
+#: Allowed deviation of a border from its intended index, as a share of a slice, for a separate
+#: count and for counts in parallel.
 _SLACK, _SLACK_PARALLEL = 0.2, 0.05
-#: The same for the border of a small first slice, for which no separate count is made.
+#: Allowed deviation of the border of a small first slice, which is not counted separately.
 _SLACK_FIRST = 0.5
-#: Allowed deviation of a shift from the middle of its slice, as a share of its eigenvalues: with a
-#: larger one additional steps cost more than another factor. The lowest slice needs fewer.
+#: Allowed deviation of a shift from the middle of its slice, as a share of its eigenvalues: beyond,
+#: additional steps cost more than another factor. The lowest slice needs fewer steps.
 _ASIDE, _ASIDE_LOWEST = 0.06, 0.25
-#: Distances, relative to a value, at which eigenvalues are counted on both sides.
+#: Relative distances from a value at which eigenvalues are counted on both sides.
 _RUNGS = tuple(1e-9 * 8.0**i for i in range(10))
-#: A count is reliable for eigenvalues farther away than this multiple of the blur of its factor.
+#: A count is reliable if no eigenvalue is closer than this multiple of the blur of the factor.
 _BLURS = 16.0
 #: Relative distance of an eigenvalue from a border below which the count is unreliable.
 _CLEARANCE = 1e-10
@@ -51,9 +51,9 @@ _MOVE = 1e-2
 class SpectrumPlan:
     """Counts of eigenvalues below chosen values, and slices between them.
 
-    Values are those of the reduced problem, and counts include the null space; `top` is above the
-    whole spectrum. `sizes` returns the numbers of pairs of slices for a total number; `n_jobs` is
-    the number of parallel counts.
+    Values are in the unit of the reduced problem, and counts include the null space; `top` is above
+    the whole spectrum. `sizes` returns the number of pairs of each slice for a total number;
+    `n_jobs` is the number of parallel counts.
     """
 
     def __init__(
@@ -72,12 +72,12 @@ class SpectrumPlan:
         self._counts = {0.0: pencil.n_null, self.top: pencil.n}
         self._knots = [0.0, self.top]
         self._shifts: set[float] = set()
-        # Distance of an eigenvalue from a knot below which its count is unreliable.
+        # Distance of an eigenvalue from a knot below which the count at the knot is unreliable.
         self._clearance = {0.0: 0.0, self.top: 0.0}
         self._settled = {0.0, self.top}
 
     def count(self, knot: float) -> int:
-        """Return the number of eigenvalues below a knot, as `find` and `settle` return them."""
+        """Return the number of eigenvalues below a knot returned by `find` or `settle`."""
         return self._counts[knot]
 
     def negative(self) -> int:
@@ -86,13 +86,13 @@ class SpectrumPlan:
         return self._each([below], lambda v: self._ordered.factor(v, -v, self._stop).count_below)[0]
 
     def settle(self, value: float, outward: float = 1.0, *, wide: bool = False) -> float:
-        """Return a border at a value, or the nearest one beyond it away from eigenvalues.
+        """Return a value as a border or, if an eigenvalue is near it, a border beyond it.
 
-        Equal counts on both sides prove that no eigenvalue lies between them, even if a pivot
-        vanishes there. Different counts mean that an eigenvalue is near; then counts at increasing
-        distances find the next gap, whose middle is the border. The side is given by `outward`,
-        above for 1 and below for -1. With `wide` the border is always the middle of the gap.
-        `FactorizationError` is raised if there is no gap within an eighth of the value.
+        Equal counts on both sides of the value prove that no eigenvalue is near, even if a pivot
+        vanishes at the value. Otherwise counts at increasing distances find the next gap, whose
+        middle is the border: above the value if `outward` is 1, below it if -1. With `wide` the
+        border is always the middle of the gap. `FactorizationError` is raised if there is no gap
+        within an eighth of the value.
         """
         if value in self._settled:
             return value
@@ -100,7 +100,7 @@ class SpectrumPlan:
         places = [value + outward * scale * rung for rung in (-_RUNGS[0], *_RUNGS)]
         begin: tuple[float, int] | None = None
         end: float | None = None
-        # Counts on both sides are always needed: they are made in parallel.
+        # The first two counts, one on each side, are always needed and run in parallel.
         groups = (places[:2], *([place] for place in places[2:]))
         counts = chain.from_iterable(self._each(group, self._count_at) for group in groups)
         for place, counted in zip(places, counts, strict=True):
@@ -135,14 +135,14 @@ class SpectrumPlan:
         return None if factor is None else (factor.count_below, factor.blur)
 
     def _each(self, values: Sequence[float], work: Callable[[float], T]) -> list[T]:
-        """Apply a function that factors to several values in parallel."""
+        """Apply `work`, which factors at a value, to several values in parallel."""
         if len(values) == 1 or self._n_jobs == 1:
             return [work(value) for value in values]
         with ThreadPoolExecutor(self._n_jobs, "count") as threads:
             return list(threads.map(work, values))
 
     def _count_all(self, values: Sequence[float]) -> None:
-        """Count below several values, or close to them, in parallel."""
+        """Count eigenvalues below or close to several values, in parallel."""
         unknown = sorted(set(values) - self._counts.keys())
         for shift, count, blur in self._each(unknown, self._count_near) if unknown else []:
             self._note(shift, count, max(_BLURS * blur, _CLEARANCE * max(shift, 1.0)))
@@ -161,9 +161,9 @@ class SpectrumPlan:
     def find_top(self, least: int, most: int) -> float:
         """Return a value with `least` to `most` eigenvalues below it, and prepare slices.
 
-        The first counts are in the middle of the first slices, which reuse their factors; they give
-        the density of the spectrum. Further counts find the top and the borders below it in
-        parallel. Neither their number nor the result depends on `n_jobs`.
+        The first counts, in the middle of the first slices, measure the density of the spectrum;
+        the slices reuse their factors. Further counts find the value and the borders below it in
+        parallel. Neither the number of counts nor the result depends on `n_jobs`.
         """
         cuts = self._cuts(self._counts[0.0], most)
         ahead = cuts[:2]
@@ -184,7 +184,7 @@ class SpectrumPlan:
     def find(self, least: int, most: int) -> float:
         """Return a knot with `least` to `most` eigenvalues below it.
 
-        If a multiple eigenvalue prevents that, the knot is above it.
+        If a multiple eigenvalue prevents this, the knot is above the eigenvalue.
         """
         for turn in range(80):
             value, found = self._step(least, most, turn)
@@ -194,7 +194,7 @@ class SpectrumPlan:
         raise ArithmeticError(f"no border between {least} and {most} eigenvalues")
 
     def _step(self, least: int, most: int, turn: int) -> tuple[float, bool]:
-        """Return the result of `find` and True, or the value to count at next and False."""
+        """Return the result of `find` and True, or the value of the next count and False."""
         i = bisect_left(self._knots, least, key=self._counts.__getitem__)
         fitting = self._knots[i : bisect_right(self._knots, most, key=self._counts.__getitem__)]
         if fitting:
@@ -209,10 +209,10 @@ class SpectrumPlan:
         return value, False
 
     def _between(self, low: float, high: float, wanted: float, last: bool) -> float:
-        """Return the value to count at next, strictly between two knots.
+        """Return the value of the next count, strictly between two knots.
 
-        The count is interpolated by a power of the value: on a surface its exponent is 1, along the
-        branches of a neuron 1/2. Weyl's law gives the first value.
+        The count is interpolated by a power of the value; the exponent is 1 on a surface, and 1/2
+        along the branches of a neuron. Weyl's law gives the first value.
         """
         start = self._counts[0.0]
         known = [knot for knot in self._knots[:-1] if self._counts[knot] > start]
@@ -232,13 +232,13 @@ class SpectrumPlan:
         return min(max(value, low + margin), high - margin)
 
     def around(self, value: float, wanted: int) -> tuple[float, float]:
-        """Return borders around a value with at least `wanted` eigenvalues between, and few more.
+        """Return two borders around a value with `wanted` or few more eigenvalues between them.
 
-        Their distances are equal, so the eigenvalues nearest the value are between them.
+        Both have the same distance from the value, so its nearest eigenvalues are between them.
         """
         enough, too_few = 2.0 * self.top, 0.0
         radius = 0.5 * wanted
-        # A smaller value differs from the null space by rounding only.
+        # A value below the rounding error of eigenvalues is treated as 0.
         value = value if value > self._ordered.pencil.noise else 0.0
         for _ in range(60):
             low, high = max(value - radius, 0.0), min(value + radius, self.top)
@@ -260,12 +260,12 @@ class SpectrumPlan:
         return low, self.settle(high) if high < self.top else self.top
 
     def _count_below(self, value: float) -> int:
-        """Count eigenvalues below a value or close to it."""
+        """Count eigenvalues below a value, or a value close to it."""
         known = self._counts.get(value)
         return self._count_near(value)[1] if known is None else known
 
     def slices(self, low: float, high: float, settled: bool = False) -> Iterator[Interval]:
-        """Yield slices between two knots, lowest first; borders are counted when reached.
+        """Yield slices between two knots, lowest first; each border is counted when needed.
 
         If `settled`, every border is counted on both sides, which takes twice the time and is only
         needed after a border was found to lie on an eigenvalue.
@@ -295,7 +295,7 @@ class SpectrumPlan:
         return Interval(inner, end, first, n_expected, shift, self._clearance[end])
 
     def _cuts(self, first: int, last: int) -> list[_Cut]:
-        """Return the cuts of slices with eigenvalues `first` to `last`."""
+        """Return the cuts of the slices that contain eigenvalues `first` to `last`."""
         sizes = self._sizes(last - first)
         cuts = []
         for size, border in zip(sizes, accumulate(sizes, initial=first), strict=False):
@@ -326,10 +326,10 @@ class SpectrumPlan:
 
 
 class _Cut(NamedTuple):
-    """Intended numbers of eigenvalues below shift and upper border of a slice.
+    """Intended numbers of eigenvalues below the shift and the upper border of a slice.
 
-    `slack` is the allowed deviation of both, `slack_parallel` that of a border counted in parallel
-    with other values.
+    `slack` is the allowed deviation of these numbers, `slack_parallel` that of a border counted in
+    parallel with other values.
     """
 
     shift: float
@@ -365,7 +365,7 @@ class KnownPairs:
 
     @classmethod
     def of_shape(cls, given: Eigenpairs | None, pencil: Pencil) -> KnownPairs | None:
-        """Return pairs whose shape, dtype and null space are those of a problem, else None."""
+        """Return known pairs if their shape, dtype and null space match a problem, else None."""
         if given is None or given.rows.dtype != np.float64 or given.rows.shape[1] != pencil.n_all:
             return None
         known, null = cls(given, pencil), pencil.null_rows(len(given.eigenvalues))
@@ -391,21 +391,21 @@ class KnownPairs:
         return known
 
     def agrees_with(self, values: FloatArray) -> bool:
-        """Whether the first eigenvalues are equal to others, except for rounding."""
+        """Whether the known eigenvalues equal the first of `values`, except for rounding."""
         m = min(len(values), len(self.values))
         limit = _RESIDUAL * np.maximum(np.abs(values[:m]), 1e-3)
         return bool((np.abs(values[:m] - self.values[:m]) <= limit).all())
 
     def rows(self, start: int, stop: int) -> FloatArray:
-        """Return rows in the reduced problem, shape (p, n)."""
+        """Return rows of the reduced problem, shape (p, n)."""
         found = np.asarray(self.given.rows[start:stop], dtype=np.float64)
         return np.ascontiguousarray(found[:, self._pencil.active]) * self._pencil.root_mass
 
     def border(self, plan: SpectrumPlan, count: int) -> float | None:
-        """Return a value in a wide gap near the end of the first `count` pairs; 0 without one.
+        """Return a value in a wide gap near the end of the first `count` pairs; 0 without a gap.
 
-        All copies of a multiple eigenvalue are above it. None if a count there, or below the last
-        pair and its copies, contradicts the indices of the known pairs.
+        The gap does not separate copies of a multiple eigenvalue. Returns None if the count at the
+        value, or below the last pair and its copies, contradicts the indices of the known pairs.
         """
         values, n_null = self.values[:count], self._pencil.n_null
         index = np.arange(n_null + 1, count)
@@ -429,8 +429,8 @@ class KnownPairs:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the unknown pairs of a slice that contains the known pairs `start` to `stop`.
 
-        They are the orthogonal complement of the known rows in the span of all m `rows` of the
-        slice, shape (m, n), ascending. `ArithmeticError` is raised if a known row is outside of it.
+        They are ascending; their rows span the orthogonal complement of the known rows in the span
+        of all `rows` of the slice, (m, n). `ArithmeticError` is raised if a known row is outside.
         """
         inner = rows @ self.rows(start, stop).T
         left, sizes, _ = np.linalg.svd(inner, full_matrices=True)

@@ -57,7 +57,7 @@ def measure_pairs(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute Rayleigh quotients of normalised rows (p, n) and residuals in the M norm.
 
-    With `exactly` products have twice the precision, and rows the rounding of their division by the
+    With `exactly` products have twice the precision, and rows are rounded as in a division by the
     roots of the masses.
     """
     if exactly:
@@ -82,10 +82,10 @@ def refine_pairs(
     lowest: bool,
     stop: StopFlag,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Measure the pairs of orthonormal rows (p, n), and refine the inaccurate ones in place.
+    """Measure the pairs of orthonormal rows (p, n), and refine inaccurate pairs in place.
 
-    `factor` has a shift near the eigenvalues; `tolerance` is the residual relative to these;
-    `lowest` tells whether they are the lowest ones. Returns values, residuals, and the largest
+    `factor` has a shift near the eigenvalues; `tolerance` is the residual relative to the
+    eigenvalue; `lowest` is True for the lowest pairs. Returns values, residuals, and the largest
     defect of inner products after a refinement, 0 without one. `ArithmeticError` is raised if an
     eigenvalue is negative.
     """
@@ -110,7 +110,7 @@ def refine_pairs(
         values, residuals = measure_pairs(ordered, rows)
         values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
         refined[gained] = True
-    # Residuals in twice the precision do not contain this rounding.
+    # Residuals in twice the precision do not contain the rounding of A and of the rows.
     residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
     return values, residuals, orthonormality
 
@@ -126,8 +126,8 @@ def _polish(
     """Refine some rows, in place, by one inverse iteration; return the indices of improved rows.
 
     Rounding errors of the basis, spread over the whole spectrum and magnified by the norm of A,
-    limit the residuals of the smallest eigenvalues. The inverse damps them; with a shift below
-    zero, as close to zero as the smallest eigenvalue, it damps components of neighbouring
+    limit the residuals of the smallest eigenvalues. The inverse damps these errors; with a shift
+    below zero, as close to zero as the smallest eigenvalue, it damps components of neighbouring
     eigenvectors too. The solution is refined with defects in twice the precision. The rounding of
     entries remains, about eps ‖A‖ / λ: 1e-9 in float64 for the first eigenfunction of a neuron of a
     hundred thousand vertices. Rows that do not improve are unchanged.
@@ -152,7 +152,7 @@ def _polish(
 
 
 def _insert_refined(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
-    """Make refined rows orthonormal and the less accurate others orthogonal to them.
+    """Make refined rows orthonormal, and the other, less accurate rows orthogonal to them.
 
     Returns the largest defect of the inner products.
     """
@@ -169,9 +169,9 @@ def _insert_refined(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
 
 
 def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
-    """Compute the contribution of rounding of A and of rows to residuals, shape (p,).
+    """Compute the contribution of the rounding of A and of rows to residuals, shape (p,).
 
-    Residuals are computed exactly, but from rounded A and rows.
+    Residuals in twice the precision are exact for the rounded A and rows only.
     """
     sizes = np.empty(len(rows))
     weight = ordered.pencil.root_mass[:, None]

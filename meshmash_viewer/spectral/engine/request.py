@@ -14,15 +14,15 @@ from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 
-#: ``(k, n, n_kept) -> array of shape (k, n)`` whose first `n_kept` rows are those of known pairs.
+#: ``(k, n, n_kept) -> array of shape (k, n)`` whose first `n_kept` rows are the known pairs.
 Allocate: TypeAlias = Callable[[int, int, int], npt.NDArray[np.floating[Any]]]
 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """Options of `meshmash_viewer.solve`, which documents them.
+    """Options of `meshmash_viewer.solve`, described there.
 
-    `InputError` is raised if they are invalid, or numba is not installed.
+    `InputError` is raised if an option is invalid or numba is not installed.
     """
 
     n_components: int | None = None
@@ -61,7 +61,7 @@ class Request:
 
     @property
     def precision(self) -> np.dtype[Any]:
-        """Type of the rows."""
+        """Data type of the rows."""
         return np.dtype(np.float64 if self.dtype is None else self.dtype)
 
     @property
@@ -71,12 +71,12 @@ class Request:
 
     @property
     def tolerance(self) -> float:
-        """Residual to reach, relative to λ, limited by the precision of the rows."""
+        """Required residual relative to λ, not below the precision of the rows."""
         return max(self.tol, 1e-7 if self.lean else 1e-13)
 
     @property
     def target(self) -> float | None:
-        """Value inside the spectrum whose nearest pairs are requested; None for the lowest."""
+        """Value whose nearest pairs are requested; None for the lowest pairs."""
         if self.sigma is None or self.sigma <= 0.0 or self.n_components is None:
             return None
         return self.sigma

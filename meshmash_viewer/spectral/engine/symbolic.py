@@ -1,7 +1,7 @@
 """Structure of the factor: fill-reducing order, elimination tree, supernodes.
 
-It is computed once for a matrix and used for every shift. A supernode is a run of columns with the
-same rows below; its part of the factor is one dense block, which makes solves fast.
+The structure is computed once for a matrix and used for every shift. A supernode is a run of
+columns with the same nonzero rows below, stored as one dense block, which makes solves fast.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Structure:
 
     #: Shape (s + 1,): First column of each supernode.
     first: IndexArray
-    #: Shape (s + 1,): Start of the rows of each supernode in `rows`; its own columns come first.
+    #: Shape (s + 1,): Start of the rows of each supernode in `rows`; the first are its columns.
     row_start: IndexArray
     #: Ascending row indices of all supernodes.
     rows: IndexArray
@@ -36,33 +36,33 @@ class Structure:
     block_start: IndexArray
     #: Shape (s,): Number of children of each supernode in the supernodal elimination tree.
     children: IndexArray
-    #: Entries of the largest stack of update matrices.
+    #: Number of entries of the largest stack of update matrices.
     stack_size: int
-    #: Rows of the largest front.
+    #: Number of rows of the largest front.
     front_size: int
-    #: Compressed structure of the matrix itself.
+    #: Column starts and row indices of the matrix in csc format.
     start: IndexArray
     index: IndexArray
 
     @cached_property
     def unsigned(self) -> tuple[npt.NDArray[np.uint64], ...]:
-        """Arrays for a solve, with unsigned indices as its kernel requires."""
+        """Index arrays of a solve, unsigned as its kernel requires."""
         arrays = (self.first, self.row_start, self.rows, self.block_start)
         return tuple(array.astype(np.uint64) for array in arrays)
 
     @cached_property
     def unsigned_matrix(self) -> tuple[npt.NDArray[np.uint64], ...]:
-        """Arrays for a product with the matrix, likewise."""
+        """Index arrays of a product with the matrix, unsigned."""
         return self.start.astype(np.uint64), self.index.astype(np.uint64)
 
     @property
     def n_entries(self) -> int:
-        """Stored entries of the factor."""
+        """Number of stored entries of the factor."""
         return int(self.block_start[-1])
 
 
 def _nested_dissection(matrix: Any) -> IndexArray:
-    """Compute a fill-reducing order by METIS, which depends on the pattern only."""
+    """Compute a fill-reducing order from the sparsity pattern by METIS."""
     import pymetis
 
     n = matrix.shape[0]
@@ -95,7 +95,7 @@ def _minimum_degree(matrix: Any) -> IndexArray:
 def elimination_order(matrix: Any) -> IndexArray:
     """Compute a fill-reducing order with contiguous subtrees of the elimination tree.
 
-    It is nested dissection if METIS is installed, else minimum degree.
+    The method is nested dissection if METIS is installed, else minimum degree.
     """
     with_metis = find_spec("pymetis") is not None
     order = _nested_dissection(matrix) if with_metis else _minimum_degree(matrix)
@@ -129,7 +129,7 @@ def analyse(matrix: Any) -> Structure:
 
 @numba.njit(cache=True, nogil=True)
 def _elimination_tree(start, index, order):  # type: ignore[no-untyped-def]
-    """Compute the parents of the permuted matrix's columns (Liu 1986), -1 for roots."""
+    """Compute the parent of each column of the permuted matrix (Liu 1986), -1 for a root."""
     n = len(order)
     place = np.empty(n, np.int64)
     for i in range(n):
@@ -219,7 +219,7 @@ def _column_counts(start, index, parent):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
-    """Find first columns and heights of supernodes, merging small ones if that adds few zeros."""
+    """Find first columns and heights of supernodes; small ones are merged if few zeros arise."""
     n = len(parent)
     first = np.empty(n + 1, np.int64)
     height = np.empty(n + 1, np.int64)
@@ -236,7 +236,7 @@ def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
         k += 1
         start = j
         j = end + 1
-        # Merge with the supernode before as long as it is a child that ends where this begins.
+        # Merge with the previous supernode while it is a child that ends where this one begins.
         while k > 1 and start <= parent[start - 1] < j:
             width = start - first[k - 2]
             merged = height[k - 1] + width
@@ -260,7 +260,7 @@ def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _supernode_rows(first, row_start, start, index):  # type: ignore[no-untyped-def]  # noqa: C901
-    """Compute the rows of each supernode, its own first, and its number of children.
+    """Compute the rows of each supernode, its columns first, and its number of children.
 
     Sorting and slice assignment are avoided, since numba takes seconds to compile them.
     """
