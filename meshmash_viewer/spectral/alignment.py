@@ -1,4 +1,4 @@
-"""Alignment of exact eigenfunctions with the approximate ones shown before them.
+"""Alignment of exact eigenfunctions with approximate eigenfunctions shown before.
 
 The sign of an eigenfunction is arbitrary, and so are orthogonal combinations within a multiplet.
 When exact pairs replace a preview, signs and combinations are chosen such that the render changes
@@ -52,13 +52,14 @@ def align(
     mass: npt.NDArray[np.float64],
     before: Alignment | None = None,
 ) -> Alignment:
-    """Find signs and rotations that bring exact rows closest to those shown.
+    """Find signs and rotations that bring exact rows closest to the shown rows.
 
-    The nearest orthogonal matrix (Procrustes) of each multiplet, among the first min(s, k) rows.
+    Each multiplet among the first min(s, k) rows is multiplied by the nearest orthogonal matrix
+    (Procrustes).
 
     `shown` are approximate rows, shape (s, n), NaN where unreferenced; `rows`, shape (>= k, n), and
-    `eigenvalues` are the exact pairs; `mass` are the vertex areas. Of `before`, the result for
-    fewer exact rows, blocks are kept except the last one, whose multiplet may have grown.
+    `eigenvalues` are the exact pairs; `mass` are the vertex areas. `before` is the result for fewer
+    exact rows; its blocks are kept except the last one, whose multiplet may have grown.
     """
     blocks = list(before.blocks[:-1]) if before is not None else []
     known = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
@@ -77,8 +78,8 @@ def align_multiplets(
     """Find rotations within multiplets that bring rows closest to the rows of another mesh.
 
     Each multiplet of `rows`, shape (>= k, n), is rotated towards the rows of `shown`, shape (s, n),
-    that lie in its span, at any index; rows outside of multiplets are unchanged. Both meshes have
-    corresponding vertices with areas `mass`.
+    that lie in its span, at any index; rows outside of multiplets are unchanged. The vertices of
+    the two meshes correspond, and have areas `mass`.
     """
     blocks = []
     for start, stop in multiplets(eigenvalues, 0, len(eigenvalues)):
@@ -94,7 +95,7 @@ def align_multiplets(
 def multiplets(
     eigenvalues: npt.NDArray[np.float64], start: int, stop: int, gap: float = 1e-6
 ) -> Iterator[tuple[int, int]]:
-    """Yield first and last index (exclusive) of each run of near-equal values in [start, stop)."""
+    """Yield start and stop index of each run of nearly equal values in [start, stop)."""
     edges = np.flatnonzero(~close_neighbours(eigenvalues, gap)) + 1
     ends = [*edges[(edges > start) & (edges < stop)].tolist(), *([stop] if start < stop else [])]
     return zip([start, *ends[:-1]], ends, strict=False)
@@ -123,15 +124,15 @@ def _inner(
     for part in blocks(rows.shape[1], _BLOCK):
         weighted = np.nan_to_num(np.asarray(rows[:, part], dtype=np.float64)) * mass[part]
         total += weighted @ np.nan_to_num(np.asarray(shown[:, part], dtype=np.float64)).T
-    # the identity, so that rows without overlap are not rotated
+    # The identity prevents a rotation of rows without overlap.
     return total + 1e-9 * np.eye(*total.shape)
 
 
 class ShownRows:
     """Eigenfunctions as drawn: aligned exact rows, then the rows of `preview` from `n_exact` on.
 
-    Indexed like an array of shape (k, n): by a row, a slice or an array of rows, and within them
-    by vertex, slice or array.
+    They are indexed like an array of shape (k, n): rows and vertices by an index, a slice or an
+    array.
     """
 
     def __init__(

@@ -1,7 +1,8 @@
 """Certificates: evidence that eigenpairs are accurate and that none is missing.
 
-`verify_pairs` recomputes it independently of the solver: residuals and inner products with SciPy's
-products, and counts from another factorization (SuperLU, in another order) or the dense matrix.
+`verify_pairs` recomputes a certificate independently of the solver: residuals and inner products
+with SciPy's products, and counts from another factorization (SuperLU, in another order) or the
+dense matrix.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ _TOLERANCES = {"float64": (1e-6, 1e-8), "float32": (1e-3, 1e-4)}
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Counts and errors of eigenpairs, with the verdict that follows from them."""
+    """Counts and errors of eigenpairs, and the verdict that they imply."""
 
-    #: How the number of eigenvalues was found, independently of the iteration.
+    #: Method by which eigenvalues were counted, independently of the iteration.
     method: Method
     #: Number of eigenvalues of the matrix up to `bound` (from `low`).
     counted: int = 0
-    #: Number of these that were found; the pairs of a decomposition are the lowest of them, or
-    #: those nearest a shift.
+    #: Number of these eigenvalues that were found; the pairs of a decomposition are the lowest of
+    #: them, or the nearest to a shift.
     found: int = 0
     #: Upper end of the counted interval; None if it is unbounded.
     bound: float | None = None
@@ -45,7 +46,7 @@ class Certificate:
     residual_index: int = 0
     #: Largest entry of ``|ΦᵀMΦ - I|``.
     orthonormality: float = 0.0
-    #: Of the eigenvectors; it sets the tolerances of `residual` and `orthonormality`.
+    #: Type of the eigenvectors, which sets the tolerances of `residual` and `orthonormality`.
     precision: Literal["float64", "float32"] = "float64"
     #: Further information, such as that the threshold is an eigenvalue; without a full stop.
     remark: str = ""
@@ -59,7 +60,7 @@ class Certificate:
             lacks.append("no count")
         elif self.found != self.counted:
             lacks.append(f"{self.found} found of {self.counted} counted")
-        # Written so that NaN fails too.
+        # `not` makes NaN fail too.
         if not self.residual <= residual:
             lacks.append(
                 f"a residual of {_short(self.residual)} (pair {self.residual_index}) above "
@@ -120,7 +121,7 @@ Rows = npt.NDArray[np.floating[Any]]
 _DENSE = 1500
 #: Rows processed at a time.
 _ROWS = 64
-#: Smallest gap, relative to 4π / area and to an eigenvalue, in which a count is reliable.
+#: Smallest gap, relative to the larger of 4π / area and the eigenvalue, for a reliable count.
 _GAP = 1e-7
 #: Number of pairs at the upper end among which a gap is searched.
 _TAIL = 64
@@ -168,9 +169,9 @@ def verify_pairs(
 def _residuals(
     values: FloatArray, rows: Rows, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
 ) -> FloatArray:
-    """Compute ‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, in extended precision where the platform has it.
+    """Compute ‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, in extended precision if the platform has it.
 
-    For rows in float32 the error explained by their rounding is subtracted.
+    For float32 rows the error due to their rounding is subtracted.
     """
     exact = matrix.astype(np.longdouble)
     residuals = np.empty(len(values))
@@ -215,7 +216,7 @@ def _count(
     diagonal: FloatArray,
     spacing: float,
 ) -> tuple[int, int, float | None, float | None]:
-    """Return numbers of eigenvalues counted and found, and upper and lower end of the interval."""
+    """Return the numbers of eigenvalues counted and found, and upper and lower end of the count."""
     if len(values) == len(diagonal):
         return len(diagonal), len(values), None, None
     # The error of an eigenvalue is at most its residual.
@@ -226,7 +227,7 @@ def _count(
     low, first = None, 0
     if given.low is not None:
         if not len(wide):
-            # A single multiple eigenvalue; some copies may not have been requested.
+            # All pairs have one multiple eigenvalue; some copies may not have been requested.
             ends = float(values[0] - gap[0]), float(values[-1] + gap[-1])
             below, upto = (_below(matrix, diagonal, end, spacing) for end in ends)
             copies = upto - below
@@ -234,8 +235,8 @@ def _count(
         first = int(wide[0]) + 1
         low = 0.5 * float(values[first - 1] + values[first])
     elif len(wide) and given.found > len(values):
-        # More pairs were found than kept: some equal to the lowest one, such as zeros, may be
-        # left out.
+        # More pairs were found than kept: pairs equal to the lowest kept one, such as zeros, may
+        # have been left out.
         above = int(wide[0]) + 1
         edge = 0.5 * float(values[above - 1] + values[above])
         left_out = _below(matrix, diagonal, edge, spacing) - above

@@ -1,4 +1,4 @@
-"""Memory and time that a decomposition takes, and its division into parallel slices."""
+"""Memory and time of a decomposition, and its division into parallel slices."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def estimate_memory(
     """Predict the bytes that a run allocates, including its rows, without the given matrices.
 
     The mesh has n vertices and `n_null` components, L nnz stored entries; k pairs are computed, in
-    `n_jobs` parallel slices, by default one on each core. `dtype` is that of the rows.
+    `n_jobs` parallel slices, by default one on each core. `dtype` is the type of the rows.
     """
     from joblib import cpu_count
 
@@ -72,9 +72,9 @@ def check_memory(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
 def decomposition_bytes(n_vertices: int, n_pairs: float) -> int:
     """Predict the bytes of memory that a decomposition takes beyond the mesh.
 
-    The prediction increases with the number of vertices, although removing debris may increase
-    memory: fewer pairs are known constants, or the mesh becomes small enough for dense `eigh`. So
-    one component is assumed, and at least the memory of the largest mesh solved densely.
+    Removing debris may increase the memory: fewer pairs are known constants, or the mesh becomes
+    small enough for dense `eigh`. So that the prediction never decreases with the number of
+    vertices, it assumes one component, and at least the memory of the largest mesh solved densely.
     """
     n_pairs = max(1, min(round(n_pairs), n_vertices))
     dense = max(_DENSE_VERTICES, min(3 * n_pairs - 3, _DENSE_VERTICES_MOST_PAIRS + 1))
@@ -83,7 +83,7 @@ def decomposition_bytes(n_vertices: int, n_pairs: float) -> int:
 
 
 def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = None) -> float:
-    """Predict the seconds that a decomposition takes, from a `measured_rate` if there is one."""
+    """Predict the seconds that a decomposition takes, from a `measured_rate` if it is given."""
     pairs = min(n_pairs, n_vertices) + _FIXED_PAIRS
     return n_vertices * pairs * (rate or _SECONDS)
 
@@ -91,7 +91,7 @@ def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = 
 def measured_rate(n_vertices: int, n_pairs: int, seconds: float) -> float | None:
     """Compute the seconds per vertex and pair of a run; None if it is not representative.
 
-    Short runs may have read the store, and with few pairs the set-up dominates.
+    A short run may have read its pairs from the store, and with few pairs the set-up dominates.
     """
     if seconds <= 2.0 or n_pairs < _FIXED_PAIRS:
         return None
@@ -121,34 +121,34 @@ def written_duration(seconds: float) -> str:
     return text.replace(" ", NO_BREAK)
 
 
-#: Number of pairs of a slice: with more the basis takes most of the time, with fewer the factor. In
-#: float32 pairs converge in fewer steps, and small slices save a third of the memory.
+#: Number of pairs of a slice: with more, the basis takes most of the time; with fewer, the factor.
+#: In float32 pairs converge in fewer steps, and small slices save a third of the memory.
 _SLICE_PAIRS, _LEAN_SLICE_PAIRS = 140, 50
 #: Number of pairs up to which there is one slice.
 _INDIVISIBLE = 48
 #: Number of values (vertices times pairs) above which a run takes seven seconds or more, and number
-#: of lowest pairs that are then computed first, in a slice of their own, if `early` is requested.
+#: of lowest pairs that such a run computes first, in a separate slice, if `early`.
 _LONG_RUN, _FIRST_PAIRS = 3e7, 16
 
 #: Number of vertices up to which all pairs are computed by dense `eigh`.
 _DENSE_VERTICES = 700
-#: The same, without constants, if more than a third of the pairs is requested.
+#: The same if more than a third of the pairs is requested; constants do not count.
 _DENSE_VERTICES_MOST_PAIRS = 2500
 
 #: Entries of the factor divided by n log2(n), with METIS: 2 on a branching neuron, 3.4 on a head.
 _FACTOR_DENSITY = 2.6
-#: Slope and intercept of the basis size at convergence as a function of the pairs; memory of the
-#: rows beyond it is not used.
+#: Slope and intercept of the basis size at convergence as a function of the number of pairs; memory
+#: allocated for further rows is not used.
 _BASIS_ROWS, _LEAN_BASIS_ROWS = (2.3, 110), (2.3, 85)
-#: Memory kept by the allocator: up to this share, and this many bytes.
+#: Memory kept by the allocator: at most this share, and this number of bytes.
 _KEPT_SHARE, _KEPT_BYTES = 0.3, 110e6
 
 
 def slice_count(pairs: int, lean: bool = False) -> int:
     """Return the number of slices, 1 or even, so that two cores end together.
 
-    It is independent of the number of cores, so that results do not depend on the machine. `lean`
-    selects the small slices of float32.
+    The number is independent of the number of cores, so that results do not depend on the machine.
+    `lean` selects the small slices of float32.
     """
     if pairs < _INDIVISIBLE:
         return 1
@@ -168,7 +168,7 @@ def slice_sizes(n: int, pairs: int, lean: bool = False, early: bool = False) -> 
 def is_dense(n: int, n_null: int, wanted: int) -> bool:
     """Whether dense `eigh` of n vertices is the fastest method for `wanted` pairs.
 
-    These include the constants, which are known.
+    `wanted` includes the `n_null` constants, which are known.
     """
     free, n_expected = n - n_null, wanted - n_null
     most = n_expected > free // 3 and free <= _DENSE_VERTICES_MOST_PAIRS
@@ -183,7 +183,7 @@ def can_be_dense(n: int) -> bool:
 def core_count() -> int:
     """Return the number of cores available to the calling thread.
 
-    It is 1 under joblib's sequential backend, for callers that solve several problems in parallel.
+    Under joblib's sequential backend it is 1, so that several problems can be solved in parallel.
     """
     from joblib.parallel import get_active_backend
 
@@ -215,7 +215,7 @@ def memory_of_run(
 ) -> float:
     """Estimate the peak memory of a run in bytes, its rows included, for n vertices and k pairs.
 
-    The peak is when the pairs of the last slices have converged, or when these are written. The
+    The peak is when the pairs of the last slices have converged, or when they are written. The
     estimate is within 25 % from 6 thousand to 400 thousand vertices. L has nnz entries; `workers`
     slices are computed in parallel; the constants of `n_null` components are known and need no
     basis; the factor has `entries`, estimated if None; rows are float32 if `lean`.
@@ -237,7 +237,7 @@ def memory_of_run(
     waiting = pairs * min(at_once // 2, slices - at_once)
     known = max(k - n_null - pairs * at_once, 0.0)
     running = row * (basis * at_once + waiting + n_null) + factor * at_once + written * known
-    # A slice writes its rows after its factor is freed; others may still have theirs.
+    # The rows of a slice are written after its factor is freed; other factors may still exist.
     ending = row * (pairs * at_once + waiting + n_null) + written * k + factor * max(at_once - 1, 0)
     total = matrices + max(running, ending)
     return total + min(_KEPT_SHARE * total, _KEPT_BYTES) + _KEPT_BYTES / 11.0

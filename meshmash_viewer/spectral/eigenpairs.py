@@ -29,7 +29,7 @@ _SMALL = 3_000_000
 
 @dataclass(frozen=True)
 class Multiplet:
-    """Eigenvalues equal to a relative gap: any orthogonal combination is an eigenfunction too."""
+    """Equal eigenvalues, up to a relative gap: their eigenfunctions can be combined arbitrarily."""
 
     first: int
     last: int
@@ -41,7 +41,7 @@ class Eigenpairs:
     """Immutable eigenpairs of L φ = λ M φ in ascending order.
 
     Solver, store, jobs, fields and window use this type. Rows mapped from a file are pickled as a
-    reference to it.
+    reference to the file.
     """
 
     #: Shape (k,): In the inverse squared unit of the mesh.
@@ -57,7 +57,7 @@ class Eigenpairs:
     certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
     #: Seconds by stage.
     timings: Mapping[str, float] = field(default_factory=dict)
-    #: Shape (n,): Diagonal of M; empty if unknown. See `vertex_areas`.
+    #: Shape (n,): Diagonal of M; empty if unknown (see `vertex_areas`).
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
     #: Number of pairs requested; 0 while unknown.
     total: int = 0
@@ -124,7 +124,7 @@ class Eigenpairs:
         return self.certificate.sentence(self.n_components, unit)
 
     def on_mask(self, mask: str) -> Self:
-        """Return the pairs with the description of their mask, "" for none, in the certificate."""
+        """Add the description of a mask, "" for none, to the certificate of the pairs."""
         known, said = self.certificate, f"on the mask {mask} only"
         if not mask or said in known.remark or known.method == "none":
             return self
@@ -135,8 +135,8 @@ class Eigenpairs:
         """Recompute the certificate independently of the solver.
 
         Residuals and all inner products are recomputed, and eigenvalues are counted from another
-        factorization: up to the bound of the certificate or, if some pairs below it were left out,
-        up to the highest gap between the pairs.
+        factorization: up to the bound of the certificate or, if some pairs below this bound were
+        left out, up to the highest gap between the pairs.
 
         `stiffness` and `mass` are the sparse L and M that were decomposed, shape (n, n), or the
         diagonal of M; `InputError` is raised if their size differs. `Certificate.complete` is the
@@ -169,7 +169,7 @@ class Eigenpairs:
 
     @property
     def exact(self) -> Eigenpairs:
-        """The exact pairs; all of them without a preview."""
+        """The exact pairs; all pairs if none is an approximation."""
         if self.n_exact is None:
             return self
         return replace(self.first(self.n_exact), total=self.total, n_exact=None)
@@ -192,7 +192,7 @@ class Eigenpairs:
     def on_file(self, mesh: Mesh) -> Eigenpairs:
         """Expand to all vertices of the file of the repaired `mesh`, see `Mesh.on_file`.
 
-        One of several merged vertices has their mass, the others 0.
+        Of several merged vertices one receives the mass, the others 0.
         """
         mass = np.zeros(mesh.n_file_vertices)
         mass[mesh.file_indices] = self.mass
@@ -210,14 +210,14 @@ class Eigenpairs:
 
     @property
     def small(self) -> bool:
-        """Whether sums over its pairs are fast without a table."""
+        """Whether sums over the pairs are fast without a table."""
         return self.rows.size <= _SMALL
 
     @property
     def vertex_areas(self) -> npt.NDArray[np.float64]:
         """Area of each vertex, shape (n,): `mass`, or if unknown `Mesh.vertex_areas`.
 
-        The masses of the robust Laplacian differ slightly from these.
+        The masses of the robust Laplacian differ slightly from `Mesh.vertex_areas`.
         """
         if len(self.mass):
             return self.mass
@@ -231,9 +231,9 @@ class Eigenpairs:
 
     @cached_property
     def time_range(self) -> tuple[float, float]:
-        """Shortest and longest HKS time resolved by these pairs.
+        """Shortest and longest HKS time that the pairs resolve, in squared length units.
 
-        In squared length units; (1, 10) if all eigenvalues are zero within rounding.
+        (1, 10) if all eigenvalues are zero within rounding.
         """
         values = self.eigenvalues
         if not len(values) or not values[-1] > 1e-9 * max(abs(float(values[0])), 1e-300):
@@ -278,7 +278,7 @@ class _MappedRows:
 
 
 def format_eigenvalue(value: float, spectrum: Eigenpairs, unit: str, digits: int = 3) -> str:
-    """Write an eigenvalue in the unit that suits the largest eigenvalue."""
+    """Write an eigenvalue in the unit in which the largest eigenvalue is a short number."""
     like = float(spectrum.eigenvalues[-1])
     return format_quantity(float(value), unit, -2, digits, like=like)
 
@@ -289,7 +289,7 @@ def first_nonzero(spectrum: Eigenpairs) -> int:
 
 
 def grew(old: Eigenpairs, new: Eigenpairs) -> bool:
-    """Whether `new` eigenpairs are the `old` ones, or an extension of them."""
+    """Whether `new` eigenpairs equal the `old` ones or extend them by further pairs."""
     count = len(old)
     last = slice(max(count - 1, 0), count)
     return old is new or (
@@ -303,5 +303,5 @@ def grew(old: Eigenpairs, new: Eigenpairs) -> bool:
 
 
 def same_pairs(old: Eigenpairs, new: Eigenpairs) -> bool:
-    """Whether two have the same pairs; their certificates may differ."""
+    """Whether `old` and `new` have the same pairs; their certificates may differ."""
     return len(old) == len(new) and grew(old, new)

@@ -1,6 +1,6 @@
 """Low eigenpairs of L φ = λ M φ, with the proof that none is missing.
 
-`solve` returns a `Decomposition`; `iterate` yields the pairs in batches as they converge. Both use
+`solve` returns a `Decomposition`; `iterate` yields the pairs in batches as they converge. They use
 `meshmash_viewer.spectral.engine`: the null space is known exactly and deflated; the rest of the
 spectrum is divided into slices, whose eigenvalues are counted by the inertia of a factor; shifted
 block Lanczos finds the pairs of several slices in parallel.
@@ -37,14 +37,14 @@ from meshmash_viewer.spectral.engine.request import Allocate, Request
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import whole_number
 
-#: Number of pairs assumed for progress reports before it is known.
+#: Number of pairs assumed in progress reports until the number is known.
 _USUAL_PAIRS = 80
 #: Seconds between two calls of `cancel`.
 _INTERVAL = 0.05
 
 
 class Run:
-    """The run of a request: one thread computes, and the calling thread reports.
+    """Run of a request: one thread computes, and the calling thread reports.
 
     `InputError` is raised if the matrices are invalid.
     """
@@ -55,8 +55,8 @@ class Run:
         sizes = partial(slice_sizes, n, lean=request.lean, early=request.early)
         self._pace = Pace(request.progress, request.n_components or _USUAL_PAIRS, sizes)
         pencil = reduce_pencil(stiffness, mass)
-        # Events for the calling thread: slices of final rows, functions that report, and at the end
-        # an exception or None.
+        # Events for the calling thread: slices of final rows, functions that report progress, and
+        # at the end an exception or None.
         self._events = queue.Queue[slice | Callable[[], None] | BaseException | None]()
         self._computation = Computation(pencil, request, self._pace, sizes, self._events.put)
         self._computation.timings["matrices"] = time.perf_counter() - self._pace.began
@@ -112,7 +112,6 @@ class Run:
                 finder.join()
 
     def _find(self) -> None:
-        """Compute all pairs; the function of the other thread."""
         try:
             with one_blas_thread():
                 for place in self._computation.batches():
@@ -123,7 +122,6 @@ class Run:
                 self._events.put(fault)
 
     def _publish(self, place: slice) -> None:
-        """Report pairs that are final."""
         output = self.output
         if self._request.on_pairs is not None:
             self._request.on_pairs(output.leading(place.stop))
@@ -150,7 +148,7 @@ class Decomposition(Eigenpairs):
     residuals : ndarray of float64, shape (k,)
         ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
     certificate : Certificate
-        Evidence that none is missing, with the worst residual and the orthonormality.
+        Evidence that no pair is missing, with the worst residual and the orthonormality.
     timings : dict of float
         Seconds by stage.
     mass : ndarray of float64, shape (n,)
@@ -170,7 +168,7 @@ class Decomposition(Eigenpairs):
     rows: Rows
 
     def __iter__(self) -> Iterator[Rows]:
-        """Eigenvalues, shape (k,), then eigenvectors as columns, shape (n, k)."""
+        """Iterate over the eigenvalues, shape (k,), and the eigenvectors as columns, (n, k)."""
         return iter((self.eigenvalues, self.eigenvectors))
 
     @overload
@@ -188,7 +186,7 @@ class Decomposition(Eigenpairs):
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Consecutive pairs, final when they are yielded."""
+    """Consecutive pairs that are final when they are yielded."""
 
     #: Index of the first pair; batches come in ascending order without gaps.
     start: int
@@ -233,11 +231,11 @@ def solve(
     mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
         Diagonal M; eigenvectors are NaN at vertices without mass.
     n_components : int, optional
-        Number of pairs; all of them if it exceeds their number.
+        Number of pairs; all pairs if it exceeds their number.
     max_eigenvalue : float, optional
-        Threshold: all pairs with λ ≤ max_eigenvalue. Exactly one of the two is given.
+        Threshold: all pairs with λ ≤ max_eigenvalue. Give either this or `n_components`.
     sigma : float, optional
-        With `n_components`: the pairs nearest sigma. None or a negative value: the lowest.
+        With `n_components`: compute the pairs nearest sigma; None or negative: the lowest pairs.
     tol : float
         Requested residual relative to λ, limited by float64 precision.
     dtype : dtype
@@ -247,23 +245,23 @@ def solve(
         Number of slices computed in parallel threads; None for as many as cores and memory allow.
     known : Eigenpairs, optional
         Lowest pairs of the same problem, found earlier; they are returned bit by bit, and only
-        the others are computed.
+        the other pairs are computed.
     allocate : callable, optional
-        ``(k, n, n_kept) -> array`` that the rows are written into, called once when k is known.
-        Its first `n_kept` rows must be those of `known`, and are not written to.
+        ``(k, n, n_kept) -> array`` for the rows, called once when k is known. The first `n_kept`
+        rows of the array must be the rows of `known`, and are not written to.
     on_pairs : callable, optional
-        Receives all leading pairs that are final, each time that there are more.
+        Receives all leading pairs that are final, each time that their number has grown.
     early : bool
         Whether a long run yields about sixteen of the lowest pairs first, in less than half the
         time; the whole run then takes about a tenth longer.
     progress, cancel : callable, optional
-        Receives reports; is called often, and `Cancelled` is raised after it returns True.
+        `progress` receives reports; `cancel` is called often, and `Cancelled` is raised if it
+        returns True.
     op_inv : LinearOperator or array, optional
-        ``(L - sigma M)^-1``, with which ARPACK finds the pairs; requires `n_components`. They are
-        still counted by one factorization; if some are missing, the solver recomputes all.
+        ``(L - sigma M)^-1``, with which ARPACK finds the pairs; requires `n_components`. The pairs
+        are still counted by one factorization; if some are missing, the solver recomputes all.
     ncv : int, optional
-        Number of Lanczos vectors of ARPACK, with `op_inv` only: the solver's own bases grow as
-        needed.
+        Number of Lanczos vectors of ARPACK, with `op_inv` only.
 
     Raises
     ------
@@ -289,9 +287,7 @@ def solve(
 def iterate(
     stiffness: Any, mass: Any, n_components: int | None = None, **options: Any
 ) -> Iterator[Batch]:
-    """Yield the pairs in batches as they converge, lowest first; arguments as for `solve`.
-
-    `options` are the arguments of `solve` after `n_components`.
+    """Yield the pairs in batches as they converge, lowest first; arguments are those of `solve`.
 
     The computation continues while a batch is processed. Closing the iterator cancels it.
 
@@ -333,10 +329,10 @@ def solve_and_warn(
     """Call `solve` with a progress bar and a warning.
 
     The null space of a float32 Laplacian, which rounding destroys, is restored first. `dtype` is
-    that of the eigenvectors, None that of `stiffness`; `verbose` draws a progress bar on stderr and
-    prints the certificate in the mesh's `unit` at the end; `name` is the mesh's in a
-    warning, `mask` the part of it that is solved (see `Eigenpairs.on_mask`), and `stacklevel` that
-    of the warning; `progress` receives every report.
+    the type of the eigenvectors, by default that of `stiffness`. `verbose` draws a progress bar on
+    stderr, and prints the certificate at the end. `unit` and `name` are those of the mesh, `mask`
+    describes the part that is solved (see `Eigenpairs.on_mask`), `stacklevel` is the level of the
+    warning, and `progress` receives every report.
 
     `UnprovenWarning` is issued if the certificate is not complete.
     """

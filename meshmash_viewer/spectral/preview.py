@@ -1,10 +1,10 @@
 """Approximate eigenfunctions of a large mesh within seconds, from a few thousand cells.
 
-Seeds are spread over the surface, and every vertex joins the cell of the seed that is nearest along
-edges. The finite-volume Laplacian of the cells has conductances between neighbouring cells, from
-the cotangent weights of the edges that cross their border and the distance of their centroids. It
-is valid also on thin branches, where cells form a chain. Its eigenvectors, interpolated between
-centroids, approximate the eigenfunctions for display (see `expected_error`).
+Seeds are spread over the surface, and every vertex belongs to the cell of the seed that is nearest
+along edges. The finite-volume Laplacian of the cells has conductances between neighbouring cells,
+from the cotangent weights of the edges that cross their border and the distance of their centroids.
+This Laplacian is valid also on thin branches, where cells form a chain. Its eigenvectors,
+interpolated between centroids, approximate the eigenfunctions for display (see `expected_error`).
 
 Coarse levels follow Nasikun and Hildebrandt (2022), "The Hierarchical Subspace Iteration Method for
 Laplace-Beltrami Eigenproblems", ACM Transactions on Graphics 41(2).
@@ -32,10 +32,10 @@ SparseMatrix: TypeAlias = Any
 
 #: Cells for each requested pair, and the smallest and largest number of cells.
 _CELLS_PER_PAIR, _FEWEST, _MOST = 100, 2500, 8000
-#: Minimum number of cells of a component that has any. A component with up to three times as many
-#: vertices has one cell for each vertex.
+#: Minimum number of cells of a component that has cells. A component with at most three vertices
+#: for each cell has one cell for each vertex instead.
 _CELLS_OF_COMPONENT = 30
-#: Neighbouring cells that a vertex is interpolated from, besides its own.
+#: Neighbouring cells from which a vertex is interpolated, besides its own.
 _NEIGHBOURS = 8
 #: Vertices processed at a time.
 _BLOCK = 1 << 16
@@ -44,7 +44,7 @@ _BLOCK = 1 << 16
 def expected_error(n_cells: int, n_pairs: int) -> float:
     """Return the relative error of the eigenvalues, an empirical fit over many meshes.
 
-    The error grows with the number of waves across a cell, that is with pairs over cells.
+    The error grows with the number of waves across a cell, and so with pairs over cells.
     """
     return 0.02 + 2.0 * n_pairs / max(n_cells, 1)
 
@@ -59,10 +59,10 @@ def preview_eigenpairs(
 ) -> Eigenpairs:
     """Approximate the lowest pairs of a mesh, including one zero eigenvalue for each component.
 
-    Rows are float32, of unit norm in M, and roughly orthogonal. There are fewer pairs
-    than requested if the cells have no more. `n_cells` is by default 100 for each pair, limited to
-    2500 to 8000. ``allocate(k, n)`` returns the float32 array for the rows; `cancel` is called
-    between the steps, and `Cancelled` raised after it returns True.
+    Rows are float32, of unit norm in M, and roughly orthogonal. Fewer pairs than requested are
+    returned if the cells have no more. `n_cells` is by default 100 for each pair, limited to 2500
+    to 8000. ``allocate(k, n)`` returns the float32 array for the rows; `cancel` is called between
+    the steps, and `Cancelled` is raised if it returns True.
     """
     if n_cells is None:
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)
@@ -117,7 +117,7 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
         places = mesh.vertices[members]
         length = float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
         if stop - start < 3 or length <= 0.0 or (np.pi / (2.0 * length)) ** 2 > last:
-            continue  # too small for a wave of such a low eigenvalue: its constant suffices
+            continue  # too small for a wave below the last eigenvalue: only its constant is needed
         area = np.cumsum(areas[members])
         count = max(round(n_cells * area[-1] / total), _CELLS_OF_COMPONENT)
         if stop - start <= 3 * count:
@@ -129,7 +129,7 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
 
 
 def _nearest_seeds(mesh: Mesh, seeds: IntArray) -> IntArray:
-    """Find the seed that is nearest along edges, shape (n,); -1 where none is reached."""
+    """Find the seed nearest to each vertex along edges, shape (n,); -1 without a seed."""
     number = np.full(mesh.n_vertices, -1)
     if not len(seeds):
         return number
@@ -147,7 +147,7 @@ def _measure(
     inside = cells >= 0
     members, weights = cells[inside], areas[inside]
     cell_areas = np.bincount(members, weights, len(seeds)).astype(np.float64)
-    centroids = mesh.vertices[seeds].copy()  # where a cell has no area
+    centroids = mesh.vertices[seeds].copy()  # of cells without area
     solid = cell_areas > 0.0
     for axis in range(3):
         moments = np.bincount(members, weights * mesh.vertices[inside, axis], len(seeds))
@@ -173,7 +173,7 @@ def _rounded(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> IntArray:
 def _candidates(
     mesh: Mesh, cells: IntArray, centroids: FloatArray, near: IntArray
 ) -> Iterator[tuple[slice, IntArray, FloatArray]]:
-    """Yield blocks of vertices, the cells around each, and squared distances to them, (m, 9).
+    """Yield blocks of m vertices, 9 cells around each, and squared distances to these, (m, 9).
 
     The values are undefined for vertices in no cell.
     """
@@ -190,8 +190,8 @@ def _candidates(
 def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> SparseMatrix:
     """Build the finite-volume Laplacian of the cells, csr, shape (s, s), no unit.
 
-    For a function that is linear along the line between two centroids, the flux across the
-    border is the sum of cotangent weight times difference over the edges that cross it. That sum
+    For a function that is linear along the line between two centroids, the flux across the border
+    is the sum of cotangent weight times difference over the edges that cross the border. This sum
     divided by the distance of the centroids is the weight of the two cells.
     """
     n, (p, q, r) = len(centroids), cells[mesh.faces.T]
@@ -205,14 +205,14 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
         cotangents = 0.5 * _products(u, v) / areas
         one, other = corners[:, second], corners[:, third]
         between = centroids[one] - centroids[other]
-        # difference of such a function along the edge; 0 within a cell
+        # difference of the linear function along the edge; 0 within a cell
         change = _products(u - v, between) / np.maximum(_products(between, between), 1e-300)
         flows.append((0.5 * cotangents * change, one, other))
     weights, a, b = (np.concatenate(part) for part in zip(*flows, strict=True))
     flow = coo_array((weights, (a, b)), shape=(n, n)).tocsr()
     flow = (flow + flow.T).tocsr()
-    # Obtuse faces can make the weight of a short border negative: it is set to 0. Between cells of
-    # one vertex these are the exact cotangent weights.
+    # Obtuse faces can make the weight of a short border negative: it is set to 0, except between
+    # cells of one vertex, whose weights are the exact cotangent weights.
     single = np.bincount(cells[cells >= 0], minlength=n) == 1
     both = flow.tocoo()
     both.data[(both.data < 0.0) & ~(single[both.row] & single[both.col])] = 0.0
@@ -221,7 +221,6 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
 
 
 def _products(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the inner products of corresponding rows."""
     return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
@@ -251,7 +250,7 @@ def _write_constants(rows: npt.NDArray[np.float32], labels: IntArray, areas: Flo
     used = labels >= 0
     component_areas = np.bincount(labels[used], areas[used])
     rows[:] = 0.0
-    for component in np.flatnonzero(component_areas[: len(rows)]):  # without area no norm
+    for component in np.flatnonzero(component_areas[: len(rows)]):  # without area the norm is 0
         rows[component, labels == component] = component_areas[component] ** -0.5
 
 
@@ -266,7 +265,7 @@ def _interpolate(
 ) -> None:
     """Interpolate from the surrounding centroids to vertices, into `rows` of shape (k, n).
 
-    The weight of a centroid is a smooth function that is 0 where the set of candidates changes.
+    The weight of a centroid is a smooth function that is 0 where the set of centroids changes.
     """
     near = _neighbours(stiffness)
     values = vectors.astype(np.float32)

@@ -19,9 +19,9 @@ from meshmash_viewer.units import format_quantity
 
 #: Share of a feature that may be missing, due to too few eigenpairs, before it is flagged.
 TOLERANCE = 0.01
-#: Margin of the eigenvalue predicted to be sufficient, since columns differ from their mean.
+#: Factor that increases the predicted eigenvalue, since columns differ from their mean.
 _MARGIN = 1.1
-#: Largest length of a mesh, whose square does not overflow; its inverse is the smallest length.
+#: Largest value of a target, whose square does not overflow; the inverse is the smallest value.
 _LARGEST = 1e150
 #: Smallest and largest eigenvalue relative to Weyl's estimates of the first and the last.
 _BELOW, _ABOVE = 1e-6, 1e3
@@ -35,7 +35,7 @@ TARGET_KINDS = {
 
 
 def weyl_count(area: float, eigenvalue: float) -> float:
-    """Estimate how many eigenvalues lie below one: ``area * eigenvalue / 4π``.
+    """Estimate the number of eigenvalues below a value: ``area * eigenvalue / 4π``.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def weyl_count(area: float, eigenvalue: float) -> float:
 
 
 def weyl_eigenvalue(area: float, count: float) -> float:
-    """Estimate the eigenvalue below which `count` others lie: ``4π count / area``.
+    """Estimate the value below which `count` eigenvalues lie: ``4π count / area``.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def wavelength_eigenvalue(length: float) -> float:
 def resolved_time(eigenvalue: float) -> float:
     """Return the shortest time at which pairs up to an eigenvalue give HKS within `TOLERANCE`.
 
-    Where the surface is nearly flat HKS is ``1 / 4πt``, of which ``exp(-λ t)`` is missing.
+    On a nearly flat surface HKS is ``1 / 4πt``; a share of ``exp(-λ t)`` is missing.
     """
     return -_MARGIN * math.log(TOLERANCE) / eigenvalue if eigenvalue > 0.0 else math.inf
 
@@ -93,7 +93,7 @@ class Target:
     whole number.
     """
 
-    #: What `value` is: a number of eigenpairs, the largest eigenvalue to include (per squared
+    #: Meaning of `value`: a number of eigenpairs, the largest eigenvalue to include (per squared
     #: unit), the shortest wavelength to include (unit), or the shortest time at which the heat
     #: kernel signature is to be resolved within `TOLERANCE` (squared unit).
     kind: Literal["count", "max_eigenvalue", "wavelength", "time"] = "count"
@@ -118,7 +118,7 @@ class Target:
 
     @property
     def n_components(self) -> int | None:
-        """Requested number of pairs; None for other kinds."""
+        """Requested number of pairs; None for a target of another kind."""
         return int(self.value) if self.kind == "count" else None
 
     @property
@@ -135,8 +135,8 @@ class Target:
 class Translation:
     """Conversion between count, largest eigenvalue, wavelength and time for one mesh.
 
-    Within the known eigenvalues the result is exact. Beyond them Weyl's law is continued from the
-    last known eigenvalue, which removes its error below, up to the number of vertices.
+    Within the known eigenvalues the result is exact. Beyond them Weyl's law is applied from the
+    last known eigenvalue on, which removes its error below that, up to the number of vertices.
     """
 
     #: Area of the surface, positive, in squared length units.
@@ -145,7 +145,7 @@ class Translation:
     eigenvalues: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     #: Number of vertices, which is the total number of pairs.
     n_vertices: float = math.inf
-    #: Eigenvalue up to which the known ones are complete.
+    #: Value up to which the known eigenvalues are complete.
     known_to: float = 0.0
 
     def eigenvalue(self, target: Target) -> tuple[float, bool]:
