@@ -1,4 +1,4 @@
-"""Classes of vertices, learned from labels: columns, models, scores."""
+"""Learning of vertex classes from labels: feature columns, models and scores."""
 
 from __future__ import annotations
 

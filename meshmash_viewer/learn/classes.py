@@ -47,21 +47,21 @@ class ClassModel:
     kind : str
         "ensemble", "forest" or "logistic".
     columns : ClassColumns
-        Columns that it classifies.
+        Columns that the classifier uses.
     classes : tuple of Label
         Classes with colours, in the order of the classifier.
     importance : ndarray, shape (f,)
         Share of each column in the decisions, with sum 1: the decrease of impurity in a forest, the
-        mean magnitude of the coefficients of a regression, or the mean of both. Correlated columns
-        share their importance.
+        mean magnitude of the coefficients of a regression, or the mean of the two shares.
+        Correlated columns share their importance.
     smoothing : float
         Length over which probabilities are smoothed, in the unit of the columns.
     meshes : tuple of dict
         Name, content hash, and numbers of vertices and of labelled vertices of each training mesh.
     scores : ClassScores, optional
-        Result of the cross-validation, if there was one.
+        Result of the cross-validation; None without one.
     unscored : str
-        Sentence on why there are no scores.
+        Reason, as a sentence, why there are no scores.
     about : dict
         Additional JSON entries of the card in the file.
 
@@ -92,7 +92,7 @@ class ClassModel:
         return tuple(each.name for each in self.classes)
 
     def check_mesh(self, mesh: Mesh) -> None:
-        """Raise `InputError` for a mesh without unit, unless it is one of the training."""
+        """Raise `InputError` for a mesh without unit, unless it is a training mesh."""
         hashes = {each.get("hash") for each in self.meshes}
         if mesh.unit or self.columns.unit or mesh.content_hash not in hashes:
             self.columns.check_unit(mesh)
@@ -100,16 +100,16 @@ class ClassModel:
 
 @dataclass(frozen=True, eq=False)
 class ClassPrediction:
-    """The class of every vertex.
+    """Predicted classes of vertices.
 
     Parameters
     ----------
     labels : VertexMap
         Most probable class; no label at vertices without faces.
     probabilities : tuple of VertexMap
-        Probability of each class, in the order of the model; their sum is 1.
+        Probability of each class, in the order of the model; the sum over classes is 1.
     uncertainty : VertexMap
-        One minus the largest probability. Further labels help most where it is high.
+        One minus the largest probability. Further labels help most where this is high.
 
     Examples
     --------
@@ -151,11 +151,11 @@ def train_classes(
     meshes : MeshLike or sequence of them
         Training meshes; if there are several, each needs a unit of length.
     labels : VertexMap or sequence of them
-        Labels of each mesh. Labels with the same name are one class; without names, those with the
+        Labels of each mesh. Labels with the same name are one class; without names, labels with the
         same number, where 0 is no label.
     columns : ClassColumns or str
-        Columns to learn from. Kinds alone, such as "hks" or "hks,curvature", are computed at times
-        that `ClassColumns.chosen` finds for the first mesh.
+        Columns to learn from, or only their kinds, such as "hks" or "hks,curvature", for the times
+        that `ClassColumns.chosen` selects for the first mesh.
     classifier : {"ensemble", "forest", "logistic"}
         100 extremely randomized trees [1]_, logistic regression of standardized columns, or by
         default the mean of their probabilities, which depends least on the choice of strokes.
@@ -168,7 +168,7 @@ def train_classes(
     scored : bool
         Whether to cross-validate, which trains up to five more times. Whole meshes are left out
         if the others have all classes, else whole strokes (connected parts of a class). Single
-        vertices would give useless scores, as their neighbours are nearly equal.
+        vertices would give useless scores, as neighbouring vertices are nearly equal.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -181,7 +181,7 @@ def train_classes(
     InputError
         If scikit-learn is not installed, labels do not fit the mesh or are not whole numbers, there
         are fewer than two classes or fewer than five labelled vertices of a class, all columns are
-        constant at these, or one of several meshes has no unit of length.
+        constant at the labelled vertices, or one of several meshes has no unit of length.
 
     Warns
     -----
@@ -190,7 +190,7 @@ def train_classes(
 
     Notes
     -----
-    Of more than 20,000 labelled vertices an evenly drawn subset of that size is used.
+    If there are more than 20,000 labelled vertices, an evenly drawn subset of 20,000 is used.
 
     References
     ----------
@@ -266,15 +266,15 @@ def predict_classes(
     Parameters
     ----------
     mesh : MeshLike
-        Its unit of length is converted; only a mesh of the training may have none.
+        The mesh; its unit of length is converted. Only a training mesh may have no unit.
     model : ClassModel
     pairs : Eigenpairs, optional
         Known eigenpairs of the mesh; more are computed if needed.
     features : Features, optional
-        Known result of ``model.columns.compute`` for the mesh, or other features that include
-        columns of these names.
+        Known result of ``model.columns.compute`` for the mesh, or other features with columns of
+        the same names.
     domains : array_like of int, shape (n,), optional
-        Domain of each vertex, -1 for none, such as `CondensedHKS.labels`. Area-weighted means of
+        Domain of each vertex, -1 for none, such as `CondensedHKS.labels`. Area-weighted means over
         domains are classified, without smoothing.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
@@ -287,7 +287,7 @@ def predict_classes(
     ------
     InputError
         If the mesh or the model has no unit of length, a column of the model is missing in
-        `features`, or the number of domains is not that of vertices.
+        `features`, or `domains` does not have one value for each vertex.
 
     Examples
     --------
@@ -332,7 +332,7 @@ def predict_classes(
 
 
 def _matching(features: Features, model: ClassModel) -> npt.NDArray[Any]:
-    """Return the columns of a model from features, by name."""
+    """Return those columns of features that a model uses, selected by name."""
     names = model.columns.names
     if features.columns == names:
         return features.values
@@ -348,8 +348,8 @@ def _matching(features: Features, model: ClassModel) -> npt.NDArray[Any]:
 def _classes_of(sets: Sequence[VertexMap]) -> tuple[tuple[Label, ...], list[IntArray]]:
     """Return the classes in use, and the index of the class of each vertex, -1 for none.
 
-    Labels with the same name are one class. A label named by its number is the class of that number
-    in another set.
+    Labels with the same name are one class. A label whose name is its number belongs to the class
+    with the same number in another set.
     """
     named = {
         each.key: each
@@ -392,7 +392,6 @@ def _check_classes(places: IntArray, classes: Sequence[Label]) -> None:
 
 
 def _listed(given: Any, many: bool, count: int) -> list[Any]:
-    """Return a list with one entry for each mesh."""
     if given is None:
         return [None] * count
     found = list(given) if many else [given]
@@ -402,7 +401,6 @@ def _listed(given: Any, many: bool, count: int) -> list[Any]:
 
 
 def _require_packages() -> None:
-    """Raise `InputError` if scikit-learn is not installed."""
     from importlib.util import find_spec
 
     if find_spec("sklearn") is None:

@@ -24,12 +24,12 @@ from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.surface.curvature import gaussian_curvature, mean_curvature
 from meshmash_viewer.units import LENGTH_UNITS, METRES, format_quantity, whole_number
 
-#: Standard deviation of wave kernel bands, in steps between them.
+#: Standard deviation of wave kernel bands, relative to the spacing of their energies.
 _WIDTH = 2.0
-#: Lower limit of values before the logarithm, relative to a plane, or to the mean on the surface.
+#: Lower limit before the logarithm, relative to HKS on a plane, or to the mean WKS on the surface.
 FLOOR = 1e-9
-#: Squared length times largest eigenvalue from which heat flow is summed from eigenpairs: missing
-#: pairs have decayed to less than 1 %.
+#: Squared length times largest eigenvalue above which heat flow is computed from eigenpairs: the
+#: missing pairs have then decayed to less than 1 %.
 _DECAYED = 5.0
 #: Shortest length of curvature relative to √t_min, and longest relative to √t_max.
 _LENGTHS = (0.4, 0.45)
@@ -43,8 +43,8 @@ _TOLERANCE, _STEPS = 1e-5, 3000
 class ClassColumns:
     """Columns to learn classes from, at fixed times and lengths in a unit of length.
 
-    They do not depend on the spectrum of a mesh, so that columns of meshes are comparable. `chosen`
-    selects times for a mesh.
+    They do not depend on the spectrum of a mesh, so that columns of several meshes are comparable.
+    `chosen` selects times for a mesh.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class ClassColumns:
         t_max: float | None = None,
         **others: Any,
     ) -> Self:
-        """Choose columns whose times, if not given, are those that the eigenpairs resolve."""
+        """Choose columns, by default with the range of times that the eigenpairs resolve."""
         exact = pairs.exact
         found = hks_time_range(exact.eigenvalues, as_mesh(mesh).area)
         low, high = t_min or found[0], t_max or found[1]
@@ -164,7 +164,7 @@ class ClassColumns:
         return self.max_eigenvalue / self.scale(mesh) ** 2
 
     def scale(self, mesh: Mesh) -> float:
-        """Return the length of `unit` in that of a mesh."""
+        """Return the length of `unit` in the unit of a mesh."""
         if not (self.unit and mesh.unit):
             return 1.0
         return float(10.0 ** (METRES[self.unit] - METRES[mesh.unit]))
@@ -198,7 +198,7 @@ class ClassColumns:
         ----------
         mesh : MeshLike
         pairs : Eigenpairs, optional
-            Known eigenpairs of the mesh; computed unless they reach `max_eigenvalue`.
+            Known eigenpairs of the mesh; they are recomputed if they do not reach `max_eigenvalue`.
         progress, cancel : callable, optional
             See `meshmash_viewer.progress`.
 
@@ -229,7 +229,7 @@ class ClassColumns:
         return stiffness, mass.diagonal()
 
     def _reached(self, mesh: Mesh, pairs: Eigenpairs) -> bool:
-        """Whether pairs reach `max_eigenvalue`, or are all pairs."""
+        """Whether pairs reach `max_eigenvalue`, or are all pairs of the mesh."""
         exact, limit = pairs.exact, self.limit(mesh) * (1.0 - 1e-9)
         n = mesh.n_vertices - len(mesh.unreferenced)
         reach = max(exact.known_to, float(exact.eigenvalues[-1])) if exact.n_components else 0.0
@@ -259,7 +259,7 @@ class ClassColumns:
     def _logarithms(self, kind: str, mesh: Mesh, eigenvalues: FloatArray, rows: Rows) -> FloatArray:
         """Compute logarithms of HKS, or of WKS relative to its mean on the surface.
 
-        HKS is at least a share of its value on a plane: without the first pair it vanishes on
+        HKS is at least a share of its value on a plane: without the first pair HKS vanishes on
         debris.
         """
         start = int(self.drop_first)
@@ -283,8 +283,9 @@ class ClassColumns:
     ) -> FloatArray:
         """Compute position and normal of vertices relative to the smoothed surface, and curvature.
 
-        Short lengths are smoothed by one implicit step, long ones by heat flow with eigenpairs. For
-        a short length the offset along the normal is mean curvature times squared length.
+        Smoothing over a short length is one implicit step, over a long length heat flow with
+        eigenpairs. For a short length the offset along the normal is mean curvature times squared
+        length.
         """
         scale = self.scale(mesh)
         places = mesh.on_surface(mesh.vertices - _centroid(mesh)) / scale
@@ -350,11 +351,11 @@ def diffused(
     start: FloatArray | None = None,
     cancel: CancelCallback | None = None,
 ) -> FloatArray:
-    """Smooth functions f over a length: solve ``(M + t L) x = M f``, t its square, shape (n, d).
+    """Smooth d functions f over a length l: solve ``(M + l² L) x = M f``, shape (n, d).
 
     All functions are solved together, by conjugate gradients with the diagonal as preconditioner,
-    from `start` on; longer lengths take more steps. Values at vertices without mass are unchanged.
-    Results are within the range of f if L has no positive entry off its diagonal.
+    starting at `start`; longer lengths take more steps. Values at vertices without mass are
+    unchanged. Results are within the range of f if L has no positive entry off its diagonal.
     """
     weights = np.where(mass > 0.0, mass, 1.0)[:, None]
     system = (sparse.diags_array(weights[:, 0]) + length**2 * stiffness).tocsr()
@@ -371,7 +372,7 @@ def diffused(
         LinearOperator((n, n), product, dtype=np.float64),
         (weights * values / size).ravel(),
         ((values if start is None else start) / size).ravel(),
-        rtol=_TOLERANCE / math.sqrt(shape[1]),  # of each function: all have the same norm
+        rtol=_TOLERANCE / math.sqrt(shape[1]),  # holds for each function, as all have one norm
         maxiter=_STEPS,
         M=LinearOperator((n, n), lambda x: (inverse * x.reshape(shape)).ravel(), dtype=np.float64),
     )

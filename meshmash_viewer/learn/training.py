@@ -20,11 +20,11 @@ from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback,
 from meshmash_viewer.surface.edges import connected
 from meshmash_viewer.units import counted
 
-#: Maximum number of labelled vertices used, and minimum number of a class if it has as many.
+#: Maximum number of labelled vertices used, and minimum number of a class with at least as many.
 _MOST, _FEWEST = 20_000, 100
-#: Trees, and labelled vertices times trees that are trained between two calls of `cancel`.
+#: Number of trees, and labelled vertices times trees trained between two calls of `cancel`.
 _TREES, _AT_ONCE = 100, 500_000
-#: Trees in each training of the cross-validation; 100 change scores by some thousandths only.
+#: Trees in each training of the cross-validation; 100 trees change scores by thousandths only.
 _TREES_SCORED = 40
 #: Number of groups of strokes that are left out in turn.
 _FOLDS = 5
@@ -45,10 +45,10 @@ class ClassScores:
     classes : tuple of str
         Names of the c classes.
     confusion : ndarray, shape (c, c)
-        Area of the labelled vertices of each class (row) by predicted class (column), in squared
-        unit of the model.
+        Area of the labelled vertices of each class (row) by predicted class (column), in the
+        squared unit of the model.
     left_out : str
-        Test sets, left out of the training: "meshes" or "strokes".
+        Test sets that are left out of the training: "meshes" or "strokes".
     folds : int
         Number of trainings.
 
@@ -91,7 +91,7 @@ class ClassScores:
 class Training:
     """Labelled vertices of all meshes, with their columns.
 
-    `places` has the class of each vertex of each mesh, -1 for none.
+    `places` is the class index of each vertex of each mesh, -1 for none.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Training:
         self.counts = [int(np.count_nonzero(each >= 0)) for each in places]
         starts = np.cumsum([0, *map(len, places)])
         known = np.concatenate(places)
-        rows = np.flatnonzero(known >= 0)  # of the vertices of all meshes
+        rows = np.flatnonzero(known >= 0)  # indices among the vertices of all meshes
         if len(rows) > _MOST:
             rows = rows[_drawn(known[rows], len(names))]
         self.of_mesh = np.searchsorted(starts, rows, side="right") - 1
@@ -128,7 +128,7 @@ class Training:
         _check_columns(self.values, tables[0].columns, of_mesh(meshes[0].name))
 
     def described(self) -> tuple[dict[str, Any], ...]:
-        """Describe the meshes."""
+        """Return the meshes as JSON values."""
         return tuple(
             {
                 "name": mesh.name,
@@ -144,7 +144,7 @@ class Training:
     def fitted(
         self, some: IntArray, progress: ProgressCallback | None = None, n_trees: int = _TREES
     ) -> Any:
-        """Train on some of the labelled vertices."""
+        """Train a classifier on some of the labelled vertices."""
         check_cancelled(self.cancel)
         values, places = self.values[some], self.places[some]
         if self.kind == "forest":
@@ -182,7 +182,7 @@ class Training:
         return forest.set_params(warm_start=False, n_jobs=1)
 
     def scores(self, progress: ProgressCallback | None) -> tuple[ClassScores | None, str]:
-        """Cross-validate; return scores, or None and a sentence on why there are none."""
+        """Cross-validate; return scores and "", or None and the reason as a sentence."""
         folds, left_out, fault = self._folds()
         if fault:
             return None, fault
@@ -199,9 +199,9 @@ class Training:
     def _folds(self) -> tuple[IntArray, str, str]:
         """Assign labelled vertices to folds that are left out in turn.
 
-        Folds are meshes if the others have all classes, otherwise strokes of each class, dealt out
-        by size. Returns the fold of each vertex, shape (s,), the kind of folds, and a sentence if a
-        class has only one stroke.
+        Folds are meshes if the others have all classes, otherwise strokes of each class,
+        distributed by size. Returns the fold of each vertex, shape (s,), the kind of folds, and a
+        message if a class has only one stroke.
         """
         places, of_mesh = self.places, self.of_mesh
         kept = [len(np.unique(places[of_mesh != mesh])) for mesh in range(len(self.meshes))]
@@ -222,7 +222,7 @@ class Training:
         return folds, "strokes", ""
 
     def _predicted(self, classifier: Any, some: IntArray) -> IntArray:
-        """Return the classes of some of the labelled vertices, smoothed on their whole meshes."""
+        """Predict classes of some labelled vertices; probabilities are smoothed on whole meshes."""
         if not self.smoothing:
             values = probabilities(classifier, self.values[some], None, self.cancel)
             return np.asarray(values.argmax(axis=1))
@@ -245,7 +245,7 @@ def _strokes(mesh: Mesh, places: IntArray) -> IntArray:
 
 
 def _drawn(places: IntArray, n_classes: int) -> IntArray:
-    """Draw labelled vertices evenly, and additional ones of rare classes."""
+    """Draw labelled vertices evenly, and additional vertices of rare classes."""
     drawn = [np.linspace(0, len(places) - 1, _MOST).astype(np.int64)]
     for place in range(n_classes):
         own = np.flatnonzero(places == place)
@@ -266,7 +266,7 @@ def _regression(values: npt.NDArray[Any], places: IntArray) -> Any:
 
 
 def _check_columns(values: FloatArray, names: Sequence[str], subject: str) -> None:
-    """Raise `InputError` for columns without values or all constant; warn of some constant ones."""
+    """Raise `InputError` if values are missing or all columns constant; warn if some are."""
     missing = np.flatnonzero(~np.isfinite(values).all(axis=0))
     if len(missing):
         raise InputError(
@@ -298,8 +298,8 @@ def probabilities(
 ) -> FloatArray:
     """Return the probability of each class, shape (n, c).
 
-    A forest must not use threads here: it would set the warning filters of all threads, and its
-    sums would depend on the order in which its threads end.
+    A forest must not use threads here: it would set the warning filters of all threads, and the
+    rounding of sums would depend on the order in which its threads end.
     """
     found = []
     for part in blocks(len(values), _BLOCK):
@@ -320,7 +320,7 @@ def predicted(
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> FloatArray:
-    """Return smoothed probabilities, shape (n, c); NaN at unreferenced vertices."""
+    """Return the smoothed probability of each class, shape (n, c); NaN at unreferenced vertices."""
     used, own = mesh.referenced, smoothing * columns.scale(mesh)
     found = probabilities(classifier, values[used], progress, cancel)
     result = np.full((mesh.n_vertices, found.shape[1]), np.nan)
