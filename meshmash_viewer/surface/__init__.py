@@ -1,1 +1,1 @@
-"""Geometry of surfaces, without VTK."""
+"""Geometry of surfaces, computed without VTK."""

@@ -1,4 +1,4 @@
-"""Curvatures of a surface, and the neck widths of its parts."""
+"""Curvatures of a surface, and widths of the necks of its parts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     """Compute the mean curvature, half the sum of the two principal curvatures.
 
     ``H = ½ (L x) · n / A`` with the cotangent Laplacian L of the coordinates x, the vertex normal
-    n and the mixed area A of Meyer et al. [1]_. It is 1/r on a sphere of radius r, and positive
+    n and the mixed area A of Meyer et al. [1]_. H is 1/r on a sphere of radius r, and positive
     where the surface is convex, seen from the side on which its faces are counter-clockwise.
 
     `InputError` is raised if the mesh is not valid.
@@ -29,8 +29,8 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     Parameters
     ----------
     mesh : MeshLike
-        Its faces should agree on which side is outside: this determines the sign. At an edge where
-        they do not agree, vertex normals and curvatures are wrong.
+        The mesh, with consistently oriented faces, which determine the sign. At an edge with
+        inconsistent faces, vertex normals and curvatures are wrong.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     Warns
     -----
     MeshWarning
-        If neighbouring faces do not agree on which side is outside, see `direction_fault`.
+        If neighbouring faces are inconsistently oriented, see `direction_fault`.
 
     References
     ----------
@@ -70,7 +70,7 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
 
 
 def direction_fault(mesh: Mesh) -> str:
-    """Return a message about faces that do not agree on which side is outside; "" if all do."""
+    """Return a message about inconsistently oriented faces; "" if there are none."""
     if DIRECTION_FAULT not in mesh.derived:
         mesh.derived[DIRECTION_FAULT] = _direction_fault(mesh)
     return str(mesh.derived[DIRECTION_FAULT])
@@ -118,10 +118,10 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
 
 
 def mixed_areas(mesh: MeshLike) -> FloatArray:
-    """Compute the mixed area of each vertex, by which the curvatures divide (`mean_curvature`).
+    """Compute the mixed area of each vertex, the divisor in curvatures (`mean_curvature`).
 
     A face without an obtuse angle is divided into the points nearest to each of its vertices. Of an
-    obtuse face, the vertex at the obtuse angle gets a half, the others a quarter each.
+    obtuse face, the vertex at the obtuse angle gets a half, the other vertices a quarter each.
     (`compute_vertex_areas` assigns a third of each face to each of its vertices.)
 
     Returns
@@ -139,7 +139,7 @@ def mixed_areas(mesh: MeshLike) -> FloatArray:
 
 
 class _Corners:
-    """The faces with an area, and the cotangents of their angles, shape (m, 3) each."""
+    """Faces that have an area, and the cotangents of their angles, shape (m, 3) each."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
@@ -166,7 +166,7 @@ class _Corners:
         return np.where(open_ends, np.nan, totals / np.where(open_ends, 1.0, areas))
 
     def mixed_areas(self) -> FloatArray:
-        """Compute the result of the function `mixed_areas`, shape (n,)."""
+        """Compute the mixed areas, shape (n,); see the function `mixed_areas`."""
         obtuse = self.cotangents < 0.0
         shares = np.empty_like(self.cotangents)
         for corner in range(3):
@@ -193,7 +193,7 @@ class _Corners:
 
 #: Number of level sets that are measured for each part.
 _LEVELS = 64
-#: Share of the area of a part, nearest to the rest of the surface, in which cuts are sought.
+#: Share of the area of a part, measured from the rest of the surface, in which cuts are sought.
 _NEAR = 0.5
 #: Relative residual and largest number of iterations of the linear solver.
 _PRECISION, _STEPS = 1e-7, 10_000
@@ -203,9 +203,9 @@ def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
     """Measure the length of a short cut that separates each part from the rest of the surface.
 
     The cuts are 64 level sets of a function that is 1 on the rest, 0 on the half of the area of the
-    part that is farthest from the rest along edges, and harmonic between them. A level set consists
-    of closed curves, or of curves that end at open edges. The shortest level set is an upper bound
-    of the length of the shortest cut through the nearer half of the part.
+    part that is farthest from the rest along edges, and harmonic on the nearer half. A level set
+    consists of closed curves, or of curves that end at open edges. The shortest level set is an
+    upper bound of the shortest cut through the nearer half of the part.
 
     `parts`, shape (n,), is the part of each vertex, -1 for none. The widths, shape (n_parts,), are
     in the unit of the mesh; NaN for a part that does not touch the rest.
@@ -215,7 +215,7 @@ def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
     joins = touched & (of_corners != of_corners[:, :1]).any(axis=1)
     joined = np.zeros(n_parts + 1, dtype=np.bool_)
     joined[of_corners[joins]] = True
-    joined[-1] = False  # set by the vertices of no part, -1
+    joined[-1] = False  # set above by vertices in no part, whose index is -1
     widths = np.full(n_parts, np.nan)
     if joined.any():
         faces = mesh.faces[touched & joined[of_corners].any(axis=1)]
@@ -228,7 +228,7 @@ def neck_widths(mesh: Mesh, parts: IntArray, n_parts: int) -> FloatArray:
 
 
 def _near(mesh: Mesh, faces: IntArray, parts: IntArray) -> npt.NDArray[np.bool_]:
-    """Find the vertices of the half of each part that is nearest to the rest, shape (n,)."""
+    """Return a mask of the half of each part that is nearest to the rest, shape (n,)."""
     from scipy import sparse
     from scipy.sparse.csgraph import dijkstra
 
@@ -262,7 +262,7 @@ def _near(mesh: Mesh, faces: IntArray, parts: IntArray) -> npt.NDArray[np.bool_]
 def _harmonic(
     mesh: Mesh, faces: IntArray, parts: IntArray, near: npt.NDArray[np.bool_]
 ) -> FloatArray:
-    """Compute the harmonic function at the near vertices; 0 elsewhere, shape (n,)."""
+    """Compute the harmonic function of `neck_widths` at near vertices, 0 elsewhere, shape (n,)."""
     from scipy import sparse
     from scipy.sparse.linalg import cg
 
@@ -282,7 +282,7 @@ def _harmonic(
             (rows.data[kept], (rows.row[kept], place[rows.col[kept]])), shape=(len(unknown),) * 2
         )
         scale = sparse.diags_array(1.0 / matrix.diagonal())
-        # level sets of any function are cuts, so without convergence the bound still holds
+        # level sets of any function are cuts, so the bound holds even without convergence
         values[unknown] = cg(matrix, known, rtol=_PRECISION, maxiter=_STEPS, M=scale)[0]
     return values
 
@@ -305,7 +305,7 @@ def _cut_lengths(
         above = at > level
         count = above.sum(axis=1)
         crossed = np.flatnonzero((count == 1) | (count == 2))
-        # the one corner on its side of the level
+        # the corner that is alone on its side of the level
         alone = np.argmax(above[crossed] == (count[crossed] == 1)[:, None], axis=1)
         points = []
         for step in (1, 2):

@@ -22,9 +22,9 @@ def decimated(
     with another. Components with fewer than `least` vertices are left out. A larger
     `aggressiveness` is faster and less exact. The result is deterministic.
 
-    Returns the decimated mesh, without unreferenced vertices, and the index of its vertex for each
-    vertex of `mesh`, shape (n,), -1 for none. `InputError` is raised if `reduction` is not in
-    [0, 1), or all components are left out.
+    Returns the decimated mesh, without unreferenced vertices, and the index in it of each vertex of
+    `mesh`, shape (n,), -1 if left out. `InputError` is raised if `reduction` is not in [0, 1), or
+    all components are left out.
     """
     if not 0.0 <= reduction < 1.0:
         raise InputError(
@@ -59,7 +59,7 @@ def decimated(
 def _collapsed(
     vertices: FloatArray, faces: IntArray, reduction: float, aggressiveness: float
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return vertices and faces of a decimated component, and the new index of each old vertex."""
+    """Decimate a component; return its vertices, its faces and the new index of each old vertex."""
     import fast_simplification
 
     same = vertices, faces, np.arange(len(vertices))
@@ -80,7 +80,7 @@ def _collapsed(
     places[used] = np.arange(len(used))
     places = places[mapping]
     alone = np.flatnonzero(places < 0)
-    if len(alone):  # collapsed into a vertex without faces: take the nearest vertex that has some
+    if len(alone):  # collapsed into a vertex without faces: take the nearest vertex with faces
         from scipy.spatial import cKDTree
 
         places[alone] = cKDTree(points[used]).query(vertices[alone] - center)[1]
@@ -89,9 +89,9 @@ def _collapsed(
 
 @dataclass(frozen=True, eq=False)
 class CoarseMesh:
-    """Faces between some vertices of a mesh, for which fields only have to be indexed.
+    """Coarse mesh of a subset of the vertices of a mesh, so that fields are only indexed.
 
-    `representatives` are the indices of these vertices; `faces` are indices into them.
+    `representatives` are indices of vertices of the mesh; `faces` are indices into these.
     """
 
     representatives: IntArray
@@ -104,9 +104,9 @@ def cluster_vertices(
     """Merge the vertices that share a cell of a regular grid (Rossignac & Borrel 1993).
 
     A cell is represented by its vertex nearest to the mean of its vertices; representatives are in
-    ascending order. Faces that do not span three cells, and copies of faces, are removed. It takes
-    the time of sorting the vertices twice and the remaining faces once. `count` is the approximate
-    number of cells.
+    ascending order. Faces that do not span three cells, and copies of faces, are removed. `count`
+    is the approximate number of cells. Most of the time is spent on sorting the vertices twice and
+    the remaining faces once.
     """
     faces = faces[distinct_corners(faces)]
     used = np.zeros(len(vertices), dtype=bool)
@@ -125,7 +125,7 @@ def cluster_vertices(
     sums = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
     points -= (sums / sizes[:, None])[cluster]
     nearest_first = np.lexsort((np.einsum("ij,ij->i", points, points), cluster))
-    # representatives in ascending order, as then indexing a field is fast
+    # representatives in ascending order, which makes indexing a field fast
     chosen, rank = np.unique(members[nearest_first[np.cumsum(sizes) - sizes]], return_inverse=True)
     coarse_of = np.full(len(vertices), -1, dtype=np.int64)
     coarse_of[members] = rank[cluster]
@@ -135,7 +135,7 @@ def cluster_vertices(
     first = np.argmin(corners, axis=1)
     row = np.arange(len(corners))[:, None]
     corners = corners[row, (first[:, None] + np.arange(3)) % 3]
-    # one integer for each face: enough for three indices below two million
+    # one integer for each face, large enough for three indices below two million
     keys = corners @ np.array([len(chosen) ** 2, len(chosen), 1], dtype=np.int64)
     return CoarseMesh(chosen, corners[np.unique(keys, return_index=True)[1]])
 

@@ -14,26 +14,26 @@ from meshmash_viewer.mesh import Mesh
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The edges of a set of faces."""
+    """Edges of a set of faces."""
 
-    #: Shape (e,): key ``low * n + high`` of the two vertices of each edge, ascending.
+    #: Shape (e,): key ``low * n + high`` of each edge, from its two vertices; ascending.
     keys: IntArray
     #: Shape (e,): number of faces of each edge.
     counts: IntArray
-    #: Shape (e,): whether the edge has two faces, and both traverse it in the same direction, so
-    #: that one of them is reversed.
+    #: Shape (e,): whether the edge has two faces that traverse it in the same direction: one of
+    #: them is reversed.
     one_way: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Winding:
-    """Agreement of the faces of a mesh on which side is outside."""
+    """Consistency of the orientation of the faces of a mesh."""
 
-    #: Shape (e,): keys of the edges with two faces that traverse it in the same direction, without
-    #: duplicate faces.
+    #: Shape (e,): keys of the edges with two faces that traverse the edge in the same direction;
+    #: duplicate faces are ignored.
     one_way: IntArray
-    #: Shape (m,): the faces to reverse so that neighbours agree and closed parts face outwards. In
-    #: an open part these are the orientation with the smaller area, in a one-sided part none.
+    #: Shape (m,): mask of faces to reverse so that neighbours agree and closed parts face outwards.
+    #: In an open part the orientation with less area is reversed, in a one-sided part none.
     reversed_faces: npt.NDArray[np.bool_]
 
 
@@ -41,7 +41,7 @@ def side_codes(faces: IntArray, n: int) -> IntArray:
     """Encode the sides 01, 12 and 20 of faces as integers, shape (3m,).
 
     A code is twice the key of the edge, plus 1 if the side goes from the higher vertex to the
-    lower. Integers sort several times faster than pairs, and do not overflow for n below 2e9.
+    lower. Integers sort several times faster than pairs, and codes do not overflow for n below 2e9.
     """
     tail, tip = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     low, high = np.minimum(tail, tip), np.maximum(tail, tip)
@@ -61,13 +61,13 @@ def edges_of(codes: IntArray) -> Edges:
 def border_edges(faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
     """Find the edges between faces of different values, shape (e, 2).
 
-    The value of a face is that of its last corner, as in the render.
+    The value of a face is the value of its last corner, as in the render.
     """
     first, second, last = (values[faces[:, corner]] for corner in range(3))
     mixed = (first != last) | (second != last)
     near = np.zeros(len(values), dtype=np.bool_)
     near[faces[mixed]] = True
-    # at least one face of such an edge is mixed, so that both ends are near
+    # at least one face of such an edge has different values, so that both ends are near
     n_near = sum(near[faces[:, corner]].astype(np.int8) for corner in range(3))
     candidates = np.flatnonzero(n_near > 1)
     keys = side_codes(faces[candidates], len(values)) >> 1
@@ -81,8 +81,8 @@ def border_edges(faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
 def region_graph(vertices: FloatArray, faces: IntArray, values: npt.NDArray[Any]) -> IntArray:
     """Find pairs of regions that touch, shape (e, 2).
 
-    A region is a connected set of vertices with equal values. The result has the vertex of each
-    region that is nearest to its mean position. Vertices with values below zero are in no region.
+    A region is a connected set of vertices with equal values, represented in the result by its
+    vertex nearest to its mean position. Vertices with values below zero are in no region.
     """
     n = len(vertices)
     keys = np.unique(side_codes(faces, n) >> 1)
@@ -99,7 +99,7 @@ def region_graph(vertices: FloatArray, faces: IntArray, values: npt.NDArray[Any]
 
 
 def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
-    """Find the faces whose direction differs from that of their neighbours.
+    """Find the faces whose orientation differs from that of their neighbours.
 
     `edges` are the edges of the faces with three distinct corners, if known.
     """
@@ -129,7 +129,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     first, second = sides[0] // 3, sides[1] // 3
     against = codes[sides[0]] == codes[sides[1]]
     # The graph has two nodes for each face: as it is, and reversed. Faces that agree are connected
-    # in the same state, others in opposite states. A two-sided part then has two components.
+    # in the same state, other faces in opposite states. A two-sided part then has two components.
     rows = np.concatenate([first, first + m])
     columns = np.concatenate([second + m * against, second + m * ~against])
     labels = connected(rows, columns, 2 * m)
@@ -145,7 +145,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     is_open = np.bincount(part[open_ends], None, n_parts) > 0
     larger = 2.0 * np.bincount(part, areas * side, n_parts) > np.bincount(part, areas, n_parts)
     inward = _volumes(vertices, faces, side, part, n_parts) < 0.0
-    # for each part: whether the faces of `side` are kept, and the others reversed
+    # for each part: whether the faces of `side` are kept, and the other faces reversed
     stays = np.where(is_open, larger, inward)
     return np.asarray(mixed[part] & (side != stays[part]))
 
@@ -168,8 +168,8 @@ def join_seams(places: IntArray, faces: IntArray) -> IntArray:
     unless the faces are the same triangle. Sheets that touch at a vertex, along edges with two
     faces, or along more than two coincident edges are not joined.
 
-    `places`, shape (n,), has the lowest index of the vertices at the position of each vertex. The
-    result, shape (n,), has the lowest index of the vertices joined with each vertex.
+    `places`, shape (n,), is the lowest index of the vertices at the position of each vertex. The
+    result, shape (n,), is the lowest index of the vertices joined with each vertex.
     """
     joined = np.arange(len(places))
     if np.array_equal(places, joined):

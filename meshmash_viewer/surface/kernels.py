@@ -1,6 +1,6 @@
 """Compiled loops over the vertices and faces of a surface, which release the interpreter lock.
 
-Import this module in the functions that use it, as it loads the compiler.
+Import this module inside the functions that use it, since it loads the compiler.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ numba = import_compiler()
 def spread(starts, around, faces, points, order, sources, radius, passable, distance, done):  # type: ignore[no-untyped-def]
     """Return the vertices within a distance of sources, nearest first, and the distances.
 
-    Vertices are numbered in another order: `order` has their original indices, which `passable` and
-    the result use. `distance`, shape (n,), must be infinite and `done` False everywhere; they are
-    used in between, and are so again afterwards.
+    Vertices are reordered: `order` contains their original indices, which `passable` and the result
+    use. The work arrays `distance` and `done`, shape (n,), must be infinite and False everywhere,
+    and are so again afterwards.
     """
     queue = [(np.float32(0.0), sources[0])]
     for source in sources:
@@ -55,7 +55,7 @@ def spread(starts, around, faces, points, order, sources, radius, passable, dist
 
 @numba.njit(cache=True, nogil=True)
 def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
-    """Compute the distance of c from those of a and b, by a straight line in their plane."""
+    """Compute the distance of c from those of a and b, along a straight line in the triangle."""
     edge = foot = side_a = side_b = 0.0
     for k in range(3):
         along, across, other = b[k] - a[k], c[k] - a[k], c[k] - b[k]
@@ -68,7 +68,7 @@ def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
     straight = min(at_a + np.sqrt(side_a), at_b + np.sqrt(side_b))
     edge = np.sqrt(edge)
     foot /= edge
-    # position of the source in the plane of the triangle: x along the edge, `deep` below it
+    # position of the source in the plane of the triangle: x along the edge ab, `deep` below it
     x = (edge * edge + at_a * at_a - at_b * at_b) / (2.0 * edge)
     if at_a * at_a < x * x:
         return straight
@@ -82,7 +82,7 @@ def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def in_picture(seen, low, picture):  # type: ignore[no-untyped-def]
-    """Find the points over the True pixels of a picture whose first pixel is at `low`, (n,)."""
+    """Return a mask of the points over True pixels of a picture with first pixel `low`, (n,)."""
     rows, columns = picture.shape
     result = np.zeros(len(seen), np.bool_)
     for v in range(len(seen)):
@@ -105,11 +105,11 @@ def project(points, axes, shift):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def visible_of(seen, faces, facing, chosen, drawn, cell, steepest):  # type: ignore[no-untyped-def]
-    """Find the chosen vertices that face the eye and that no drawn face covers, shape (n,).
+    """Return a mask of chosen vertices that face the eye and that no drawn face covers, (n,).
 
     `cell` is the side of the cells of `heights_of`. A vertex is compared with the largest height in
-    its cell, minus the height by which its own face may rise within the cell: that of a slope of at
-    most `steepest`.
+    its cell, minus the height by which its own face may rise within the cell if the slope of the
+    face is at most `steepest`.
     """
     result = chosen & (facing > 0.0)
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
@@ -132,9 +132,9 @@ def visible_of(seen, faces, facing, chosen, drawn, cell, steepest):  # type: ign
 def heights_of(seen, faces, drawn, low, cell, rows, columns):  # type: ignore[no-untyped-def]
     """Compute the largest height of the drawn faces in each cell, shape (rows, columns).
 
-    `seen`, shape (n, 3), has the horizontal, the vertical position and the height of each vertex.
-    A face is drawn if its three corners are. It is sampled at its corners, and if these are more
-    than one cell apart also between them, at distances of at most a cell.
+    `seen`, shape (n, 3), is the horizontal, the vertical position and the height of each vertex.
+    A face is drawn if its three corners are drawn. It is sampled at its corners, and between
+    corners more than one cell apart at distances of at most a cell.
     """
     heights = np.full((rows, columns), -np.inf, np.float32)
     # row and column of each vertex in four bytes: faces in random order read little memory
@@ -153,7 +153,7 @@ def heights_of(seen, faces, drawn, low, cell, rows, columns):  # type: ignore[no
         left = min(cells[a, 1], cells[b, 1], cells[c, 1])
         right = max(cells[a, 1], cells[b, 1], cells[c, 1])
         extent = max(top - bottom, right - left)
-        if extent <= 1 or bottom == -32768:  # the corners are enough, or it is not drawn
+        if extent <= 1 or bottom == -32768:  # the corners suffice, or the face is not drawn
             continue
         if top < 0 or bottom >= rows or right < 0 or left >= columns:
             continue
@@ -199,5 +199,5 @@ def parts_of(faces, mask):  # type: ignore[no-untyped-def]
                 number[v] = count
                 count += 1
             else:
-                number[v] = number[root]  # the root is the lowest vertex, so it has its number
+                number[v] = number[root]  # the root, the lowest vertex, is already numbered
     return number

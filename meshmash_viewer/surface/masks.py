@@ -1,4 +1,4 @@
-"""Masks of vertices: discs, lassos, components, ranges of values; growing, shrinking, filling."""
+"""Masks of vertices: discs, lassos, components, ranges of values, and changes of masks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from meshmash_viewer.surface.rays import curve_order
 Mask: TypeAlias = npt.NDArray[np.bool_]
 #: Side of the cells in which heights are compared, in pixels.
 _CELL = 3.0
-#: Largest slope of a surface against the screen that is assumed within a cell.
+#: Largest slope of a surface against the screen, within a cell.
 _STEEPEST = 5.0
 
 
@@ -36,7 +36,7 @@ def shrunk(mesh: Mesh, mask: Mask) -> Mask:
 
 
 def parts(mesh: Mesh, mask: Mask) -> IntArray:
-    """Return the number of the connected part of each vertex, from 0, shape (n,); -1 outside."""
+    """Return the index of the connected part of each vertex, shape (n,); -1 outside the mask."""
     from meshmash_viewer.surface.kernels import parts_of
 
     return np.asarray(parts_of(mesh.faces, mask))
@@ -45,8 +45,8 @@ def parts(mesh: Mesh, mask: Mask) -> IntArray:
 def filled(mesh: Mesh, mask: Mask) -> Mask:
     """Add the parts of the surface that the mask encloses.
 
-    In each connected component of the mesh, of the parts outside the mask the one with the largest
-    area stays outside, and the others are added.
+    In each connected component of the mesh the largest part outside the mask, by area, stays
+    outside; all other parts are added.
     """
     components = mesh.component_labels
     outside = ~mask & (components >= 0)
@@ -58,7 +58,7 @@ def filled(mesh: Mesh, mask: Mask) -> Mask:
     of_part[part[outside]] = components[outside]
     largest = np.zeros(int(components.max()) + 1, dtype=np.int64)
     order = np.argsort(areas, kind="stable")
-    largest[of_part[order]] = order  # the last assignment, that of the largest part, remains
+    largest[of_part[order]] = order  # the last assignment remains: the largest part
     stays = np.isin(np.arange(len(areas)), largest[np.unique(of_part)])
     result = mask.copy()
     result[outside] = ~stays[part[outside]]
@@ -66,10 +66,10 @@ def filled(mesh: Mesh, mask: Mask) -> Mask:
 
 
 class Geodesics:
-    """Geodesic distances on a surface from a few vertices to those near them.
+    """Geodesic distances on a surface from a few vertices to nearby vertices.
 
-    Vertices have shape (n, 3), faces (m, 3). They are copied in the order of a space-filling curve,
-    so that neighbours are near each other in memory; the copies take 46 bytes a face.
+    Vertices, shape (n, 3), and faces, (m, 3), are copied in the order of a space-filling curve, so
+    that neighbours are near each other in memory; the copies take 46 bytes a face.
     """
 
     def __init__(self, vertices: npt.NDArray[np.floating], faces: IntArray) -> None:
@@ -94,10 +94,9 @@ class Geodesics:
     ) -> tuple[IntArray, FloatArray]:
         """Find the vertices within a distance of sources, and their distances, shape (k,) each.
 
-        A front crosses each face from two of its corners to the third, in a straight line from
-        the position of the source in the plane of the face that their distances determine: this is
-        exact on a plane without obtuse faces. The front reaches only the vertices in `passable`,
-        shape (n,), and the sources.
+        The distances of two corners of a face determine the position of the source in its plane,
+        from which the distance of the third corner is measured: this is exact on a plane without
+        obtuse faces. Only vertices in `passable`, shape (n,), and the sources are reached.
         """
         from meshmash_viewer.surface.kernels import spread
 
@@ -122,12 +121,12 @@ class Projection:
     focus: FloatArray
     #: Length of a pixel.
     pixel: float
-    #: The middle of the picture in pixels.
+    #: Position of the middle of the picture, in pixels.
     middle: tuple[float, float]
 
     @cached_property
     def seen(self) -> npt.NDArray[np.float32]:
-        """Coordinates in pixels: to the right, up, and towards the eye (the height), (n, 3)."""
+        """Positions in pixels: to the right, up, and towards the eye (the height), shape (n, 3)."""
         from meshmash_viewer.surface.kernels import project
 
         shift = np.array([*self.middle, 0.0]) - self.axes @ self.focus / self.pixel
@@ -136,12 +135,12 @@ class Projection:
 
     @cached_property
     def facing(self) -> npt.NDArray[np.float32]:
-        """Cosine of the angle between normal and direction of the eye, shape (n,)."""
+        """Cosine of the angle between each normal and the direction of the eye, shape (n,)."""
         return np.asarray(self.normals @ self.axes[2].astype(np.float32))
 
 
 def within_polygon(seen: npt.NDArray[np.floating], polygon: FloatArray) -> Mask:
-    """Find the points in a closed polygon, with the precision of a pixel, shape (n,).
+    """Return a mask of the points in a closed polygon, to within a pixel, shape (n,).
 
     `seen`, shape (n, 2) or (n, 3), and `polygon`, shape (k, 2), are in pixels.
     """
@@ -164,10 +163,11 @@ def visible(
     chosen: Mask,
     drawn: Mask,
 ) -> Mask:
-    """Find the chosen vertices that face the eye and that no face covers, shape (n,).
+    """Return a mask of chosen vertices that face the eye and that no face covers, shape (n,).
 
-    `seen` and `facing` are those of `Projection`. A face is drawn if its three corners are. Heights
-    are compared in cells of three pixels, so that a steep surface does not cover itself.
+    `seen` and `facing` are attributes of a `Projection`. A face is drawn if its three corners are
+    drawn. Heights are compared in cells of three pixels, so that a steep surface does not cover
+    itself.
     """
     from meshmash_viewer.surface.kernels import visible_of
 
@@ -175,7 +175,7 @@ def visible(
 
 
 def prepared(mesh: Mesh) -> Geodesics:
-    """Make the `Geodesics` of a mesh, and compile or load the loops of brush and lasso."""
+    """Return the `Geodesics` of a mesh; compile or load the loops of brush and lasso before."""
     points = np.clip(mesh.vertices, *mesh.bounds) - mesh.bounds.mean(axis=0)
     made = Geodesics(points, mesh.faces)
     made.within(mesh.faces[0, :1], 0.0)
@@ -188,7 +188,7 @@ def prepared(mesh: Mesh) -> Geodesics:
 
 
 def disc(geodesics: Geodesics, mesh: Mesh, centre: int, radius: float) -> Mask:
-    """Find the vertices within a geodesic distance of one."""
+    """Return a mask of the vertices within a geodesic distance of a vertex."""
     result = np.zeros(mesh.n_vertices, dtype=np.bool_)
     result[geodesics.within(np.array([centre]), radius)[0]] = True
     return result
@@ -197,9 +197,9 @@ def disc(geodesics: Geodesics, mesh: Mesh, centre: int, radius: float) -> Mask:
 def lasso(
     mesh: Mesh, projection: Projection, polygon: FloatArray, hidden: Mask | None, through: bool
 ) -> Mask:
-    """Find the visible vertices in a polygon, in pixels; with `through` also covered vertices.
+    """Return a mask of the visible vertices, or all if `through`, in a polygon in pixels.
 
-    Vertices in `hidden` are left out, and cover nothing.
+    Vertices in `hidden` are left out and cover no others.
     """
     drawn = mesh.referenced if hidden is None else mesh.referenced & ~hidden
     chosen = within_polygon(projection.seen, polygon) & drawn
@@ -209,12 +209,12 @@ def lasso(
 
 
 def component(mesh: Mesh, vertex: int) -> Mask:
-    """Find the connected component of a vertex."""
+    """Return a mask of the connected component of a vertex."""
     return np.asarray(mesh.component_labels == mesh.component_labels[vertex])
 
 
 def same_label(mesh: Mesh, values: npt.NDArray[Any], vertex: int) -> Mask:
-    """Find the connected vertices with the same value as a vertex."""
+    """Return a mask of the connected part around a vertex with the same value."""
     part = parts(mesh, values == values[vertex])
     return np.asarray(part == part[vertex])
 
@@ -222,6 +222,6 @@ def same_label(mesh: Mesh, values: npt.NDArray[Any], vertex: int) -> Mask:
 def between(
     mesh: Mesh, values: npt.NDArray[Any], low: float, high: float, joined: int | None = None
 ) -> Mask:
-    """Find the vertices with values in a range; with `joined` only the part that contains it."""
+    """Return a mask of values in a range; with `joined` only the part with this vertex."""
     inside = (values >= low) & (values <= high) & mesh.referenced
     return inside if joined is None or not inside[joined] else same_label(mesh, inside, joined)

@@ -10,15 +10,15 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 
-#: Number of boxes whose faces are tested first; twice as many are tested next, and so on.
+#: Number of boxes whose faces are tested first; each time twice as many are tested next.
 _OPENED = 4
-#: Relative margins of boxes and of faces, so that no ray passes between two of them.
+#: Relative margins of boxes and of faces, so that no ray passes between neighbours.
 _BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The points x with ``normal @ x == level``; the unit normal points to the kept side."""
+    """Clipping plane ``normal @ x == level``; the unit normal points to the kept side."""
 
     normal: FloatArray
     level: float
@@ -28,11 +28,11 @@ class Plane:
         return Plane(self.normal, self.level - float(self.normal @ origin))
 
     def away(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
-        """Find which of the points, shape (n, 3), are cut away, shape (n,)."""
+        """Return a mask of the points, shape (n, 3), that are cut away, shape (n,)."""
         return np.asarray(points @ self.normal.astype(points.dtype) < self.level)
 
     def kept(self, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the ends of the kept part of a line segment; None if all of it is cut away."""
+        """Return the ends of the kept part of a line segment; None if nothing is kept."""
         first, last = (float(self.normal @ each) - self.level for each in (start, end))
         if first < 0.0 and last < 0.0:
             return None
@@ -52,10 +52,10 @@ class RayTarget:
     """Search structure for intersections of rays with a mesh.
 
     Faces are sorted along a space-filling curve and divided into groups of √m / 16. A ray is tested
-    against the bounding boxes of all groups, then against the faces in the boxes that it meets, the
-    nearest first: about a millisecond at a million vertices. The structure takes four bytes a face,
-    and is built without the interpreter lock; VTK's static locator takes 60 bytes, and holds the
-    lock for half a second at a million vertices.
+    against the bounding boxes of all groups, then against the faces in the boxes that it crosses,
+    the nearest first: about a millisecond at a million vertices. The structure takes four bytes a
+    face, and is built without the interpreter lock; VTK's static locator takes 60 bytes, and keeps
+    the lock for half a second at a million vertices.
 
     Points, shape (n, 3), and faces, shape (m, 3), are not copied. `Cancelled` is raised if `cancel`
     returns True.
@@ -111,7 +111,7 @@ class RayTarget:
 
     def hidden(self, vertex: int, towards_eye: FloatArray, cut: Plane | None = None) -> bool:
         """Whether a part of the mesh is between a vertex and the eye."""
-        # start in front of the vertex, so that its own faces are not hit
+        # start in front of the vertex, so that adjacent faces are not hit
         start = self._points[vertex] + 2e-3 * self._size * towards_eye
         return self.first_hit(start, start + 2.0 * self._size * towards_eye, cut) is not None
 
@@ -159,7 +159,7 @@ class RayTarget:
         return Hit(found, start + nearest * way) if found >= 0 else None
 
     def _entries(self, start: FloatArray, way: FloatArray) -> FloatArray:
-        """Compute where the ray enters each box, as a share of `way`; infinite if missed, (g,)."""
+        """Compute the share of `way` at which the ray enters each box, (g,); inf if missed."""
         enter = np.zeros(self._low.shape[1])
         leave = np.ones(self._low.shape[1])
         least = 1e-30 * float(np.abs(way).max())
@@ -175,9 +175,9 @@ class RayTarget:
 
 
 def _shares(corners: FloatArray, start: FloatArray, way: FloatArray) -> FloatArray:
-    """Compute where the ray hits each triangle, as a share of `way`; infinite if missed, (k,).
+    """Compute the share of `way` at which the ray hits each triangle, (k,); inf if missed.
 
-    Corners have shape (k, 3, 3). The test is that of Möller & Trumbore (1997).
+    Corners have shape (k, 3, 3). The method is by Möller & Trumbore (1997).
     """
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(way, second)
@@ -197,7 +197,7 @@ def _shares(corners: FloatArray, start: FloatArray, way: FloatArray) -> FloatArr
 def curve_order(points: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
     """Return the positions of points, shape (m, 3), along a space-filling curve (Morton 1966).
 
-    They are below 2³⁰: ten bits of each coordinate in the bounding cube, interleaved.
+    Positions are below 2³⁰: ten bits of each coordinate in the bounding cube, interleaved.
     """
     low = points.min(axis=0)
     extent = float((points.max(axis=0) - low).max()) or 1.0
