@@ -1,4 +1,4 @@
-"""``python -m meshmash_viewer`` is the command ``meshmash-viewer``."""
+"""Entry point of ``python -m meshmash_viewer``, the command ``meshmash-viewer``."""
 
 from __future__ import annotations
 

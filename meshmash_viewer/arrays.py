@@ -19,7 +19,7 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 
 #: Number of invalid vertices or faces that a message lists.
 _NAMED_OFFENDERS = 5
-#: Largest coordinate; its fourth power and the inverse of that do not overflow.
+#: Largest coordinate; its fourth power, and the inverse of this power, do not overflow.
 _LARGEST = 1e75
 
 
@@ -35,10 +35,10 @@ def distinct_corners(faces: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
 
 
 def scaled_vertices(vertices: FloatArray, factors: Voxel, divisors: Voxel = NO_VOXEL) -> FloatArray:
-    """Divide coordinates by one number for each axis, then multiply them by another.
+    """Divide coordinates by `divisors`, one for each axis, then multiply them by `factors`.
 
-    Overflows are clipped to the largest float. Only unreferenced vertices can be that far away:
-    `Mesh` refuses such faces.
+    Overflows are clipped to the largest float. Only unreferenced vertices can overflow: `Mesh`
+    refuses faces with such coordinates.
     """
     largest = np.finfo(np.float64).max
     with np.errstate(over="ignore"):
@@ -144,8 +144,8 @@ class FileNumbering:
     (array([1, 2]), array([ nan, 0.5 , 0.25, 0.5 ]))
     """
 
-    #: Shape (n_file,): Vertex of the mesh for each vertex of the file, -1 for removed ones. Merged
-    #: vertices have the same one.
+    #: Shape (n_file,): Index in the mesh of each vertex of the file, -1 if removed. Merged vertices
+    #: have the same index.
     here: npt.NDArray[np.int64]
 
     @property
@@ -160,7 +160,7 @@ class FileNumbering:
         return first[vertices >= 0].astype(np.int64)
 
     def then(self, here: npt.NDArray[np.int64]) -> FileNumbering:
-        """Compose with a further repair, given by its map from the vertices before it."""
+        """Compose with a further repair; `here` maps the vertices before it to those after it."""
         return FileNumbering(np.where(self.here >= 0, here[self.here], -1))
 
     def whole(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -185,7 +185,7 @@ _FACES = 16384
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Vertices, shape (n, 3), and faces, shape (m, 3), with their geometry: the base of `Mesh`."""
+    """Vertices, shape (n, 3), and faces, (m, 3), with their geometry: base class of `Mesh`."""
 
     vertices: FloatArray
     faces: IntArray
@@ -204,7 +204,7 @@ class Triangles:
     def bounds(self) -> FloatArray:
         """Lowest and highest coordinates, shape (2, 3), in `unit`, without unreferenced vertices.
 
-        A single one of these, far away, would determine the size of the whole view.
+        A single distant unreferenced vertex would determine the size of the whole view.
         """
         points = self.vertices[self.referenced] if len(self.unreferenced) else self.vertices
         return np.stack([points.min(axis=0), points.max(axis=0)])
@@ -230,9 +230,9 @@ class Triangles:
     def area_sample(self, count: int = 10_000) -> IntArray:
         """Return vertices spread over the surface in proportion to its area, shape (count,).
 
-        Statistics over them are weighted by area. `small_components` are left out, since values on
-        debris differ (heat cannot flow away). The indices ascend, a vertex may occur several times,
-        and the result is the same for the same mesh.
+        Statistics over the sample are weighted by area. `small_components` are left out, since
+        values on debris differ (heat cannot flow away). The indices ascend, a vertex may occur
+        several times, and the result is deterministic.
         """
         large = ~self.small_components[self.faces[:, 0]]
         filled = np.cumsum(self.face_areas * large)
@@ -253,7 +253,7 @@ class Triangles:
         return np.flatnonzero(~self.referenced)
 
     def on_surface(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Replace values of shape (n, ...) by 0 at unreferenced vertices, where NaN is no fault."""
+        """Replace values, shape (n, ...), by 0 at unreferenced vertices, where NaN is allowed."""
         if len(self.unreferenced):
             values = values.copy()
             values[self.unreferenced] = 0.0
@@ -266,13 +266,13 @@ class Triangles:
 
     @property
     def proper_faces(self) -> IntArray:
-        """The faces with three different corners; not a copy if these are all faces."""
+        """Faces with three different corners; `faces` itself if these are all."""
         distinct = self.distinct_corners
         return self.faces if distinct.all() else self.faces[distinct]
 
     @cached_property
     def degenerate_faces(self) -> npt.NDArray[np.bool_]:
-        """Mask of the faces with a repeated corner, or without area but for rounding, (m,)."""
+        """Mask of the faces with a repeated corner or, up to rounding, no area, shape (m,)."""
         a, b, c = self._corners(slice(None))
         squares = [np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
         longest = np.sqrt(np.max(squares, axis=0))
@@ -303,13 +303,13 @@ class Triangles:
         )
         _, labels = connected_components(joined, directed=False)
         result = np.full(self.n_vertices, -1, dtype=np.int64)
-        # SciPy numbers in that order, but counts unreferenced vertices too
+        # SciPy numbers in the same order, but counts unreferenced vertices as components
         result[self.referenced] = np.unique(labels[self.referenced], return_inverse=True)[1]
         return result
 
     @cached_property
     def small_components(self) -> npt.NDArray[np.bool_]:
-        """Mask of vertices of components smaller than `SMALL` of the largest area, shape (n,)."""
+        """Mask of the vertices of components below `SMALL` times the largest area, shape (n,)."""
         labels = self.component_labels
         areas = np.bincount(
             np.maximum(labels[self.faces[:, 0]], 0), self.face_areas, int(labels.max()) + 1
@@ -355,7 +355,7 @@ class Triangles:
     def _crosses(self, part: slice) -> FloatArray:
         """Return the cross products of two edges of some faces, shape (p, 3).
 
-        Their length is twice the area, their direction the normal.
+        The length is twice the area, the direction the normal.
         """
         a, b, c = self._corners(part)
         return np.asarray(np.cross(b - a, c - a), dtype=np.float64)

@@ -5,8 +5,8 @@ but below all nonzero eigenvalues of a mesh of size 1. Times are in squared unit
 the unit of φ², one over squared unit.
 
 The eigenvectors are orthonormal with respect to `M`, so a function `f` is projected on them by
-``eigenvectors.T @ (M @ f)``. `meshmash_viewer.spectral_coefficients` does so with unreferenced
-vertices, which are NaN, left out, and `reconstruct` is the inverse.
+``eigenvectors.T @ (M @ f)``. `meshmash_viewer.spectral_coefficients` computes this projection
+without unreferenced vertices, which are NaN; `reconstruct` is the inverse.
 """
 
 from __future__ import annotations
@@ -77,18 +77,17 @@ def decompose_laplacian(
     M : sparse matrix or array, shape (n, n)
         Diagonal mass matrix.
     n_components : int
-        Number of eigenpairs; all n of them if it exceeds n.
+        Number of eigenpairs; all n pairs if it exceeds n.
     op_inv : LinearOperator, optional
-        ``(L - sigma M)^-1``, with which ARPACK finds the pairs. They are still counted by one
+        ``(L - sigma M)^-1``, with which ARPACK finds the pairs. The pairs are still counted by one
         factorization; if some are missing, the solver recomputes all.
     sigma : float
-        Shift, per squared unit of the mesh. The default, and any other up to zero, selects the
-        lowest pairs; a shift inside the spectrum the pairs nearest to it.
+        Shift, per squared unit of the mesh. The default and all other values up to zero select the
+        lowest pairs; a shift inside the spectrum selects the pairs nearest to it.
     tol : float
-        Residual to reach, relative to λ.
+        Required residual, relative to λ.
     ncv : int, optional
-        Number of Lanczos vectors of ARPACK, with `op_inv` only: the solver's own bases grow as
-        needed.
+        Number of Lanczos vectors of ARPACK, with `op_inv` only.
     prefactor : {None, "lu"}
         Accepted for compatibility; the shifted matrix is always factored.
     progress, cancel : callable, optional
@@ -99,8 +98,8 @@ def decompose_laplacian(
     eigenvalues : ndarray of float64, shape (k,)
         Ascending; exactly 0 once for each connected component.
     eigenvectors : ndarray, shape (n, k)
-        M-orthonormal columns, their entry of largest magnitude positive; NaN where a vertex has
-        no mass. A view of rows: ``eigenvectors.T`` is C-contiguous.
+        M-orthonormal columns, with a positive entry of largest magnitude; NaN at vertices without
+        mass. A view of rows: ``eigenvectors.T`` is C-contiguous.
 
     Examples
     --------
@@ -210,8 +209,8 @@ def decompose_laplacian_by_bands(
     band_size : int
         Accepted for compatibility; the solver chooses its own division of the spectrum.
     truncate_extra : bool
-        Accepted for compatibility. The pairs below the threshold are counted beforehand, so there
-        are no additional ones to truncate.
+        Accepted for compatibility. The pairs below the threshold are counted beforehand, so that no
+        additional pairs are computed.
     verbose : int
         1 draws a progress bar on stderr and prints the certificate at the end.
     progress, cancel : callable, optional

@@ -27,11 +27,11 @@ class InputError(ValueError):
 
 
 class UnprovenError(InputError):
-    """The eigenpairs of a matrix cannot be computed, or not certified, in double precision."""
+    """Failure to compute or certify the eigenpairs of a matrix in double precision."""
 
 
 class MeshWarning(UserWarning):
-    """A part of a file is not read, or a result depends on a fault of the mesh.
+    """Warning that a part of a file is not read, or a result depends on a fault of the mesh.
 
     `read_mesh` warns of ignored content of a file, such as the lines and points of a scene, and
     `mean_curvature` of neighbouring faces with inconsistent orientation.
@@ -46,7 +46,7 @@ class MeshWarning(UserWarning):
 
 
 class MissingValuesWarning(UserWarning):
-    """A map has no value at some vertices, which have no weight in results.
+    """Warning that a map has no value at some vertices, which are ignored in results.
 
     Examples
     --------
@@ -60,19 +60,19 @@ class MissingValuesWarning(UserWarning):
 
 
 class UnprovenWarning(UserWarning):
-    """Eigenpairs that a function returns or uses are not fully certified."""
+    """Warning that eigenpairs are not fully certified."""
 
 
 class ConstantFeaturesWarning(UserWarning):
-    """Features are constant on each component.
+    """Warning that features are constant on each component.
 
-    Only zero eigenvalues lie below the threshold: usual for small components, but for a whole mesh
-    a sign of a threshold in another unit.
+    Only zero eigenvalues lie below the threshold: this is usual for small components, but for a
+    whole mesh the threshold is probably in another unit.
     """
 
 
 class TruncationWarning(UserWarning):
-    """More than 1 % of a feature column is missing, because too few eigenpairs were used.
+    """Warning that too few eigenpairs were used: more than 1 % of a feature column is missing.
 
     The estimate, from `meshmash_viewer.features.truncation`, is stored in the features.
 
@@ -85,7 +85,7 @@ class TruncationWarning(UserWarning):
 
 
 def of_mesh(name: str) -> str:
-    """Return the beginning of a warning about a mesh, "neuron: "; empty if it has no name."""
+    """Return the beginning of a warning about a mesh, "neuron: "; empty without a name."""
     return f"{printable(name)}: " if name else ""
 
 

@@ -1,4 +1,4 @@
-"""Places of the faults that `Health` counts, and changes made by repairs."""
+"""Places of the faults counted by `Health`, and effects of repairs."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class FaultPlaces:
 def fault_places(mesh: Mesh, fault: str) -> FaultPlaces:
     """Find the places of faults, given by the name of a count of `Health`.
 
-    For ``n_components`` these are the faces outside of the largest component, for coincident and
-    seam vertices all vertices at the same places.
+    For ``n_components`` the places are the faces outside of the largest component, for coincident
+    and seam vertices all vertices that coincide with another.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def fault_places(mesh: Mesh, fault: str) -> FaultPlaces:
 def repair_effect(mesh: Mesh, name: str, health: Health) -> str:
     """Describe what a repair would change: "drops 3 faces, opens 9 edges".
 
-    `health` is that of the mesh. Maps are not considered.
+    `health` is the health of the mesh. Maps are not considered.
     """
     try:
         repaired = repair_mesh(mesh.with_only_maps(), name)
@@ -144,7 +144,7 @@ def _ambiguous(mesh: Mesh) -> IntArray:
 
 
 def _together(onto: IntArray) -> IntArray:
-    """Return all vertices that share their place with another one, shape (k, 1)."""
+    """Return the vertices that are merged with another one, shape (k, 1)."""
     moved = onto != np.arange(len(onto))
     return np.unique(np.append(np.flatnonzero(moved), onto[moved]))[:, np.newaxis]
 

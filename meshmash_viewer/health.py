@@ -34,9 +34,9 @@ class Health:
     #: Edges of more than two faces.
     nonmanifold_edges: int
     #: Non-manifold edges with two faces in the same direction (duplicate or folded faces) or a face
-    #: without area. There the robust Laplacian depends on the order of the faces.
+    #: without area, at which the robust Laplacian depends on the order of the faces.
     ambiguous_edges: int
-    #: Faces with a repeated corner, or without area but for rounding.
+    #: Faces with a repeated corner or, up to rounding, no area.
     degenerate_faces: int
     #: Faces with the three vertices of an earlier face, in any order.
     duplicate_faces: int
@@ -47,7 +47,7 @@ class Health:
     reversed_faces: int
     #: Vertices that no face with three different corners uses.
     unreferenced_vertices: int
-    #: Vertices with exactly the coordinates of an earlier one.
+    #: Vertices with exactly the coordinates of an earlier vertex.
     coincident_vertices: int
     #: Coincident vertices on seams, which the repair merge_seams joins.
     seam_vertices: int
@@ -59,18 +59,18 @@ class Health:
 class Repair:
     """A repair of a mesh."""
 
-    #: Its key in `REPAIRS`.
+    #: Key in `REPAIRS`.
     name: str
-    #: Label of its button.
+    #: Label of the button.
     label: str
-    #: Number of faults that it would correct.
+    #: Function that returns the number of faults to correct.
     count: Callable[[Health], int]
     #: Function that returns the repaired mesh.
     apply: Callable[[Mesh], Mesh]
 
 
 def mesh_health(mesh: MeshLike) -> Health:
-    """Count the faults of a mesh; edges are those of faces with three different corners.
+    """Count the faults of a mesh; edges of faces with a repeated corner are ignored.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def listed_repairs(names: Sequence[str]) -> str:
 def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     """Repair a mesh.
 
-    `InputError` is raised if there is no such repair, or it would leave no face.
+    `InputError` is raised if a repair does not exist or would leave no face.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
 def _without_vertices(mesh: Mesh, onto: IntArray, faces: IntArray) -> Mesh:
     """Remove vertices of a mesh, and renumber the remaining ones and `faces`.
 
-    `onto`, shape (n,), is the vertex itself, the one that it is merged into, or -1 if removed.
+    `onto`, shape (n,), is the vertex itself, the vertex into which it is merged, or -1 if removed.
     """
     kept = onto == np.arange(mesh.n_vertices)
     if kept.all():
@@ -237,7 +237,7 @@ def _without_vertices(mesh: Mesh, onto: IntArray, faces: IntArray) -> Mesh:
 
 
 def _maps_left(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> tuple[VertexMap, ...]:
-    """Return the maps at some vertices, without those that have no value there; warn of these."""
+    """Return the maps at kept vertices; leave out maps without a value there, with a warning."""
     maps, lost = list[VertexMap](), list[str]()
     for each in mesh.maps:
         try:
@@ -273,7 +273,7 @@ def _keep_largest_component(mesh: Mesh) -> Mesh:
 
 
 def _keep(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
-    """Return the mesh with the vertices of a mask, and faces between these."""
+    """Return the mesh with the vertices of a mask, and `faces` between them."""
     return _without_vertices(mesh, np.where(kept, np.arange(mesh.n_vertices), -1), faces)
 
 

@@ -1,6 +1,6 @@
 """Stiffness and mass matrices of a triangle mesh.
 
-The eigenvalue problem of the surface is ``L φ = λ M φ``: `L` holds the cotangent weights (no
+The eigenvalue problem of the surface is ``L φ = λ M φ``: `L` contains cotangent weights (no
 unit), `M` the area of each vertex (squared unit of the mesh), so λ is per squared unit.
 """
 
@@ -57,17 +57,17 @@ def cotangent_laplacian(
     -------
     L : scipy.sparse.csc_array of float64, shape (n, n)
         Symmetric with zero row sums, and positive semi-definite for any triangles: ``fᵀ L f`` is
-        the Dirichlet energy ``∫ |∇f|²`` of the piecewise linear function f. (Edges that are not
-        Delaunay have negative weights, which do not change this.)
+        the Dirichlet energy ``∫ |∇f|²`` of the piecewise linear function f, although edges that are
+        not Delaunay have negative weights.
     M : scipy.sparse.dia_array of float64, shape (n, n)
-        Diagonal, in squared unit of the mesh. Unreferenced vertices have empty rows in both.
+        Diagonal, in squared unit of the mesh. Unreferenced vertices have empty rows in L and M.
 
     Notes
     -----
     With `robust`, L and M are those of ``robust_laplacian.mesh_laplacian(vertices, faces,
     mollify_factor)`` with faces in their given order, on which the operator depends if faces are
-    duplicated (see `mesh_health`). Unlike there, unreferenced vertices have no diagonal entry, and
-    faces with a repeated corner that use such a vertex are left out.
+    duplicated (see `mesh_health`). Unlike in that package, unreferenced vertices have no diagonal
+    entry, and faces with a repeated corner that use such a vertex are left out.
 
     References
     ----------
@@ -155,7 +155,7 @@ def _renumbered(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> IntArray:
 
 
 def _scaled(vertices: FloatArray) -> tuple[FloatArray, float]:
-    """Scale to an extent of 1 to 2; return the scale to multiply back.
+    """Divide vertices by a scale, to an extent of 1 to 2; return them and the scale.
 
     Scaling by a power of two is exact, and keeps fourth powers of lengths in range. There is no
     translation, since only differences of coordinates are used.
@@ -217,7 +217,7 @@ def _robust_operator(
 
 
 def _stiffness(edges: Edges, used: IntArray, n: int) -> SparseMatrix:
-    """Build L of all n vertices from edges between those `used`, with zero row sums."""
+    """Build L of all n vertices, with zero row sums, from edges between the vertices `used`."""
     used = used.astype(sparse.get_index_dtype(maxval=2 * len(edges[2]) + n))
     first, second, weights = used[edges[0]], used[edges[1]], edges[2]
     degree = np.bincount(first, weights, n) + np.bincount(second, weights, n)

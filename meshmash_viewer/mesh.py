@@ -40,7 +40,7 @@ MeshLike: TypeAlias = Any
 
 #: Attributes that hold the vertices and the faces of the mesh types of other packages.
 _ATTRIBUTES = (("vertices", "faces"), ("vertices", "triangles"), ("v", "t"))
-#: How objects that are no surface are converted to one.
+#: Tests for types that are not accepted, and how to convert them.
 _CONVERSIONS: tuple[tuple[Callable[[object], bool], str], ...] = (
     (lambda given: isinstance(given, (str, PurePath)), "Read a file with read_mesh."),
     (lambda given: hasattr(given, "extract_surface"), "Give mesh.extract_surface()."),
@@ -76,8 +76,8 @@ class Mesh(Triangles):
     maps : tuple of VertexMap
         Values per vertex, from the file or added with `with_maps`; not part of `content_hash`.
     numbering : FileNumbering, optional
-        Map from the vertices of the file to these, if a repair has removed or merged some. See
-        `file_index`.
+        Map from the vertices of the file to those of the mesh, if a repair has removed or merged
+        vertices. See `file_index`.
     structure : str
         Brain structure, such as "CortexLeft"; "" for none, or not stated. See
         `meshmash_viewer.structures`.
@@ -126,15 +126,15 @@ class Mesh(Triangles):
             )
 
     def __iter__(self) -> Iterator[npt.NDArray[Any]]:
-        """Vertices, then faces."""
+        """Iterate over the vertices and the faces."""
         return iter((self.vertices, self.faces))
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Vertices for 0, faces for 1, as of the pair."""
+        """Return the vertices for index 0, the faces for 1."""
         return (self.vertices, self.faces)[index]
 
     def __len__(self) -> int:
-        """2, as of the pair."""
+        """Return 2, the length of the pair."""
         return 2
 
     def __eq__(self, other: object) -> bool:
@@ -146,7 +146,7 @@ class Mesh(Triangles):
         )
 
     def __hash__(self) -> int:
-        # not of the bytes: -0.0 and 0.0 are equal
+        # not a hash of bytes, which differ between -0.0 and 0.0
         return hash((self.unit, self.vertices.shape, int(self.faces.sum())))
 
     def in_unit(self, unit: str) -> Mesh:
@@ -185,12 +185,12 @@ class Mesh(Triangles):
         return self._with(maps=()).with_maps(*maps)
 
     def with_changed_map(self, changed: VertexMap) -> Mesh:
-        """Return the mesh with a map that replaces the one of the same name."""
+        """Return the mesh with a map that replaces the map of the same name."""
         maps = (changed if each.name == changed.name else each for each in self.maps)
         return self._with(maps=tuple(maps))
 
     def _fitted(self, given: VertexMap) -> VertexMap:
-        """Return a map at the vertices of this mesh, from one of these or of the file's."""
+        """Return a map at the vertices of this mesh, from a map of the mesh or of its file."""
         if given.n_vertices == self.n_vertices:
             return given
         if self.numbering is not None and given.n_vertices == self.n_file_vertices:
@@ -217,7 +217,7 @@ class Mesh(Triangles):
         return int(vertex if self.numbering is None else self.numbering.in_file[vertex])
 
     def vertex_of(self, file_index: int) -> int:
-        """Return the vertex of an index in the file; for a merged vertex the remaining one.
+        """Return the vertex of an index in the file; for a merged vertex, the remaining one.
 
         `InputError` is raised if the file has no such vertex, or a repair has removed it.
 
@@ -256,7 +256,7 @@ class Mesh(Triangles):
     def masked(self, mask: npt.ArrayLike) -> Mesh:
         """Return the mesh with only the faces whose corners are all in a mask.
 
-        Its vertices are the same; results are NaN at those outside, and the boundary is free.
+        The vertices are the same. Results are NaN outside of the mask; its boundary is free.
 
         `InputError` is raised if the mask is not one bool per vertex, or contains no whole face.
 
@@ -287,7 +287,7 @@ class Mesh(Triangles):
         return self if len(faces) == self.n_faces else replace(self, faces=faces)
 
     def like(self, whole: Mesh) -> Mesh:
-        """Return this part of a mesh (see `masked`) with the present maps, unit and name of it."""
+        """Return this part of a mesh (see `masked`) with the maps, unit and name of `whole`."""
         return self._with(maps=whole.maps, unit=whole.unit, name=whole.name)
 
     def _with(self, **attributes: Any) -> Mesh:
@@ -305,9 +305,9 @@ class Mesh(Triangles):
         return replace(self, vertices=vertices, unit=unit, voxel=voxel)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes to pickle; large derived arrays are computed again.
+        """Return the attributes to pickle, without large derived arrays except components.
 
-        Components are pickled: computing them blocks the window for a fifth of a second.
+        Computing the components again would block the window for a fifth of a second.
         """
         sent = [*(each.name for each in fields(self)), "content_hash", "area", "bounds"]
         labels = self.__dict__.get("component_labels")
@@ -322,13 +322,13 @@ class Mesh(Triangles):
 
 
 def as_mesh(mesh: MeshLike) -> Mesh:
-    """Convert any accepted form of a mesh.
+    """Convert any accepted form of a mesh to a `Mesh`.
 
-    These are a `Mesh` (returned unchanged), a pair ``(vertices, faces)``, an object with attributes
-    `vertices` and `faces` such as a ``trimesh.Trimesh``, `vertices` and `triangles` such as an
-    Open3D ``TriangleMesh``, or `v` and `t` such as a LaPy ``TriaMesh``, and a pyvista ``PolyData``,
-    whose polygons are triangulated. `InputError` is raised for other objects and invalid meshes
-    (see `Mesh`).
+    Accepted are a `Mesh` (returned unchanged), a pair ``(vertices, faces)``, an object with
+    attributes `vertices` and `faces` such as a ``trimesh.Trimesh``, `vertices` and `triangles` such
+    as an Open3D ``TriangleMesh``, or `v` and `t` such as a LaPy ``TriaMesh``, and a pyvista
+    ``PolyData``, whose polygons are triangulated. `InputError` is raised for other objects and
+    invalid meshes (see `Mesh`).
     """
     if isinstance(mesh, Mesh):
         return mesh
@@ -368,7 +368,7 @@ def mask_text(part: MeshLike) -> str:
 
 
 def mesh_to_poly(mesh: MeshLike) -> Any:
-    """Copy a mesh into a new pyvista ``PolyData``, ready to take per-vertex values.
+    """Copy a mesh into a new pyvista ``PolyData``, to which values can be added.
 
     Parameters
     ----------
@@ -378,7 +378,7 @@ def mesh_to_poly(mesh: MeshLike) -> Any:
     Returns
     -------
     pyvista.PolyData
-        With the vertices in the same order; it shares no memory with `mesh`.
+        Copy with the same order of vertices, which shares no memory with `mesh`.
 
     Examples
     --------

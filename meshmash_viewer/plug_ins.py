@@ -13,15 +13,15 @@ Check: TypeAlias = Callable[[str, Any], None]
 
 
 class PlugInWarning(UserWarning):
-    """A plug-in cannot be used, and is left out."""
+    """Warning that a plug-in cannot be used and is left out."""
 
 
 class PlugIn:
     """A function of another package, imported when it is first called.
 
-    `group` is "fields", "readers" or "writers"; `name` is that of a family of fields, or the ending
-    of a file; `package` is name and version of the package. ``check(name, loaded)`` raises if the
-    function cannot be used. `fault` is a sentence on why the plug-in cannot be used, or empty.
+    `group` is "fields", "readers" or "writers"; `name` is the name of a family of fields or a file
+    ending; `package` is the name and version of the package. ``check(name, loaded)`` raises if the
+    function cannot be used. `fault` is the reason why the plug-in cannot be used, or empty.
     """
 
     def __init__(self, group: str, entry: EntryPoint, check: Check) -> None:
@@ -37,7 +37,7 @@ class PlugIn:
     def load(self) -> Any:
         """Import and check the plug-in.
 
-        `InputError` is raised if it cannot be imported or used.
+        `InputError` is raised if the plug-in cannot be imported or used.
         """
         if self.fault:
             raise InputError(self.fault)
@@ -74,8 +74,8 @@ def check_function(name: str, loaded: Any) -> None:
 def plug_ins(group: str, taken: Container[str], check: Check = check_function) -> dict[str, PlugIn]:
     """Return the plug-ins of installed packages in a group, by name; warn of unusable names.
 
-    Groups are "fields", "readers" and "writers", and names of readers and writers lower-case file
-    endings; `taken` are names in use; for `check` see `PlugIn`.
+    Names of readers and writers are lower-case file endings. `taken` are names in use; for `group`
+    and `check` see `PlugIn`.
     """
     found: dict[str, PlugIn] = {}
     for entry in sorted(entry_points(group=f"meshmash_viewer.{group}")):

@@ -47,7 +47,7 @@ _FORMAT = "{desc}: {percentage:3.0f}%|{bar}|{postfix} [{elapsed}]"
 class ProgressBar:
     """A progress bar on stderr.
 
-    `then` receives every report too; with `leave` the bar remains visible at the end.
+    `then` also receives every report; with `leave` the bar remains visible at the end.
     """
 
     def __init__(

@@ -33,10 +33,10 @@ from meshmash_viewer.units import (
 
 #: Maximum length of a text quoted in a message, and of a number.
 _SHOWN, _LONGEST = 40, 100
-#: Largest exponent; larger ones are out of the range of floats.
+#: Largest exponent; larger exponents are out of the range of floats.
 _LARGEST_POWER = 1000
 _SUPERSCRIPTS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
-#: Characters that are replaced by others.
+#: Typographic characters and their replacements.
 _READ_AS = str.maketrans(
     {
         **dict.fromkeys("\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d", "-"),
@@ -48,7 +48,7 @@ _READ_AS = str.maketrans(
     }
 )  # fmt: skip
 _POWER_OF_TEN = r"10\ ?(?:\^|\*\*)\ ?\(?(?P<{}>[+-]?[0-9]+)\)?"
-#: Spaces are single here; one before "1/" ends the number, as in "2 1/µm²".
+#: Number with unit, with single spaces; a space before "1/" ends the number: "2 1/µm²".
 _NUMBER = re.compile(
     r"[≈~]?\ ?(?P<sign>[+-]?)\ ?(?:"
     + _POWER_OF_TEN.format("alone")

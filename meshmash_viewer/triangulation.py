@@ -11,13 +11,13 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
 from meshmash_viewer.errors import InputError, MeshWarning
 
-#: Triangles of polygons, two fewer than the corners of each, and a mask of polygons that intersect
-#: themselves.
+#: Triangles of polygons (for each two fewer than its corners), and a mask of polygons that
+#: intersect themselves.
 _Cut: TypeAlias = tuple[IntArray, npt.NDArray[np.bool_]]
 _NONE = np.zeros(0, dtype=np.bool_)
 #: Maximum number of corners for VTK, whose time grows with their square: 0.3 s for this number.
 _MOST_CORNERS = 10_000
-#: Rounding error of an area, relative to that of the polygon.
+#: Rounding error of an area, relative to the area of the polygon.
 _ROUNDING = 1e-9
 #: Distance, relative to its edges, by which a polygon whose outline touches itself is shrunk.
 _SHRINKING = 1e-4
@@ -27,7 +27,7 @@ _TINY = 1e-300
 _STEPS = 2.0**24
 #: Corners of the triangles of a quadrilateral, by its diagonal.
 _ALONG_DIAGONAL = np.array([[0, 1, 2, 0, 2, 3], [0, 1, 3, 1, 2, 3]])
-#: Cosine between the normals of two triangles below which, negated, they face opposite sides.
+#: Two triangles face opposite sides if the cosine between their normals is below minus this value.
 _FLAT = 0.9
 #: Relative difference of squared lengths below which diagonals are equal in single precision.
 _EQUAL = 1e-6
@@ -37,16 +37,16 @@ def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> In
     """Cut polygons, also concave ones, into triangles without new vertices.
 
     The triangles do not depend on the corner at which a polygon starts. A quadrilateral is cut
-    along its shorter inner diagonal, for equal ones the diagonal at the lowest index; VTK cuts
-    polygons with more corners. A polygon that intersects itself gets triangles of at least its
-    area. Triangles are unchanged. Consecutive equal corners are merged, and polygons with fewer
-    than three corners are left out.
+    along its shorter inner diagonal or, if both are equal, the diagonal at the lowest index; VTK
+    cuts polygons with more corners. The triangles of a polygon that intersects itself have at least
+    its area. Consecutive equal corners are merged, and polygons with fewer than three corners are
+    left out.
 
     `indices` are the corners of all polygons, one polygon after the other, and `counts` the numbers
-    of corners. The triangles, shape (m, 3), are in the order of the polygons. If an index is out of
-    range or a coordinate not finite, which the caller reports, they are fans. `InputError` is
-    raised if a polygon of more than 10,000 corners is not convex, and a `MeshWarning` issued if
-    polygons intersect themselves.
+    of corners. The triangles, shape (m, 3), are in the order of the polygons. Polygons are cut into
+    fans if an index is out of range or a coordinate not finite; the caller reports this fault.
+    `InputError` is raised if a polygon of more than 10,000 corners is not convex, and a
+    `MeshWarning` issued if polygons intersect themselves.
     """
     if len(counts) and counts.min() == 3 and counts.max() == 3:
         return indices.reshape(-1, 3)
@@ -99,7 +99,7 @@ def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
 
 
 def _runs_of_three(counts: IntArray) -> tuple[IntArray, IntArray]:
-    """Return, for three consecutive corners of a polygon, its first corner and the step from it."""
+    """Return the place of the first corner of each triangle's polygon, and the triangle's index."""
     many = np.maximum(counts - 2, 0)
     start = np.repeat(np.cumsum(counts) - counts, many)
     step = np.arange(len(start)) - np.repeat(np.cumsum(many) - many, many)
@@ -142,7 +142,6 @@ def _unchanged(_: FloatArray, indices: IntArray, __: IntArray) -> _Cut:
 
 
 def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> _Cut:
-    """Cut each quadrilateral into two triangles."""
     corners = indices.reshape(-1, 4)
     order = (corners.argmin(axis=1)[:, None] + np.arange(4)) % 4
     corners = np.take_along_axis(corners, order, axis=1)
@@ -158,7 +157,7 @@ def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> _Cut:
     is_shorter = _dot(other, other) < (1.0 - _EQUAL) * _dot(two, two)
     takes_other = np.where(both_inside, is_shorter, flatter_other > flatter + rounding)
     cut = _ALONG_DIAGONAL[takes_other.astype(np.int64)]
-    # if the outline crosses itself, the halves face opposite sides along both diagonals
+    # if the outline crosses itself, the halves face opposite sides for both diagonals
     crosses = _opposite(np.cross(one, two), np.cross(two, three)) & _opposite(
         np.cross(one, three), np.cross(two - one, other)
     )
@@ -191,8 +190,8 @@ def _pieces(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _Cut:
     points = _own_coordinates(vertices[indices], counts)
     triangles, areas, overlap = _tried(points, counts, 0.0)
     crosses = overlap.copy()
-    # An outline that touches itself, as at the cut to a hole, no longer does so when shrunk, or
-    # when grown if it touches itself at a single corner.
+    # Shrinking separates an outline that touches itself, as at the cut to a hole; growing separates
+    # an outline that touches itself at a single corner.
     for shrinking in (_SHRINKING, -_SHRINKING):
         if overlap.any():
             corners = np.flatnonzero(np.repeat(overlap, counts))
@@ -209,7 +208,7 @@ def _pieces(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _Cut:
 def _tried(
     points: FloatArray, counts: IntArray, shrinking: float
 ) -> tuple[IntArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Cut shrunk outlines with VTK, or into fans if it fails; return triangles and `_areas`."""
+    """Cut shrunk outlines with VTK, or into fans if VTK fails; return triangles and `_areas`."""
     triangles = fan_triangles(np.arange(len(points)), counts)
     outline = np.round(_shrunk(points, counts, shrinking) * _STEPS) / _STEPS
     cut, is_whole = _cut_by_vtk(outline, counts)
@@ -235,7 +234,7 @@ def _outline_normals(points: FloatArray, counts: IntArray) -> FloatArray:
 def _areas(
     points: FloatArray, triangles: IntArray, counts: IntArray
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return twice the area of the triangles of each polygon, and whether these overlap, (p,)."""
+    """Return twice the area of the triangles of each polygon, and whether they overlap, (p,)."""
     which = np.repeat(np.arange(len(counts)), counts - 2)
     outlines = _outline_normals(points, counts)
     a, b, c = (points[corners] for corners in triangles.T)
@@ -263,14 +262,14 @@ def _shrunk(points: FloatArray, counts: IntArray, share: float) -> FloatArray:
 
 
 def _cut_by_vtk(points: FloatArray, counts: IntArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Cut polygons with VTK; return triangles of those that it cuts completely, and their mask."""
+    """Cut polygons with VTK; return triangles of completely cut polygons, and their mask."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
     vtk: Any = numpy_support
-    # VTK does not copy these arrays: they have to exist until it ends.
+    # VTK does not copy these arrays: they have to exist until the filter has run.
     offsets, corners = np.append(0, np.cumsum(counts)), np.arange(len(points))
     number = np.arange(len(counts))
     places, cells, poly, cutter = vtkPoints(), vtkCellArray(), vtkPolyData(), vtkTriangleFilter()
@@ -300,7 +299,7 @@ def _without_repeats(indices: IntArray, counts: IntArray) -> tuple[IntArray, Int
 
 
 def _from_lowest(indices: IntArray, counts: IntArray) -> IntArray:
-    """Rotate each polygon to start at its lowest index, if repeated by the lowest next one."""
+    """Rotate each polygon to start at its lowest index; if repeated, before the lowest next one."""
     starts = np.cumsum(counts) - counts
     rank = indices * (int(indices.max()) + 1) + indices[_next_corners(counts)]
     is_lowest = rank == np.repeat(np.minimum.reduceat(rank, starts), counts)

@@ -21,7 +21,7 @@ LENGTH_UNITS: tuple[str, ...] = ("", "nm", "µm", "mm", "m")
 #: Forms that `parse_unit` accepts, for messages and help.
 UNIT_FORMS = 'nm, µm, mm, m, none, or a voxel such as "8 nm" or "4 x 4 x 40 nm"'
 
-#: Units of length that are read, and their size as a power of ten of a metre.
+#: Accepted names of units of length, and their size as a power of ten of a metre.
 METRES: dict[str, int] = {
     "pm": -12,
     **dict.fromkeys(("Å", "\N{ANGSTROM SIGN}", "angstrom"), -10),
@@ -36,13 +36,13 @@ METRES |= {f"{name}s": METRES[name] for name in METRES if name[-2:] in ("on", "e
 
 
 def _mesh_unit(power: int) -> tuple[float, str]:
-    """Return the factor to the next smaller of `LENGTH_UNITS`, and that unit."""
+    """Return the factor to the next smaller of `LENGTH_UNITS`, and this unit."""
     smaller = [unit for unit in LENGTH_UNITS[1:] if METRES[unit] <= power]
     unit = smaller[-1] if smaller else "nm"
     return 10.0 ** (power - METRES[unit]), unit
 
 
-#: For each unit of length that is read, the factor to one of `LENGTH_UNITS`, and that unit.
+#: For each accepted name, the factor to one of `LENGTH_UNITS`, and this unit.
 MESH_UNITS: dict[str, tuple[float, str]] = {
     **{name: _mesh_unit(power) for name, power in METRES.items()},
     **dict.fromkeys(("", "none"), (1.0, "")),
@@ -110,10 +110,10 @@ def engineering(size: float, unit: str) -> tuple[int, str]:
 def format_quantity(
     value: float, unit: str, power: int = 1, digits: int = 3, *, like: float | None = None
 ) -> str:
-    """Write a number with a power of a length in a unit of its size: "40.4 µm", "12 µm⁻²".
+    """Write a quantity in the unit in which it is a short number: "40.4 µm", "12 µm⁻²".
 
-    The blank between them breaks no line. The unit may also be any other text, or empty. `like` is
-    the size that chooses the unit, where several numbers are to have the same.
+    Number and unit are separated by a no-break space. The unit may also be any other text, or
+    empty. `like` is the size that determines the unit, for several numbers with a common unit.
     """
     exponent, written = engineering(abs(value if like is None else like), power_unit(unit, power))
     text = format_number(value * 10.0**exponent, digits)
@@ -121,7 +121,7 @@ def format_quantity(
 
 
 def plain_number(value: float, digits: int = 4) -> str:
-    """Write a number for a field; with an exponent, 1.2e-08, only if it would be long."""
+    """Write a number for an input field, with an exponent (1.2e-08) if it is otherwise long."""
     text = f"{value:.{digits}g}"
     if "e+" in text and abs(float(text)) < _LONG:
         text = f"{float(text):.0f}"
@@ -215,7 +215,7 @@ def subscript(number: int) -> str:
 
 
 def whole_number(count: float, name: str) -> int:
-    """Return a count as int; raise `InputError`, naming it by `name`, unless whole and positive."""
+    """Return a count as int; raise `InputError` with its `name` unless whole and positive."""
     if not (math.isfinite(count) and count >= 1 and count == int(count)):
         raise InputError(f"{name} is {count}: give a whole number from 1.")
     return int(count)
@@ -228,7 +228,7 @@ def named_quantity(name: str, unit: str, power: int = 1) -> str:
 
 
 def power_text(exponent: int, factor: int = 1) -> str:
-    """Write a power of ten, "10⁻⁸" or "2×10⁻⁸", as a decimal from 10⁻³ to 10³."""
+    """Write a power of ten: "10⁻⁸", "2×10⁻⁸"; from 10⁻³ to 10³ as a decimal."""
     if -3 <= exponent <= 3:
         return f"{factor * 10.0**exponent:.10g}"
     power = "10" + superscript(exponent)

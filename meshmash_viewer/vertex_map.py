@@ -1,4 +1,4 @@
-"""Vertex maps: values at every vertex from the user, such as a thickness or a parcellation."""
+"""Vertex maps: values of the user at every vertex, such as a thickness or a parcellation."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _SMALL = 2**30
 _LONGEST = 100
 #: Maximum number of labels that a message lists.
 _NAMED = 12
-#: Signed values exceed this share of the largest magnitude on each side of zero, at this share of
-#: the vertices where they exceed it at all.
+#: Values below this share of the largest magnitude are ignored; values are signed if more than this
+#: share of the others lies on each side of zero.
 _WITHIN = 0.01
 
 
@@ -65,11 +65,11 @@ class VertexMap:
     name : str
         Name of the map.
     values : array_like, shape (n,)
-        Real numbers, NaN where a vertex has none; with `labels` whole numbers. Stored read-only as
-        float32 or float64, with `labels` as int32, or int64 for large numbers.
+        Real numbers, NaN at vertices without a value; with `labels` whole numbers. Stored read-only
+        as float32 or float64, with `labels` as int32, or int64 for large numbers.
     labels : tuple of Label
-        Labels of the numbers. A vertex whose number has no label, such as 0, has no value. Labels
-        may have no vertex; of several labels of a number the first is kept.
+        Labels of the numbers. A vertex whose number has no label, such as 0, has no value. A label
+        may have no vertex; of several labels with the same number the first is kept.
     unit : str
         Unit of the values; "" for none, or not stated.
     path : str
@@ -108,7 +108,7 @@ class VertexMap:
 
     @property
     def n_vertices(self) -> int:
-        """Number of vertices of its mesh."""
+        """Number of vertices of the mesh."""
         return len(self.values)
 
     @cached_property
@@ -125,7 +125,7 @@ class VertexMap:
     def signed(self) -> bool:
         """Whether values lie on both sides of zero.
 
-        A few negative values, such as those of an interpolated thickness, do not count.
+        A few negative values, such as those of an interpolated thickness, are ignored.
         """
         if self.labels:
             return False
@@ -135,12 +135,12 @@ class VertexMap:
 
     @cached_property
     def shown(self) -> npt.NDArray[np.float32]:
-        """Values to be coloured, shape (n,): with labels their indices, NaN without a label."""
+        """Values for colouring, shape (n,): with labels the index of the label, NaN without one."""
         if not self.labels:
             return np.asarray(self.values, dtype=np.float32)
         keys = np.array([label.key for label in self.labels])
         low, n_keys = int(keys.min()), int(np.ptp(keys)) + 1
-        if n_keys <= _TABLE:  # ten times faster; its first and last entry are for other numbers
+        if n_keys <= _TABLE:  # ten times faster; the first and last entry are for other numbers
             table = np.full(n_keys + 2, np.nan, dtype=np.float32)
             table[keys - low + 1] = np.arange(len(keys))
             places = np.clip(self.values, low - 1, low + n_keys) - (low - 1)
@@ -158,8 +158,8 @@ class VertexMap:
         Parameters
         ----------
         named : str
-            Names or numbers of labels, separated by commas; with "-" before them all other
-            vertices. May be "" for a map with one label or none.
+            Names or numbers of labels, separated by commas; "-" before them selects all other
+            vertices. May be "" for a map with at most one label.
 
         Returns
         -------
@@ -190,7 +190,7 @@ class VertexMap:
 
     @property
     def no_label(self) -> int:
-        """The number of vertices without a label: 0, or if that is a label, -1 and so on."""
+        """Value of vertices without a label: 0 or, if 0 is a label, -1 and so on."""
         return unused_number(self.labels)
 
     def at(self, kept: npt.NDArray[Any]) -> VertexMap:
@@ -242,7 +242,7 @@ def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[La
 
 
 def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> npt.NDArray[Any]:
-    """Return values as they are stored; raise `InputError` if they are invalid."""
+    """Return values in the type to be stored; raise `InputError` if they are invalid."""
     if values.dtype.kind == "c":
         raise InputError(
             f"Map {name!r} has complex numbers: give real ones, such as their absolute values."

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 
-# with the parent's path, so that the child imports the same package
+# The child has the `sys.path` of its parent, so that it imports the same package.
 _CHILD = """
 import json, sys
 sys.path[:], *given = json.loads(sys.argv[1])
@@ -55,7 +55,7 @@ def start_child(
     """Start a process that calls ``main(source, sink, *arguments)``.
 
     `main` is a module-level function; `source` and `sink` are the two pipes as binary files.
-    `options` are those of `subprocess.Popen`, where `env` holds additional variables.
+    `options` are arguments of `subprocess.Popen`; `env` contains additional variables only.
     """
     environment = {**os.environ, **options.pop("env", {})}
     limit_accelerate(environment)
@@ -92,9 +92,9 @@ def call_in_child(
 ) -> Result:
     """Call a function in a child process, and return its result.
 
-    Arguments and result are pickled. Exceptions of the function are raised here, `ChildEnded` if
+    Arguments and result are pickled. An exception of the function is raised again, `ChildEnded` if
     the child crashed. `look` is called every 20 ms; an exception that it raises ends the child with
-    its descendants. `env` holds additional environment variables.
+    its descendants. `env` contains additional environment variables.
     """
     given = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
     pause = _START
@@ -191,7 +191,6 @@ class ProcessTree:
                 process.kill()
 
     def _search(self) -> None:
-        """Add new descendants."""
         import psutil
 
         for process in list(self._processes):
@@ -204,8 +203,8 @@ class ProcessTree:
 def end_group(leader: int, patience: float = 0.0) -> None:
     """End the leader of a process group, with its descendants.
 
-    They get SIGTERM, which the resource trackers of multiprocessing ignore, to delete temporary
-    files before they exit. Descendants are killed after `patience` seconds, on Windows at once.
+    The processes receive SIGTERM; the resource trackers of multiprocessing ignore it, to delete
+    temporary files first. All are killed after `patience` seconds, on Windows at once.
     """
     if sys.platform == "win32":
         ProcessTree(leader).end()
@@ -241,10 +240,10 @@ _CLOSED = (errno.EPIPE, errno.EINVAL)
 
 
 class Wire:
-    """One end of a connection: Python objects over two byte streams.
+    """One end of a connection that transfers Python objects over two byte streams.
 
-    Pickling an array would copy it several times with the interpreter lock held, which blocks the
-    window. Its memory is written directly instead (PEP 574), with the lock released.
+    Pickling an array would copy it several times without releasing the interpreter lock, which
+    blocks the window. Its memory is written directly instead (PEP 574), with the lock released.
     """
 
     def __init__(self, source: BinaryIO, sink: BinaryIO) -> None:
@@ -283,7 +282,7 @@ class Wire:
                 stream.close()
 
     def _read(self, size: int) -> memoryview:
-        import numpy as np  # not loaded by the command line's help
+        import numpy as np  # not needed for the help of the command line
 
         memory = np.empty(size, dtype=np.uint8).data
         with closed_pipe_errors():
