@@ -1,4 +1,4 @@
-"""What tests of widgets share."""
+"""Fixtures shared by the tests of widgets."""
 
 from __future__ import annotations
 
@@ -31,14 +31,12 @@ def qapp() -> QApplication:
 
 
 class Waiting(QtBot):
-    """Waits at least two minutes for what is awaited: the machine may be slow and busy."""
+    """QtBot whose timeouts are at least two minutes, for slow and busy machines."""
 
     def waitUntil(self, callback: Callable[[], bool | None], *, timeout: int = 0) -> None:
-        """Handle events until the condition holds."""
         super().waitUntil(callback, timeout=max(timeout, 120_000))
 
     def waitSignal(self, signal: Any, *, timeout: int = 0, **given: Any) -> Any:
-        """Handle events until the signal is emitted."""
         return super().waitSignal(signal, timeout=max(timeout, 120_000), **given)
 
 
@@ -49,7 +47,7 @@ def qtbot(qapp: QApplication, request: pytest.FixtureRequest) -> QtBot:
 
 @pytest.fixture(scope="module", autouse=True)
 def jobs_in_threads() -> Iterator[None]:
-    """Run jobs in a thread: a process of its own for each window takes two seconds to start."""
+    """Run jobs in a thread: starting a process for each window would take two seconds."""
     Worker.in_process = True
     yield
     Worker.in_process = False  # for the tests of other folders in the same process
@@ -57,13 +55,13 @@ def jobs_in_threads() -> Iterator[None]:
 
 @pytest.fixture
 def own_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run jobs in a process of their own, as the program does."""
+    """Run jobs in a process, as the program does."""
     monkeypatch.setattr(Worker, "in_process", False)
 
 
 @pytest.fixture(scope="module")
 def module_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Where a window that the tests of a file share keeps its eigenpairs."""
+    """Return the cache folder of a window shared by the tests of a module."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
         patch.setenv("MESHMASH_CACHE", str(folder))
@@ -74,7 +72,7 @@ def module_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def own_cache(
     request: pytest.FixtureRequest, own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Path:
-    """A cache for each test, or that of the window which the tests of its file share."""
+    """Return a cache folder for the test, or the folder of the window shared by its module."""
     if "module_cache" not in request.fixturenames:
         return own_cache
     folder: Path = request.getfixturevalue("module_cache")
@@ -83,7 +81,7 @@ def own_cache(
 
 
 def bring_up(window: MainWindow, size: tuple[int, int] | None, qtbot: QtBot) -> None:
-    """Show a window in front, with its first field if there is any."""
+    """Show a window in front and wait for its first field, if it shows a mesh."""
     if size is not None:
         window.resize(*size)
     window.show()
@@ -94,7 +92,7 @@ def bring_up(window: MainWindow, size: tuple[int, int] | None, qtbot: QtBot) -> 
 
 
 def start_afresh(window: MainWindow, shown: Document | None, qtbot: QtBot) -> None:
-    """Show another mesh with its eigenpairs, and nothing of what was chosen before."""
+    """Reset a window to its defaults and show another mesh with its eigenpairs."""
     document = window.document
     document.work.cancel()
     qtbot.waitUntil(lambda: document.work.job is None and window.controller.idle)
@@ -125,7 +123,7 @@ def start_afresh(window: MainWindow, shown: Document | None, qtbot: QtBot) -> No
 
 @pytest.fixture(scope="module")
 def kept_windows(qapp: QApplication) -> Iterator[list[MainWindow]]:
-    """The window that `reopen_window` shows again, if there is one."""
+    """Return a list for the window of `reopen_window`; close this window at the end."""
     kept: list[MainWindow] = []
     yield kept
     for window in kept:
@@ -137,10 +135,10 @@ def kept_windows(qapp: QApplication) -> Iterator[list[MainWindow]]:
 def reopen_window(
     kept_windows: list[MainWindow], qtbot: QtBot
 ) -> Iterator[Callable[..., MainWindow]]:
-    """Shows the mesh of a document in a window that the tests of a file have one after another.
+    """Return a function that shows the mesh of a document in a window shared by a module.
 
-    It is as if it had been opened, see `start_afresh`, which takes a second. Without a document,
-    the mesh of the last test is there still: for tests that open a file.
+    The window is reset by `start_afresh`, which takes a second. Without a document, the previous
+    mesh stays, for tests that open a file.
     """
 
     def reopen(shown: Document | None = None, size: tuple[int, int] = (1440, 900)) -> MainWindow:
@@ -159,7 +157,7 @@ def reopen_window(
 
 @pytest.fixture
 def open_window(qapp: QApplication, qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
-    """Opens windows, in front and with their first field, if there is any; closes them again."""
+    """Return a function that opens a window in front; close all its windows at the end."""
     opened = []
 
     def open_one(
@@ -179,22 +177,22 @@ def open_window(qapp: QApplication, qtbot: QtBot) -> Iterator[Callable[..., Main
 
 @pytest.fixture
 def window(open_window: Callable[..., MainWindow]) -> MainWindow:
-    """A window in which nothing is open."""
+    """Return a window without a mesh."""
     return open_window()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def all_garbage() -> Iterator[None]:
-    """Delete and collect what the tests of a file have left."""
+    """Delete the widgets and collect the garbage that the tests of a module leave."""
     yield
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     gc.collect()
-    gc.freeze()  # what is left, such as modules, need not be looked through again
+    gc.freeze()  # later collections skip the remaining objects, such as modules
 
 
 @pytest.fixture(autouse=True)
 def garbage() -> Iterator[None]:
-    """Collect it in the interface's thread: others might free widgets of the test before."""
+    """Collect garbage in the GUI thread only, as other threads must not free widgets."""
     gc.disable()
     yield
     gc.collect(1)
@@ -202,5 +200,5 @@ def garbage() -> Iterator[None]:
 
 @pytest.fixture
 def shown_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let widgets show the model without the event loop: for tests of what they show."""
+    """Update widgets as soon as the model changes, without the event loop."""
     monkeypatch.setattr(listening._Turns, "note", lambda _turns, held: listening._call(held))

@@ -35,7 +35,7 @@ MADE = ["class", "probability of label 1", "probability of label 2", "uncertaint
 
 
 def spiny() -> tuple[Mesh, np.ndarray]:
-    """A shaft with 14 spines, and which vertices are spine."""
+    """Return a shaft with 14 spines, and a mask of the vertices on spines."""
     random = np.random.default_rng(4)
     along, spoke = np.arange(POINTS), np.arange(AROUND)
     line = np.linspace(0.0, 9000.0, POINTS)
@@ -53,7 +53,7 @@ MESH, SPINE = spiny()
 
 @pytest.fixture
 def window(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow:
-    """With 80 eigenpairs, and two labels that no vertex has; HKS is chosen, which is quick."""
+    """Return a window with 80 eigenpairs, two empty labels and HKS, a quick feature."""
     shown = Document()
     shown.accept_mesh(MeshReady(MESH, mesh_health(MESH), MESH.vertex_normals))
     shown.accept_spectrum(spectrum_of(MESH, 80))
@@ -71,7 +71,7 @@ def window(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow
 
 @pytest.fixture
 def painted(window: MainWindow, qtbot: QtBot) -> MainWindow:
-    """With strokes on some spines, and on the shaft at several places."""
+    """Label strokes on some spines, and on the shaft at several places."""
     spines = between(300, 1300) | between(4000, 4900) | between(7000, 7900)
     rings = between(700, 1000) | between(2600, 2800) | between(4400, 4600) | between(7400, 7700)
     paint(window, qtbot, SPINE & spines, Qt.Key.Key_1)
@@ -117,7 +117,7 @@ def predicted(window: MainWindow) -> VertexMap:
 
 
 def agreement(window: MainWindow) -> float:
-    """Share of the area whose class is right."""
+    """Return the share of the area whose class is right."""
     right = predicted(window).values == np.where(SPINE, 1, 2)
     return float(MESH.vertex_areas[right].sum() / MESH.area)
 

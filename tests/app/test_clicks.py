@@ -1,4 +1,4 @@
-"""Clicks on the render: next to a vertex, double ones, and where components are hidden."""
+"""Clicks on the render: next to a vertex, double clicks, and clicks on hidden components."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def window(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow
 def double_click(window: MainWindow, at: QPoint) -> None:
     canvas = window.scene.plotter
     QTest.mouseClick(canvas, LEFT, pos=at)
-    QTest.mouseDClick(canvas, LEFT, pos=at)  # the second press alone
+    QTest.mouseDClick(canvas, LEFT, pos=at)  # sends the second press only
     QTest.mouseRelease(canvas, LEFT, pos=at)
 
 
@@ -51,7 +51,7 @@ def test_it_centres_the_vertex_a_little_closer_and_pins_nothing(window: MainWind
     assert 1.1 < before["half_size"] / after["half_size"] < 2.0
     double_click(window, scene.rect().center())
     assert document.pins.placed == pins
-    document.history.redo()  # of what was undone before, not of the pins of first clicks
+    document.history.redo()  # the pin undone above, not the pins of the double clicks
     assert [pin.vertex for pin in document.pins.placed] == [3, 5]
 
 
@@ -89,7 +89,7 @@ def test_a_click_next_to_the_mesh_takes_the_nearest_vertex(window: MainWindow) -
 def test_small_components_can_be_hidden(
     open_window: Callable[..., MainWindow], qtbot: QtBot
 ) -> None:
-    """They are neither drawn, picked nor in the limits, and every vertex keeps its index."""
+    """Hidden components are not drawn, picked or in the limits; vertices keep their indices."""
     ball = shapes.icosphere(2)
     n = ball.n_vertices
     window = open_window(None, (1000, 700))
@@ -125,7 +125,7 @@ def test_small_components_can_be_hidden(
     rest()
     assert not hide.isChecked()
     pictures.append(window.scene.picture((300, 200), transparent=True)[..., 3] > 0)
-    # without the second component the ball is shown larger, in the middle
+    # without the small component, the ball is larger and in the middle
     assert np.flatnonzero(pictures[0].any(axis=0)).mean() == pytest.approx(150, abs=40)
     assert pictures[0].sum() > 1.1 * pictures[1].sum()
 

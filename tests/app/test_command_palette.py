@@ -1,4 +1,4 @@
-"""Ctrl+K: every command, setting and family by its name or another word for it."""
+"""Command palette (Ctrl+K): commands, settings and families are found by name or synonym."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def test_a_field_of_the_kind_just_left_does_not_flash(
     source.drawn.connect(lambda field, _: fields.append(field))
     left = source.field
     document.display.kind = "hks"
-    source._take(left.request, left)  # as if it had been computed while the kind changed
+    source._take(left.request, left)  # as if the field had been computed while the kind changed
     assert not fields
     qtbot.waitUntil(lambda: source.idle)
     assert {field.family.name for field in fields} == {"hks"}
@@ -192,7 +192,7 @@ def test_another_mesh_of_as_many_vertices_is_another_mesh(
     show(document, egg)
     assert fields == [None]
     assert source.field is None
-    source._take(left.request, left)  # an answer that comes late
+    source._take(left.request, left)  # the answer arrives late
     assert source.field is None
     qtbot.waitUntil(lambda: source.idle)
     assert source.field.request.spectrum is document.spectrum

@@ -1,4 +1,4 @@
-"""Export and picture, by mouse and keys."""
+"""Dialogs of exports and pictures, used by mouse and keys."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ PATIENCE = 60_000
 
 @pytest.fixture
 def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
-    """A window with a rectangle, and its eigenpairs in closed form."""
+    """Return a window with a rectangle and its eigenpairs in closed form."""
     return reopen_window(rectangle_document())
 
 
 def asked(qtbot: QtBot, window: MainWindow, name: str, key: Qt.Key, *held: object) -> QDialog:
-    """The dialog that a key opens."""
+    """Press a key and return the dialog that it opens."""
     modifiers = CONTROL
     for each in held:
         modifiers |= each
@@ -64,7 +64,7 @@ def asked(qtbot: QtBot, window: MainWindow, name: str, key: Qt.Key, *held: objec
 
 
 def pictured(qtbot: QtBot, window: MainWindow) -> FigureDialog:
-    """The dialog that saves a picture, with its preview."""
+    """Open the dialog of a picture; return it when its preview is shown."""
     dialog = asked(qtbot, window, "figure_dialog", Qt.Key.Key_S, SHIFT)
     assert isinstance(dialog, FigureDialog)
     size = dialog.findChild(QLabel, "figure_size_label")
@@ -111,7 +111,7 @@ def test_a_picture_has_the_width_of_a_journal_and_is_previewed(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window.document.pins.toggle(40)
-    with monkeypatch.context() as patch:  # which would block the window for a tenth of a second
+    with monkeypatch.context() as patch:  # a new window would block for a tenth of a second
         patch.setattr(picture_module, "new_window", lambda: pytest.fail("another window"))
         dialog = pictured(qtbot, window)
     size, shown = dialog.findChild(QLabel, "figure_size_label"), dialog.preview
@@ -209,7 +209,7 @@ def check_its_folder_is_shown(qtbot: QtBot, window: MainWindow, folder: Path) ->
     assert button.text() == "Show in folder"
 
     class Folders(QObject):
-        """Takes the place of the program that shows folders."""
+        """Stand-in for the file manager."""
 
         shown = Signal(QUrl)
 
@@ -353,5 +353,5 @@ def test_fields_of_a_range_end_where_the_others_do(qtbot: QtBot, window: MainWin
     fields = tab.range_box.low, tab.range_box.high, tab.count_spin
     rights = [each.mapTo(tab, each.rect().topRight()).x() for each in fields]
     assert len(set(rights)) == 1, rights
-    give(tab.range_box.low, "")  # which is refused: its sentence does not narrow them
+    give(tab.range_box.low, "")  # a refused entry: the message does not narrow the fields
     assert [each.mapTo(tab, each.rect().topRight()).x() for each in fields] == rights

@@ -1,4 +1,4 @@
-"""Distances from a pin in the window."""
+"""Tab of the distances from a pin."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_each_is_the_librarys(
     field = on_the_render(document, live, prepared=prepared)
     time = document.display[Distances].time_in(document.spectrum)
     truth = wanted(document, name, time)
-    # a table of times is right to 1e-4 of the largest square
+    # a table of times has an error of up to 1e-4 of the largest squared distance
     within = 5e-3 if name == "diffusion" and prepared else 1e-6
     np.testing.assert_allclose(field.values, truth, atol=within * truth.max())
     assert field.values[70] == 0.0
@@ -187,7 +187,7 @@ def test_what_is_missing_is_said(panel: FieldPanel, document: Document) -> None:
 def test_lines_are_at_round_distances_from_the_pin(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
-    """On a flat sheet they are circles about the pin, as far apart as tab and render say."""
+    """On a flat sheet the lines are circles about the pin, as far apart as tab and render state."""
     document = rectangle_document()
     document.display.kind = "distance"
     window = open_window(document)

@@ -1,4 +1,4 @@
-"""Files dragged over the window; the panel that comes to the front; progress in the status bar."""
+"""Files dropped on the window, panels brought to the front, and progress in the status bar."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def data_of(*paths: Path) -> QMimeData:
 
 
 def drag(window: MainWindow, *paths: Path, share: float) -> tuple[QPoint, QMimeData]:
-    """Drag files over the window, as the window system does."""
+    """Send the events of a drag over the window; return its place and its data."""
     place, data = QPoint(round(share * window.width()), window.height() // 2), data_of(*paths)
     QApplication.sendEvent(window, QDragEnterEvent(place, COPY, data, LEFT, NONE))
     QApplication.sendEvent(window, QDragMoveEvent(place, COPY, data, LEFT, NONE))
@@ -145,7 +145,6 @@ def test_two_meshes_are_compared_each_with_its_maps(
         qtbot.waitUntil(lambda at=document: bool(at.mesh and at.mesh.maps), timeout=PATIENCE)
         assert document.path == path
         assert [each.name for each in document.mesh.maps] == [values.name]
-    # those of the other side are said to be
     drop(window, paths[3], share=0.2)
     qtbot.waitUntil(lambda: len(window.document.mesh.maps) == 2, timeout=PATIENCE)
     said = window.stage.message_bar.notice.text
@@ -171,7 +170,7 @@ def test_two_renders_have_one_height_and_are_no_smaller_than_compare(
     assert label.text().startswith("ball")
     state = window.findChild(QLabel, "second_label")
     qtbot.waitUntil(lambda: "press Compute" in state.text(), timeout=PATIENCE)
-    state.grab()  # painted: what does not fit ends in dots, and is the tooltip
+    state.grab()  # painted: a text that does not fit ends in dots and becomes the tooltip
     assert state.toolTip() == state.text()
     assert window.stage.width() >= 1.5 * docks["pair"].width()
     window.opening.end_comparison()

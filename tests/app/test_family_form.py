@@ -1,4 +1,4 @@
-"""Each parameter that a family declares has a control, an option and an entry in a session."""
+"""Form of a family: each declared parameter has a control, an option and a session entry."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from meshmash_viewer.fields.parameter import (
 
 @dataclass(frozen=True)
 class Example(BankColumns):
-    """A family with a parameter of each kind."""
+    """Family with a parameter of each kind."""
 
     name = "example"
     label = short = tip = "Example"

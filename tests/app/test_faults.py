@@ -1,4 +1,4 @@
-"""What goes wrong is said in the window, and the window goes on."""
+"""Faults: the window reports errors and remains usable."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def save(path: Path, mesh: Mesh) -> Path:
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory, module_cache: Path) -> Iterator[MainWindow]:
-    """One window on a sphere of 642 vertices and 20 eigenpairs."""
+    """Return a shared window with a sphere of 642 vertices and 20 eigenpairs."""
     run.application()
     window = MainWindow(fresh=True)
     window.show()
@@ -66,13 +66,13 @@ def shown(tmp_path_factory: pytest.TempPathFactory, module_cache: Path) -> Itera
     window.deleteLater()
 
 
-# -- sentences ---------------------------------------------------------------------------------
+# -- messages ----------------------------------------------------------------------------------
 
 
 def raised(fault: Exception) -> Exception:
     try:
         raise fault
-    except Exception as caught:  # noqa: BLE001  with its traceback
+    except Exception as caught:  # noqa: BLE001  raised, for a traceback
         return caught
 
 
@@ -108,7 +108,7 @@ def test_what_a_listener_of_the_model_raised_is_told_as_itself() -> None:
     assert failure_of(caught.value).text == "Give a mesh."
 
 
-# -- the boundary ------------------------------------------------------------------------------
+# -- the fault boundary ------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -208,7 +208,7 @@ def test_an_exception_in_the_window_is_in_its_bar(qtbot: QtBot, shown: MainWindo
     bar.dismiss()
 
 
-# -- what waited for ever ------------------------------------------------------------------------
+# -- faults of background tasks ------------------------------------------------------------------
 
 
 def test_a_library_that_cannot_be_loaded_is_said(
@@ -420,7 +420,7 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     qtbot.waitUntil(lambda: len(document.pins.placed) == 2, timeout=PATIENCE)
     assert document.display[GeometryVectors].count == 7
     assert document.solve.target == Target("count", 7)
-    # a session whose mesh is gone leaves everything as it is
+    # a session whose mesh file is missing changes nothing
     absent = tmp_path / "absent.meshmash.json"
     other = Session(mesh_path=str(tmp_path / "absent.ply"), target={"kind": "count", "value": 9})
     write_session(absent, other)

@@ -92,7 +92,7 @@ def test_eigenfunctions_scroll_by_wheel_keys_and_number(panel: FieldPanel, docum
     value = document.spectrum.eigenvalues[42]
     assert part(panel, "eigenvalue_label").text() == f"λ₄₂ = {format_quantity(value, 'nm', -2, 4)}"
     largest, unit = document.spectrum.eigenvalues[-1], part(panel, "eigenvalue_label").text()[-3:]
-    document.display.change(Eigenfunctions, index=1)  # in the unit of the largest, as the plot
+    document.display.change(Eigenfunctions, index=1)  # unit of the largest value, as in the plot
     same = format_quantity(document.spectrum.eigenvalues[1], "nm", -2, 4, like=largest)
     assert part(panel, "eigenvalue_label").text() == f"λ₁ = {same}"
     assert same.endswith(unit)
@@ -135,7 +135,7 @@ def test_an_eigenfunction_is_rotated_within_its_multiplet(panel: FieldPanel, doc
     assert field.quantity.endswith(" · rotated by 30° towards φ₁₅ in the space of 4")
     QTest.keyClick(combo, Qt.Key.Key_Up)
     assert document.display[Eigenfunctions].rotation == (14, 13, 30)
-    # it is that of this function alone, comes back with a session, and is undone
+    # the rotation belongs to this function alone, is saved in a session, and can be undone
     document.display.change(Eigenfunctions, index=13)
     assert slider.value() == 0
     document.display.change(Eigenfunctions, index=14)
@@ -273,7 +273,7 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
 def test_a_range_of_a_single_time_has_its_slider_at_the_beginning(
     panel: FieldPanel, document
 ) -> None:
-    """As a session may have it, and one end by hand that is the other of the spectrum."""
+    """A range of one time, as from a session, puts the slider at its start."""
     choose(panel, 1)
     document.display.change(HeatKernelSignature, automatic=False, t_min=1e5, t_max=1e5, time=1e5)
     assert part(panel, "hks_time_slider").value() == 0

@@ -1,4 +1,4 @@
-"""The wheel over a field scrolls the panel that it is in; a field with the focus takes it."""
+"""Wheel over a field: the panel scrolls, unless the field has the focus."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from meshmash_viewer.model.limits import PercentileLimits
 DOWN, SIDE, STILL = QPoint(0, -120), QPoint(-120, 0), QPoint()
 NO_PHASE = Qt.ScrollPhase.NoScrollPhase
 NONE, CONTROL = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
-#: Angle, pixels, phase and modifiers: a mouse, a fine wheel, a trackpad, and what comes after it.
+#: Angle, pixels, phase and modifiers of a mouse, a fine wheel, and a trackpad with momentum.
 TURNS = (
     (DOWN, STILL, NO_PHASE, NONE),
     (-DOWN, STILL, NO_PHASE, NONE),
@@ -91,7 +91,7 @@ def turn(
 
 
 def turn_really(field: QWidget, angle: QPoint = DOWN) -> None:
-    """As the window system does, which finds the widget, and may give it the focus."""
+    """Turn the wheel as the window system does, which finds the widget and may focus it."""
     window = field.window()
     place = field.mapTo(window, field.rect().center())
     QTest.wheelEvent(window.windowHandle(), QPointF(place), angle)
@@ -189,7 +189,7 @@ def test_a_list_takes_a_step_a_notch_and_none_of_momentum(window: MainWindow) ->
 def test_a_field_that_is_scrolled_under_the_pointer_is_not_changed(
     window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(field_events, "_TURN", 10**9)  # of a slow machine
+    monkeypatch.setattr(field_events, "_TURN", 10**9)  # as on a slow machine
     field = window.findChild(QWidget, "target_count_spin")
     area = window.mesh_panel.findChild(QScrollArea)
     field.setFocus()

@@ -21,7 +21,7 @@ def test_a_path_can_be_typed_letter_by_letter(row: FileRow, text: str) -> None:
     row.edit.selectAll()
     for letter in text:
         QTest.keyClicks(row.edit, letter)
-        assert row.path is not None  # asked for after each, to say whether the file exists
+        assert row.path is not None  # read after each key, to check whether the file exists
     assert row.named
     assert row.path.name == "cow.npz"
     assert (row.path.parent == Path.home()) == text.startswith("~/")

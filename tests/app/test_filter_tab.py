@@ -1,4 +1,4 @@
-"""Filters by formula in the window: chosen, dragged, written, mended."""
+"""Tab of filters by formula: filters are chosen, dragged, typed and corrected."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def enter(panel: FieldPanel, name: str, text: str) -> None:
 
 
 def choose(panel: FieldPanel, text: str) -> None:
-    """One of the ready filters, by its first letter."""
+    """Choose a predefined filter by typing its first letter."""
     combo = part(panel, "filter_combo")
     combo.setFocus()
     QTest.keyClicks(combo, text[0])
@@ -74,7 +74,7 @@ def summed(document: Document, bank, column: int = 0) -> np.ndarray:
 
 
 def colored(panel: FieldPanel, color: str) -> int:
-    """How many pixels of the field of the formula have a colour."""
+    """Return the number of pixels of a colour in the formula field."""
     image = part(panel, "filter_formula_edit").grab().toImage()
     places = [(x, y) for x in range(image.width()) for y in range(image.height())]
     return sum(image.pixelColor(x, y).name() == color for x, y in places)
@@ -209,7 +209,7 @@ def plot(qtbot, document: Document) -> SpectrumPanel:
 
 
 def move(plot: SpectrumPanel, start: float, end: float, height: float) -> None:
-    """Drag what is held at an eigenvalue to another one."""
+    """Drag the handle at an eigenvalue to another eigenvalue."""
     QTest.qWait(60)
     way = [plot.plot.pixel_of(x, height).toPoint() for x in (start, 0.5 * (start + end), end)]
     drag(plot.plot.viewport(), *way)

@@ -1,4 +1,4 @@
-"""The first sessions of the README, with mouse and keys only, small and large, light and dark."""
+"""First sessions of the README by mouse and keys, in small and large, light and dark windows."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LEFT = Qt.MouseButton.LeftButton
 KEYS, CONTROL = Qt.Key, Qt.KeyboardModifier.ControlModifier
 PATIENCE = 120.0
 
-#: What is done, with what, and how; ``until`` waits for what `Person` calls by that name.
+#: Actions of each session with their arguments; ``until`` waits for that method of `Person`.
 SESSIONS: dict[str, tuple[tuple[Any, ...], ...]] = {
     "open a mesh and compute": (
         ("press", KEYS.Key_O, CONTROL),
@@ -75,7 +75,7 @@ SESSIONS: dict[str, tuple[tuple[Any, ...], ...]] = {
 
 
 class Person:
-    """Mouse and keys at a window, and what they lead to."""
+    """Mouse and key actions in a window, and checks of their effects."""
 
     def __init__(self, window: MainWindow, folder: Path) -> None:
         self.window, self.folder = window, folder
@@ -120,7 +120,7 @@ class Person:
         labels = {each.text() for each in self.window.findChildren(QLabel) if each.isVisible()}
         return f"{document.solve.target} {document.work.job} {document.spectrum} {focus} {labels}"
 
-    # -- what is waited for -------------------------------------------------------------------
+    # -- conditions for ``until`` -------------------------------------------------------------
 
     def opened(self) -> bool:
         return self.document.mesh is not None and self.document.work.job is None
@@ -219,14 +219,14 @@ def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     with np.load(person.folder / "bands.npz") as file:
         features = file["features"]
     assert features.shape == (642, document.display[GeometryVectors].count)
-    # the bands sum to one, and so do the columns to the sum of all squares
+    # the bands sum to one, so the columns sum to the sum of the squared eigenfunctions
     squares = (np.asarray(document.spectrum.rows) ** 2).sum(axis=0)
     np.testing.assert_allclose(features.sum(axis=1), squares, rtol=1e-6)
 
 
 @pytest.mark.slow
 def test_the_first_sessions_at_a_scale_of_two() -> None:
-    # Qt takes its scale when the application begins, so in a process of its own.
+    # Qt reads its scale when the application starts, hence the new process.
     test = f"{__file__}::{test_the_first_sessions.__name__}"
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test, "-k", "small"],

@@ -1,4 +1,4 @@
-"""The gallery, by mouse and keys."""
+"""Gallery, used by mouse and keys."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
 
 
 def opened(qtbot: QtBot, window: MainWindow) -> QDialog:
-    """The gallery, with all its thumbnails."""
+    """Open the gallery and return it with all its thumbnails."""
     window.activateWindow()
     qtbot.waitUntil(window.isActiveWindow, timeout=PATIENCE)
     QTest.keyClick(window, Qt.Key.Key_G, KEYS)
@@ -47,7 +47,7 @@ def filled(qtbot: QtBot, window: MainWindow) -> QDialog:
 
 
 def picture(found: QListWidget, at: int) -> np.ndarray:
-    """Colours and opacity of a thumbnail."""
+    """Return the colours and opacity of a thumbnail, shape (height, width, 4)."""
     image = found.item(at).icon().pixmap(found.iconSize()).toImage()
     pixels = np.frombuffer(image.constBits(), np.uint8)
     return pixels.reshape(image.height(), -1, 4)
@@ -65,7 +65,7 @@ def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> 
     QTest.mouseClick(found.viewport(), LEFT, pos=found.visualItemRect(found.item(2)).center())
     assert display.family.index == 6
     assert display.family.flipped == {6}, "what else was chosen stays"
-    # the render's own steps are marked, and keys go, too
+    # the mark follows steps on the render; arrow keys and Return choose a thumbnail
     QTest.keyClick(window, Qt.Key.Key_Right)
     QTest.keyClick(window, Qt.Key.Key_Right)
     QTest.keyClick(window, Qt.Key.Key_Right)
@@ -78,7 +78,7 @@ def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> 
     a_row = sum(found.visualItemRect(found.item(at)).top() == 0 for at in range(found.count()))
     QTest.keyClick(found, Qt.Key.Key_Down)
     assert found.currentRow() == 4 + a_row
-    # another family is another gallery
+    # another family has its own gallery
     display.kind = "band"
     qtbot.waitUntil(lambda: found.count() == 16, timeout=PATIENCE)
     filled(qtbot, window)
@@ -126,7 +126,7 @@ def test_thumbnails_of_a_large_mesh_are_drawn_of_a_small_one(
     small = thumbnails(opened(qtbot, window))
     assert len(small) == len(whole) == 20
     differences = [np.abs(one - other).mean() for one, other in zip(whole, small, strict=True)]
-    # those of long waves, for which a few vertices do
+    # long waves, which a few vertices resolve, look alike
     assert 0.0 < max(differences[:4]) < 12.0
     assert np.abs(whole[0] - small[3]).mean() > 2.0 * max(differences[:4])
 
@@ -159,7 +159,7 @@ def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path:
     wide = round(85.0 / 25.4 * 300.0)
     assert sheet.shape == (round(wide * height / width), wide, 3)
     assert sheet[0, 0].tolist() == [255, 255, 255]
-    # each is there in the colours of its thumbnail
+    # each thumbnail has its colours in the saved picture
     shares = [
         (sheet[..., 0] - sheet[..., 2] > 60).mean(),
         (sheet[..., 2] - sheet[..., 0] > 60).mean(),

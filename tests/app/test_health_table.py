@@ -1,4 +1,4 @@
-"""The counts of what is wrong with a mesh, and the clicks that repair it."""
+"""Table of the defects of a mesh, and the buttons that repair them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from meshmash_viewer.mesh import Mesh
 
 
 def chunked_balls() -> Mesh:
-    """Two balls that touch at a vertex, each in two chunks, some faces of the first turned over."""
+    """Return two balls that touch at a vertex, each in two chunks, with some faces reversed."""
     ball = shapes.icosphere(2)
     half = ball.vertices[ball.faces].mean(axis=1)[:, 0] > 0.0
     vertices, faces = [], []
@@ -56,7 +56,7 @@ def test_seams_are_merged_and_faces_turned_by_a_click_each(
         )
         catch_up()
         assert not button.isVisible()
-    # the balls are two, each as it was before it was cut
+    # the two balls are whole again
     assert counts() == ["2", "0", "0"]
     assert document.ready.health.boundary_edges == 0
     assert panel.findChild(QAbstractButton, "merge_coincident_vertices").isVisible()
@@ -78,7 +78,7 @@ def test_debris_within_the_mesh_is_marked_through_it(
     qtbot.waitUntil(lambda: window.document.mesh is not None, timeout=60_000)
     window.wait(60.0)
     catch_up()
-    before = pink_pixels(window)  # edges of the axes, once they are drawn
+    before = pink_pixels(window)  # the edges of the axes have this colour, too
     row = window.mesh_panel.findChild(QWidget, "show_n_components")
     assert row.isEnabled()
     QTest.mouseClick(row, Qt.MouseButton.LeftButton)
@@ -119,7 +119,7 @@ def test_a_row_shows_what_it_counts_and_what_its_repair_would_change(
     click("health_previous")
     assert place().startswith(f"{n_places} of {n_places}: ")
     scene.set_camera(before)
-    qtbot.waitUntil(lambda: scene.at_rest, timeout=60_000)  # which ends the way there
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=60_000)  # the camera has stopped moving
     assert scene.camera() == before
     np.testing.assert_array_equal(scene.picture((200, 200)), alone, "pictures have no marks")
     window.wait(60.0)

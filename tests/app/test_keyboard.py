@@ -1,4 +1,4 @@
-"""The window without a mouse: each control by Tab, each command by its menu, each name spoken."""
+"""Window without a mouse: controls by Tab, commands by menu, and names for screen readers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from meshmash_viewer.fields import FAMILIES
 
 PATIENCE = 60_000
 CONTROLS = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit, QTabBar)
-#: What a person acts on, of the roles that Qt tells a screen reader.
+#: Accessible roles of the controls that a user operates.
 ROLES = {
     QAccessible.Role.Button, QAccessible.Role.CheckBox, QAccessible.Role.RadioButton,
     QAccessible.Role.ComboBox, QAccessible.Role.SpinBox, QAccessible.Role.Slider,
@@ -43,7 +43,7 @@ ROLES = {
 
 @pytest.fixture
 def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow:
-    """A window with a rectangle, its eigenpairs in closed form, and two pins."""
+    """Return a window with a rectangle, its eigenpairs in closed form, and two pins."""
     window = reopen_window(rectangle_document(), (1440, 900))
     for vertex in (25, 200):
         window.document.pins.toggle(vertex)
@@ -53,7 +53,7 @@ def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow
 
 
 def by_tab(window: MainWindow) -> list[QWidget]:
-    """What Tab comes to, one after the other, until it begins again."""
+    """Return the widgets that Tab focuses, in order, until it returns to the first."""
     window.stage.setFocus()
     stops: list[QWidget] = []
     while True:
@@ -69,7 +69,7 @@ def place(window: MainWindow, widget: QWidget) -> QRect:
 
 
 def around(window: MainWindow, widget: QWidget) -> np.ndarray:
-    """A picture of a widget with what is drawn on its edge, without the text that is chosen."""
+    """Return a picture of a widget with its focus frame, and without selected text."""
     if isinstance(widget, QLineEdit):
         widget.deselect()
     elif isinstance(widget, QAbstractSpinBox | QComboBox) and widget.findChild(QLineEdit):
@@ -113,7 +113,7 @@ def test_a_letter_after_an_arrow_in_a_list_is_a_command(qtbot: QtBot, window: Ma
 
 
 def tab_through(window: MainWindow) -> list[QWidget]:
-    """What Tab comes to, which is all that there is, in the order in which one reads."""
+    """Return the stops of Tab; check for missing controls and for reading order."""
     stops = by_tab(window)
     for control in window.findChildren(QWidget):
         inner = isinstance(control.parent(), QAbstractSpinBox | QComboBox | QTabBar)
@@ -127,7 +127,7 @@ def tab_through(window: MainWindow) -> list[QWidget]:
         group = control.group() if isinstance(control, QAbstractButton) else None
         same = group.buttons() if group is not None and group.exclusive() else [control]
         assert set(same) & set(stops), control.objectName()
-    # panel by panel, and within one as one reads
+    # panel by panel, and in reading order within a panel
     panels = (window.mesh_panel, window.field_panel, window.spectrum_panel, window.profile_panel)
     tabs = [stop for stop in stops if isinstance(stop, QTabBar)]
     assert [bar.count() for bar in tabs] == [4], "Mesh, Shape, Compare and Labels share a place"
@@ -136,7 +136,7 @@ def tab_through(window: MainWindow) -> list[QWidget]:
     assert at == sorted(at)
     for number, panel in enumerate(panels):
         stops_here = [stop for stop, n in zip(inside, at, strict=True) if n == number]
-        # what is scrolled out of sight lies nowhere
+        # skip widgets that are scrolled out of view
         mine = [place(window, stop) for stop in stops_here if not stop.visibleRegion().isEmpty()]
         for above, below in pairwise(mine):
             beside = above.left() < below.left() and panel is not window.mesh_panel
@@ -163,7 +163,7 @@ def test_a_screen_reader_has_a_name_for_everything(window: MainWindow) -> None:
             continue
         if isinstance(thing, QLineEdit) and isinstance(thing.parent(), QComboBox):
             thing = thing.parent()
-        # of a list, Qt on Linux tells what is chosen, and what it is called by another way
+        # for a list, Qt on Linux returns the chosen entry as text; its name is accessibleName()
         listed = isinstance(thing, QComboBox)
         name = thing.accessibleName() if listed else found.text(QAccessible.Text.Name)
         assert name.strip(" ×…"), (role, thing)

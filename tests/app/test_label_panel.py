@@ -1,4 +1,4 @@
-"""The Labels panel, by mouse and keys: every act undone and redone."""
+"""Labels panel by mouse and keys: each action can be undone and redone."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
 
 @pytest.fixture
 def labelled(window: MainWindow, qtbot: QtBot) -> MainWindow:
-    """With two labels, of which the first is the upper part."""
+    """Return a window with two labels; the first label covers the upper part."""
     document = window.document
     document.labels.new_set()
     document.labels.new_label()
@@ -188,9 +188,9 @@ def test_a_name_is_edited_in_its_place(labelled: MainWindow) -> None:
     QTest.mouseDClick(shown.viewport(), LEFT, pos=middle(labelled, 1, NAME))
     edit = shown.findChild(QLineEdit)
     assert edit is not None
-    QTest.keyClicks(edit, "spine 3")  # digits, too
+    QTest.keyClicks(edit, "spine 3")  # a digit in a name is text, not a command
     QTest.keyClick(edit, Qt.Key.Key_Return)
-    QTest.qWait(1)  # Qt commits later
+    QTest.qWait(1)  # Qt commits the name in the event loop
     catch_up()
     assert [each.name for each in labelled.document.labels.current.labels] == ["label 1", "spine 3"]
     labelled.document.history.undo()
@@ -361,7 +361,7 @@ def test_the_graph_of_labels_is_drawn_over_any_field(labelled: MainWindow, qtbot
     rest(labelled, qtbot)
     assert action.isChecked()
     drawn = scene.picture((300, 300))
-    # two lines from the band to either end, with a light edge
+    # two lines from the band, one to each end, each with a light edge
     assert 100 < (np.abs(drawn.astype(int) - before).max(axis=2) > 60).sum() < 4000
     assert (drawn[..., :3].max(axis=2) < 60).sum() > 20
     document.labels.delete([1, 2])
@@ -395,7 +395,7 @@ def test_regions_are_measured_looked_at_and_exported(
     document.labels.assign(1)
     document.selection.set(MESH.vertices[:, 2] < -40.0)
     document.labels.assign(2)
-    document.selection.set(MESH.vertices[:, 2] > 48.0)  # a second part
+    document.selection.set(MESH.vertices[:, 2] > 48.0)  # a second component of the label
     document.labels.assign(2)
     document.display.show(OwnMaps(chosen="Mean curvature"))
     rest(labelled, qtbot)
@@ -420,7 +420,7 @@ def test_regions_are_measured_looked_at_and_exported(
         assert float(model.index(row, 1).data()) == pytest.approx(
             1e-6 * expected["area"][row], rel=5e-3
         )
-    # a click flies there
+    # a click moves the camera to the region
     QTest.mouseClick(shown.viewport(), LEFT, pos=shown.visualRect(model.index(1, 0)).center())
     below = expected.mask(1)
     assert scene.renderer.view.focus[2] < -40.0
@@ -429,7 +429,7 @@ def test_regions_are_measured_looked_at_and_exported(
     np.testing.assert_array_equal(document.hiding.mask, ~below)
     document.history.undo()
     assert document.hiding.mask is None
-    # sorted by area, the smallest first, a click still means what it shows
+    # in a sorted table, a click refers to the row shown
     shown.sortByColumn(1, Qt.SortOrder.AscendingOrder)
     smallest = model.index(0, 0).data()
     assert smallest == "label 2 (2)"
@@ -438,14 +438,14 @@ def test_regions_are_measured_looked_at_and_exported(
     press(labelled, "region_export_button")
     qtbot.waitUntil(lambda: labelled.background_io.idle and file.exists(), timeout=60_000)
     assert file.read_text().splitlines()[1].startswith('"label 1",1,')
-    # whole labels have neither neck nor eigenvalue
+    # whole labels have neither a neck nor an eigenvalue
     QTest.mouseClick(part(labelled, "region_whole_check"), LEFT)
     assert not part(labelled, "region_lambda_check").isEnabled()
     press(labelled, "region_measure_button")
     qtbot.waitUntil(lambda: model.rowCount() == 2, timeout=60_000)
     titles = [model.headerData(at, Qt.Orientation.Horizontal) for at in range(model.columnCount())]
     assert not [title for title in titles if title.startswith(("λ₂", "Neck"))]
-    # what has changed since is said
+    # a change since the measurement is reported
     document.labels.delete([2])
     catch_up()
     assert part(labelled, "region_hint").text().startswith("The labels have changed since")
@@ -463,7 +463,7 @@ def test_a_set_is_saved_and_opened_again(
     document.selection.set(~UP)
     document.labels.assign(2)
     catch_up()
-    click(labelled, 0, NAME)  # one label alone goes to a file that holds one
+    click(labelled, 0, NAME)  # formats for one label save the selected label
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, **__: (str(file), ""))
     press(labelled, "label_save_button")
     qtbot.waitUntil(lambda: labelled.background_io.idle and file.exists(), timeout=60_000)
@@ -486,7 +486,7 @@ def test_a_set_is_saved_and_opened_again(
 def open_labels(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, *files: Path
 ) -> str:
-    """Open files with the button of the panel; return what is said."""
+    """Open files with the button of the panel and return the message."""
     chosen = [str(each) for each in files]
     monkeypatch.setattr(QFileDialog, "getOpenFileNames", lambda *_, **__: (chosen, ""))
     before = window.document.mesh.maps

@@ -1,4 +1,4 @@
-"""Every mesh file opens again as it was left."""
+"""Last sessions: a mesh file opens again as it was closed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PATIENCE = 60_000
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Sessions of all windows, as of a program that is started again."""
+    """Share the stored sessions between windows, as between runs of the program."""
     made = Settings.__init__
 
     def begin(settings: Settings, fresh: bool = False) -> None:
@@ -91,7 +91,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     camera = window.scene.camera()
     camera["half_size"] *= 2.0
     window.scene.set_camera(camera)
-    opened(window, other, qtbot)  # at once, before anything is saved by the clock
+    opened(window, other, qtbot)  # at once, before the timer saves anything
     assert document.pins.placed == ()
 
     def check(window: MainWindow) -> None:
@@ -178,7 +178,7 @@ def test_maps_of_files_and_the_part_are_there_again_and_no_step_to_undo(
         notice = again.stage.message_bar.notice
         assert notice is not None
         assert notice.text == "Opened as you left it: 1 map file."
-        # what is still being read is not forgotten, and no step from before takes it away
+        # maps that are still being read stay in the session, and undo does not remove them
         document.maps.add(document.mesh, [VertexMap("mine", np.arange(mesh.n_vertices))])
         qtbot.waitUntil(lambda: bool(again.scene.camera()), timeout=PATIENCE)
         saved.close()
@@ -204,7 +204,7 @@ def test_what_is_damaged_is_said_and_kept(
     mesh = window.document.mesh
     assert mesh is not None
     window.document.maps.add(mesh, [VertexMap("height", mesh.vertices[:, 2])])
-    window.document.set_unit("nm")  # the map stays one of no file
+    window.document.set_unit("nm")  # the map still belongs to no file
     window.close()
     (session,) = (folder / "sessions").glob("*.meshmash.json")
     (maps,) = (folder / "sessions").glob("*.maps.npz")
@@ -258,7 +258,7 @@ def test_a_change_is_saved_before_the_next_frame(
         pins.append(session.pins)
 
     last.save()
-    assert last.stored(path) is not None  # written
+    assert last.stored(path) is not None
     window.document.pins.toggle(5)
     window.plotter.frame_due.connect(look)
     qtbot.waitUntil(lambda: bool(pins), timeout=PATIENCE)
@@ -317,7 +317,7 @@ def test_a_view_of_the_whole_mesh_fits_a_render_of_another_size(
 def test_label_sets_are_there_as_they_were_changed(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
-    """Those of the mesh file and of another file in the place of what the files have."""
+    """Changed label sets are restored, both of the mesh file and of another label file."""
     ball, path, annotation = (
         shapes.icosphere(2),
         folder / "ball.surf.gii",
@@ -374,7 +374,7 @@ def test_label_sets_are_there_as_they_were_changed(
     assert sets(again) == made
     assert not again.document.history.undo_label
     again.document.labels.choose("labels")
-    again.document.labels.recolor(1, "#123456")  # names and colours alone are kept, too
+    again.document.labels.recolor(1, "#123456")  # changed names and colours alone are saved, too
     made = sets(again)
     again.close()
     assert sets(opened(open_window(), path, qtbot)) == made
@@ -383,7 +383,7 @@ def test_label_sets_are_there_as_they_were_changed(
 def test_maps_of_one_file_are_all_there_in_their_order(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
-    """A label file opened again after a change, and a table whose names are taken."""
+    """Maps of a label file opened twice, and of a table with names in use, keep their order."""
     path, other = two_balls(folder / "balls.npz"), two_balls(folder / "other.npz", 2.0)
     window = opened(open_window(), path, qtbot)
     document, n = window.document, 204
@@ -429,7 +429,7 @@ def test_maps_of_one_file_are_all_there_in_their_order(
     by_hand.wait()
     qtbot.waitUntil(lambda: maps(by_hand) == made, timeout=PATIENCE)
     by_hand.close()
-    given = open_window()  # a file that is given at each start adds no copy of what was kept
+    given = open_window()  # a map file opened at each start adds no copy of its maps
     given.opening.read(path, maps=[annotation])
     given.wait()
     qtbot.waitUntil(lambda: len(given.document.mesh.maps) >= 7, timeout=PATIENCE)
@@ -527,7 +527,7 @@ def test_pins_and_maps_of_the_second_mesh_are_there_again(
     window = opened(open_window(), path, qtbot)
     qtbot.waitUntil(lambda: compared(window), timeout=PATIENCE)
     pair = window.opening.pair
-    assert pair is not None and pair.second.mesh is not None  # noqa: PT018  the same
+    assert pair is not None and pair.second.mesh is not None  # noqa: PT018
     assert [pin.vertex for pin in pair.second.pins.placed] == [185]
     (kept,) = pair.second.mesh.maps
     assert kept.name == "height"

@@ -1,4 +1,4 @@
-"""A thread for which only the latest request counts: what is over is let go."""
+"""Thread that answers only the latest request: finished requests are released."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from meshmash_viewer.progress import CancelCallback, Cancelled
 
 
 class Request:
-    """Something that can be referred to weakly."""
+    """Object that supports weak references."""
 
 
 def answered(_request: Request, _cancel: CancelCallback) -> None:
-    """Work that is done."""
+    """Return at once."""
 
 
 def given_up(_request: Request, _cancel: CancelCallback) -> None:
@@ -32,7 +32,7 @@ def failed(_request: Request, _cancel: CancelCallback) -> None:
 
 @pytest.fixture
 def start(qapp: QApplication) -> Iterator[Callable[..., LatestThread[Request]]]:
-    """Starts threads, and ends them."""
+    """Return a function that starts threads; close these threads at the end."""
     started = []
 
     def start(work: Callable[[Request, CancelCallback], None], rest: float = 0.0) -> LatestThread:
@@ -66,7 +66,7 @@ def test_a_request_that_is_dropped_while_it_rests_is_not_held(
     held = weakref.ref(request)
     thread.ask(request)
     del request
-    qtbot.wait(50)  # it rests
+    qtbot.wait(50)  # the thread has not started the request
     thread.drop()
     qtbot.waitUntil(lambda: not thread.working)
     gc.collect()

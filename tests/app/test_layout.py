@@ -1,4 +1,4 @@
-"""Where things are: in a small window, and while texts come and go."""
+"""Places of widgets: in a small window, and when texts appear."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ PATIENCE = 60_000
 
 @pytest.fixture
 def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
-    """A window with a rectangle, and its eigenpairs in closed form."""
+    """Return a window with a rectangle and its eigenpairs in closed form."""
     return reopen_window(rectangle_document(twins=slice(10, 13)), (1440, 900))
 
 
 def places(window: MainWindow) -> dict[str, tuple[int, int]]:
-    """Where in the window each control of the two side panels is."""
+    """Return the positions in the window of the controls of both side panels."""
     catch_up()
     QTest.qWait(50)
     kinds = (QAbstractButton, QAbstractSpinBox, QComboBox, QLineEdit)
@@ -62,7 +62,7 @@ def test_a_small_window_has_room_for_what_matters(
 ) -> None:
     window.resize(*size)
     qtbot.wait(100)
-    window.resize(*size)  # the plots share one place by now
+    window.resize(*size)  # the plots are tabs by now
     qtbot.wait(100)
     assert (window.width(), window.height()) == size
     inside = window.mesh_panel.findChild(QWidget, "target_count_spin").visibleRegion()
@@ -75,7 +75,7 @@ def test_a_small_window_has_room_for_what_matters(
             if control.isVisible() and isinstance(control, QAbstractButton | QComboBox):
                 seen = control.visibleRegion().boundingRect()
                 assert seen == control.rect(), control.objectName()
-    # neither the mesh nor the number of a pin on its rim, 8 about (13, 12), is under the title
+    # the title covers neither the mesh nor the number of a pin at its rim: 8 pixels about (13, 12)
     scene, document = window.scene, window.document
     title = scene.title_size.height()
     ratio = scene.devicePixelRatioF()
@@ -86,7 +86,7 @@ def test_a_small_window_has_room_for_what_matters(
     width, height, ratio = scene.plotter.pixels()
     written = Written(scene.renderer, (width, height), ratio)
     quantity = written.texts[scene.renderer.caption.quantity][1]
-    for _, below, _, tall in written.strips:  # with its unit above
+    for _, below, _, tall in written.strips:  # with the unit above
         assert below + tall + 22 * ratio < quantity - 12, "the colour bar begins below the title"
 
 
@@ -161,7 +161,7 @@ def test_the_first_thing_one_sees_is_not_cut_off(
         assert button.width() >= button.minimumSizeHint().width(), name
     card = part(window, "welcome_card")
     middle = card.mapTo(window.stage, card.rect().center()).x()
-    assert abs(middle - window.stage.width() / 2) <= 8  # a scroll bar beside it, at most
+    assert abs(middle - window.stage.width() / 2) <= 8  # at most, a scroll bar is next to it
     for link in card.findChildren(QPushButton):
         assert link.mapTo(window.stage, link.rect().bottomRight()).x() < window.stage.width()
 
@@ -222,7 +222,7 @@ def test_a_pin_is_pointed_at_in_list_plot_and_render_together(
     row, ring = part(window, "pin_row_200"), part(window, "hover_ring")
 
     def held_over(widget: QWidget, at: QPoint) -> None:
-        # not quite still: a picture that comes late lets go of what is pointed at in it
+        # move the pointer twice: a picture that is drawn late ends the hover
         QTest.mouseMove(widget, at)
         QTest.mouseMove(widget, at + QPoint(1, 0))
 
@@ -245,7 +245,7 @@ def test_a_panel_stays_where_it_is_when_its_title_is_clicked_twice(window: MainW
         title = dock.titleBarWidget()
         QTest.mouseDClick(title, Qt.MouseButton.LeftButton, pos=title.rect().center())
         assert not dock.isFloating()
-        QTest.mouseClick(title, Qt.MouseButton.LeftButton)  # with no button held, for who is next
+        QTest.mouseClick(title, Qt.MouseButton.LeftButton)  # leaves no button pressed
 
 
 def test_units_in_their_list_have_room(qtbot: QtBot, window: MainWindow) -> None:

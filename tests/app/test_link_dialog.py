@@ -1,4 +1,4 @@
-"""Ctrl+L opens the mesh of a segment by its link, and it is found again as files are."""
+"""Dialog of a link (Ctrl+L): opens the mesh of a segment and restores its session."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def dialog(qtbot: QtBot) -> LinkDialog:
 
 
 def ask(dialog: LinkDialog, link: str, segment: str = "", button: str = "open") -> str:
-    """Type into the dialog, press a button, and return what it says."""
+    """Type into the dialog, press a button, and return the message of the dialog."""
     for edit, text in ((part(dialog, "link_edit"), link), (dialog.segment_combo, segment)):
         if text:
             edit.setFocus()

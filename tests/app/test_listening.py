@@ -16,7 +16,7 @@ from meshmash_viewer.model.document import Document
 
 
 class Follower(QObject):
-    """Notes when it was called."""
+    """Receiver that records its calls."""
 
     def __init__(self, calls: list[str], name: str) -> None:
         super().__init__()
@@ -77,7 +77,7 @@ def test_followers_are_called_once_a_frame_is_drawn(
     window = open_window(rectangle_document())
     qtbot.waitUntil(lambda: window.scene.at_rest)
     catch_up()
-    monkeypatch.setattr(listening, "_DELAY", 10**8)  # without a frame, never in this test
+    monkeypatch.setattr(listening, "_DELAY", 10**8)  # too long to pass in this test
     monkeypatch.setattr(listening, "_known", None)
     follower, canvas = Follower(calls, "called"), window.scene.plotter
     later(follower.show)
@@ -88,7 +88,7 @@ def test_followers_are_called_once_a_frame_is_drawn(
         canvas.render()
     qtbot.wait(20)
     assert calls == ["called"], "not again at the next frame of a drag"
-    monkeypatch.setattr(listening, "perf_counter", lambda: 0.0)  # no time has passed since
+    monkeypatch.setattr(listening, "perf_counter", lambda: 0.0)  # as if no time had passed
     monkeypatch.setattr(listening, "_DELAY", 1)
     canvas.render()
-    qtbot.waitUntil(lambda: calls == ["called", "called"])  # counted from that frame on
+    qtbot.waitUntil(lambda: calls == ["called", "called"])  # the frame restarts the delay

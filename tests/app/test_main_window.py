@@ -58,7 +58,7 @@ PATIENCE = 120_000
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
-    """As ``qtbot.waitUntil``, for fixtures that outlive a test."""
+    """Wait like ``qtbot.waitUntil``, for fixtures that outlive a test."""
     deadline = time.monotonic() + PATIENCE / 1000
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
@@ -89,7 +89,7 @@ def sphere_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def at_front(window: MainWindow) -> MainWindow:
-    """Show a window that several tests have, without the message of the last one."""
+    """Show a shared window without the message of the last test."""
     window.stage.message_bar.dismiss()
     window.resize(1440, 900)
     window.raise_()
@@ -126,7 +126,7 @@ def one_ball(sphere_file: Path, module_cache: Path) -> Iterator[MainWindow]:
 
 @pytest.fixture
 def ball(one_ball: MainWindow) -> MainWindow:
-    """A window on a sphere of 642 vertices and 30 eigenpairs, as on its first day."""
+    """Return a window with a sphere of 642 vertices, 30 eigenpairs and default settings."""
     document, first = one_ball.document, Display()
     for each in fields(Display):
         setattr(document.display, each.name, getattr(first, each.name))
@@ -153,7 +153,7 @@ def one_empty() -> Iterator[MainWindow]:
 
 @pytest.fixture
 def empty(one_empty: MainWindow) -> MainWindow:
-    """A window in which nothing is open, and no message is left."""
+    """Return a window without a mesh and without a message."""
     one_empty.document.solve.operator = OperatorOptions()
     return at_front(one_empty)
 
@@ -168,17 +168,17 @@ def one_used() -> Iterator[MainWindow]:
 
 @pytest.fixture
 def used(one_used: MainWindow) -> MainWindow:
-    """A window for tests that open a mesh in it, whichever was there before."""
+    """Return a shared window for tests that open a mesh."""
     return at_front(one_used)
 
 
 @pytest.fixture
 def ball_file(sphere_file: Path, tmp_path: Path) -> Path:
-    """A file that was not open before, so that there is no session to restore."""
+    """Return a mesh file that has no session to restore."""
     return shutil.copy(sphere_file, tmp_path / "ball.npz")
 
 
-# -- empty ---------------------------------------------------------------------------------
+# -- without a mesh ------------------------------------------------------------------------
 
 
 def test_the_empty_window_says_what_to_do(empty: MainWindow) -> None:
@@ -307,7 +307,7 @@ def test_names_that_scripts_rely_on(empty: MainWindow) -> None:
 
 @pytest.mark.slow
 def test_the_extent_fits_the_panel_with_its_unit(used: MainWindow, tmp_path: Path) -> None:
-    used.resize(1000, 640)  # with a scroll bar beside it
+    used.resize(1000, 640)  # a scroll bar is next to the label
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
     for scale, unit in (
         (1e-7, "nm"), (1.0, "nm"), (9.99e4, "nm"), (3.3e5, "µm"), (1.4e7, "µm"), (1e20, "m"),
@@ -384,11 +384,11 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     )
     catch_up()
     spectrum = document.spectrum
-    # exact now, though the last of them lies below what was asked for
+    # the count is exact now, although the last eigenvalue is below the target
     assert box.count_spin.text() == f"{len(spectrum)}"
     assert spectrum.eigenvalues[-1] < spectrum.known_to
     assert spectrum.known_to == pytest.approx(required_eigenvalue(time), rel=1e-4)
-    # a time that the mesh cannot resolve asks for all that it has
+    # a time that the mesh cannot resolve requests all its eigenpairs
     document.solve.target = Target("time", area * 1e-6)
     catch_up()
     assert box.count_spin.value == document.mesh.n_vertices
@@ -441,7 +441,7 @@ def test_another_unit_keeps_spectrum_and_camera(qtbot: QtBot, ball: MainWindow) 
     spectrum = ball.document.spectrum
     edit = ball.mesh_panel.unit_combo.lineEdit()
     QTest.mouseClick(edit, LEFT)
-    qtbot.waitUntil(lambda: edit.selectedText() == edit.text())  # to be typed over
+    qtbot.waitUntil(lambda: edit.selectedText() == edit.text())  # typing replaces the selection
     QTest.keyClicks(edit, "mm")
     QTest.keyClick(edit, Qt.Key.Key_Return)
     assert ball.document.mesh.unit == "mm"
@@ -491,13 +491,13 @@ def test_a_message_is_legible_over_a_narrow_render(empty: MainWindow) -> None:
     bar = empty.stage.message_bar
     text = "Picture saved to /media/disk/pictures/cow.png."
     empty.document.notices.show(Notice(text, action=lambda: None, button="Show in folder"))
-    bar.keep_clear(QSize(160, 70), 90)  # a title, and a colour bar
+    bar.keep_clear(QSize(160, 70), 90)  # the sizes of a title and a colour bar
     QApplication.processEvents()
     action = bar.findChild(QAbstractButton, "message_action")
     assert action.width() >= action.sizeHint().width()
     assert bar.findChild(QLabel, "message_text").width() >= 120
     top = bar.y()
-    bar.keep_below(27)  # the line over each of two renders
+    bar.keep_below(27)  # below the label line of two renders
     assert bar.y() == top + 27
     bar.keep_below(0)
     bar.dismiss()
@@ -609,7 +609,7 @@ def test_a_file_is_dropped_on_the_render_and_remembered(
     data.setUrls([QUrl.fromLocalFile(str(other))])
     place = QPointF(ball.stage.mapTo(ball, ball.stage.rect().center()))
     event = QDropEvent(place, Qt.DropAction.CopyAction, data, LEFT, Qt.KeyboardModifier.NoModifier)
-    ball.dropEvent(event)  # Qt delivers one only after a real drag
+    ball.dropEvent(event)  # Qt sends drop events only after a real drag
     qtbot.waitUntil(lambda: ball.document.path == other, timeout=PATIENCE)
     assert ball.document.spectrum is None or len(ball.document.spectrum) == 0
     assert ball.settings.recent[0] == other
@@ -708,7 +708,7 @@ def test_lines_can_be_left_out_wherever_they_are_drawn(
     wait_for(lambda: window.controller.idle)
     assert lines.isEnabled()
     assert flip.isEnabled()
-    document.display.kind = "similarity"  # without a vertex the eigenfunction stays
+    document.display.kind = "similarity"  # without a vertex, the eigenfunction stays on the render
     catch_up()
     assert lines.isEnabled()
     assert not flip.isEnabled()
@@ -732,7 +732,7 @@ def test_nothing_is_cut_off_at_either_size(
 ) -> None:
     ball.resize(*size)
     qtbot.wait(50)
-    ball.resize(*size)  # the plots have made room meanwhile
+    ball.resize(*size)  # the plots may have changed the layout meanwhile
     qtbot.wait(100)
     assert ball.width() == size[0]
     assert ball.height() == size[1]
@@ -808,7 +808,7 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     assert "× 12 columns" in dialog.contents_label.text()
     assert "wks_λ=" in dialog.columns_label.text()
     assert (dialog.job().family.export, dialog.job().family.count) == ("wks", 12)
-    dialog.pairs_spin.setValue(2)  # the constant and one more, which leave no range of energies
+    dialog.pairs_spin.setValue(2)  # two pairs, one of them constant, give no range of energies
     assert "more eigenpairs" in dialog.contents_label.text()
     assert not dialog.accept_button.isEnabled()
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
@@ -1017,7 +1017,7 @@ def test_nothing_of_a_mesh_is_held_once_another_is_open(
         gc.collect()
         return [each() for each in held] == [None, None]
 
-    # an answer of a thread that is on its way holds them until it is there
+    # a thread holds the mesh until its last answer has arrived
     wait_for(let_go)
 
 

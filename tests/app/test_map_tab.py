@@ -1,4 +1,4 @@
-"""Maps in the window: dropped, listed, rebuilt from pairs, in the colours of their labels."""
+"""Tab of own maps: files are dropped, listed, rebuilt from pairs and drawn in label colours."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from meshmash_viewer.units import format_number, format_quantity, format_range, 
 LEFT = Qt.MouseButton.LeftButton
 MESH = shapes.icosphere(3, radius=50.0)
 DEPTH = np.sin(0.07 * MESH.vertices[:, 0]) + 0.01 * MESH.vertices[:, 1]
-#: Which side of the ball a vertex is on, as pure colours.
+#: Axis of the largest coordinate of each vertex, and a pure colour of each axis.
 SIDES = np.abs(MESH.vertices).argmax(axis=1)
 COLORS = np.array([[255, 0, 0, 0], [0, 255, 0, 0], [0, 0, 255, 0]])
 
@@ -79,14 +79,14 @@ def part(window: MainWindow, kind: type, name: str) -> QWidget:
 
 
 def library(window: MainWindow) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvectors as columns, and the areas that they are orthonormal with."""
+    """Return the eigenvectors as columns, and the vertex areas of their inner product."""
     spectrum = window.document.spectrum
     mass = mv.compute_vertex_areas(window.document.mesh, robust=True)
     return np.array(spectrum.rows[: len(spectrum)]).T, mass
 
 
 def look(window: MainWindow) -> tuple[object, ...]:
-    """The colours of the mesh on the render, and what the panel says of them."""
+    """Return the colours on the render, and the limits and lists in the panel."""
     part(window, QWidget, "limits_combo").window().repaint()
     image = window.scene.plotter.grabFramebuffer()
     middle = image.rect().center()
@@ -103,7 +103,7 @@ def names(window: MainWindow) -> list[str]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A mesh file with a map, and files of maps."""
+    """Return a folder with a mesh file that has a map, and with map files."""
     folder = tmp_path_factory.mktemp("maps")
     np.savez(folder / "ball.npz", vertices=MESH.vertices, faces=MESH.faces, depth=DEPTH)
     write_morph_data(folder / "lh.thickness", np.linspace(1.0, 4.0, MESH.n_vertices))
@@ -123,7 +123,7 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
     document = window.document
     window.open_mesh(folder / "ball.npz")
     wait_for(lambda: document.mesh is not None and document.work.job is None)
-    QTest.keyClick(window, Qt.Key.Key_9)  # maps need no pairs
+    QTest.keyClick(window, Qt.Key.Key_9)  # maps need no eigenpairs
     wait_for(lambda: window.controller.field is not None)
     rest(window)
     assert document.spectrum is None
@@ -141,7 +141,7 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
 
 @pytest.fixture
 def window(one_window: MainWindow) -> MainWindow:
-    """With the map of its file, and no other."""
+    """Return the shared window with the map of its file only."""
     document = one_window.document
     for each in document.mesh.maps[1:]:
         document.maps.remove(each.name)
@@ -195,13 +195,13 @@ def test_what_is_no_map_costs_a_sentence(window: MainWindow, folder: Path) -> No
     assert "has 5 values and the mesh 642 vertices" in notice.text
     assert str(folder / "short.npy") in notice.text
     assert window.document.mesh is before
-    # of two files the good one is taken
+    # of two files, the valid file is read
     drop(window, folder / "short.npy", folder / "more.npz")
     assert names(window)[:2] == ["depth", "more"]
 
 
 def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
-    """The field and the numbers beside it are the library's."""
+    """Field and numbers of a partial sum equal the results of the library."""
     eigenvectors, mass = library(window)
     coefficients = mv.spectral_coefficients(eigenvectors, mass, DEPTH)
     QTest.mouseClick(part(window, QPushButton, "map_view_pairs"), LEFT)
@@ -364,7 +364,7 @@ def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path
     ratio = window.scene.devicePixelRatioF()
     eye = np.array(window.scene.renderer.view.axes[2])
     towards = MESH.vertices @ eye / 50.0
-    # away from the rim, and from the borders between the sides
+    # away from the rim, and from the borders between the labels
     second = np.sort(np.abs(MESH.vertices), axis=1)[:, 1]
     inside = np.flatnonzero((towards > 0.6) & (np.abs(MESH.vertices).max(axis=1) - second > 12.0))
     seen = set()
@@ -386,7 +386,7 @@ def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path
 
 @pytest.mark.slow
 def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], folder: Path) -> None:
-    """Dropped together; and once a map without a mesh is said to be one."""
+    """Maps dropped with a mesh are added to the mesh; a map dropped alone is refused."""
     window = open_window()
     drop_alone = folder / "lh.thickness"
     window.opening.open_path(drop_alone)
@@ -408,7 +408,7 @@ def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], fold
 def test_a_session_keeps_the_maps_and_the_choice(
     open_window: Callable[..., MainWindow], folder: Path, tmp_path: Path
 ) -> None:
-    """A map whose file has gone costs a sentence; the session opens all the same."""
+    """A session whose map file is missing opens without the map and reports the file."""
     for name in ("ball.npz", "lh.thickness", "more.npz"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     first = open_window()
@@ -501,7 +501,7 @@ def test_what_a_filter_misses_beyond_the_last_pair_is_bounded(window: MainWindow
             size = format_quantity(np.sqrt(bound / mass.sum()), "mm", 1, 2)
             assert note.text().endswith(f"at most {size}. Compute more pairs.")
     assert bound / varies > 0.01, "the note was seen"
-    document.display.change(OwnMaps, chosen="Gaussian curvature")  # a map that is computed
+    document.display.change(OwnMaps, chosen="Gaussian curvature")  # a computed map
     document.display.change(Filters, values=(("s", 1e-6 / last),))
     rest(window)
     share = document.display[OwnMaps].resolved(document.spectrum, document.display.fields)
@@ -528,7 +528,7 @@ def test_a_gaussian_is_given_by_its_width(window: MainWindow) -> None:
     QTest.keyClicks(field, "20 mm")
     QTest.keyClick(field, Qt.Key.Key_Return)
     s = document.display[Filters].value("s", document.spectrum)
-    # half of exp(-r²/4s) at half of the width
+    # exp(-r²/4s) is one half at half the width
     np.testing.assert_allclose(np.exp(-(10.0**2) / (4.0 * s)), 0.5, rtol=1e-12)
     rest(window)
     texts = [label.text() for label in field.parentWidget().findChildren(QLabel)]
@@ -562,7 +562,7 @@ def test_a_kept_map_is_renamed_in_the_list(window: MainWindow) -> None:
     assert document.maps.displayed == "sulci"
     assert window.controller.field.title == "sulci"
     np.testing.assert_array_equal(document.mesh.map_named("sulci").values, values)
-    rename("depth")  # which is taken
+    rename("depth")  # a name in use
     assert names(window) == ["depth", "depth 2", *CURVATURES]
     assert "There is a map called depth already" in window.stage.message_bar.notice.text
     rename("  ")
@@ -608,7 +608,7 @@ def test_a_parameter_is_typed_as_the_length_that_it_means(
 
 @pytest.mark.slow
 def test_what_is_kept_of_a_positive_map_has_its_colours(window: MainWindow) -> None:
-    """Also where the sum falls below zero, and on a log scale."""
+    """The kept map has the colours of the sum, even below zero and on a log scale."""
     document, display = window.document, window.document.display
     x = MESH.vertices[:, 0] / 50.0
     document.maps.add(document.mesh, [mv.VertexMap("spot", 10.0 ** (4.0 * x - 4.0))])

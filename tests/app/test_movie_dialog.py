@@ -1,4 +1,4 @@
-"""Filming the render, by mouse and keys."""
+"""Dialog of movies, used by mouse and keys."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
 
 
 def opened(qtbot: QtBot, window: MainWindow, path: Path) -> QDialog:
-    """The dialog, for a small film at a place."""
+    """Open the dialog; enter a small size and the path."""
     QTest.keyClick(window, Qt.Key.Key_M, KEYS)
     dialog = window.findChild(QDialog, "movie_dialog")
     qtbot.waitUntil(dialog.isVisible, timeout=PATIENCE)
