@@ -1,4 +1,4 @@
-"""What is written over the mesh says the truth, is sharp, and keeps to its place."""
+"""Annotations of a picture: texts, colour bar and scale bar are right, sharp and in place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from meshmash_viewer.units import NO_BREAK
 pytestmark = pytest.mark.pixels
 
 SIZE = (800, 600)
-#: A millimetre square, so that the picture's scale is known without asking the viewer.
+#: Square of 1 mm, so that the scale of a picture follows from its size.
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
 SQUARE = Mesh(CORNERS, np.array([[0, 1, 2], [0, 2, 3]]), "mm")
 
@@ -35,7 +35,7 @@ def shown(title: str = "Eigenfunction 5", quantity: str = "λ₅ = 1", **field: 
 
 
 def difference(one: MeshRenderer, other: MeshRenderer, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """Rows and columns of the pixels in which two pictures differ, as low, high of each."""
+    """Return the first and last row, and first and last column, of the pixels that differ."""
     pictures = [draw_picture(renderer, size).astype(int) for renderer in (one, other)]
     rows, columns = np.nonzero(np.abs(pictures[0] - pictures[1]).max(axis=2) > 8)
     return np.array([rows.min(), rows.max(), columns.min(), columns.max()])
@@ -138,7 +138,7 @@ def test_the_title_is_at_its_place_in_any_size_and_drawn_for_it(qapp, scale: int
     assert 10 <= top <= 22
     assert bottom <= title_size(caption)[1]
     assert right <= title_size(caption)[0]
-    # as wide as the font says at this size, not magnified from a smaller one
+    # as wide as the font at this size, not enlarged from a smaller font
     assert right - left == pytest.approx(text_size("Eigenfunction 5", 15, True)[0], abs=3)
 
 
@@ -169,7 +169,7 @@ def test_texts_of_an_earlier_field_are_gone_and_later_ones_are_drawn(qapp) -> No
 @pytest.mark.slow
 def test_plates_have_the_colour_of_the_ground(qapp) -> None:
     picture = draw_picture(shown("i.", ""), SIZE)[..., :3].astype(int)
-    # beside and below the letters their plate, and left of that the ground
+    # the plate is next to and below the letters; the background is left of the plate
     plate = picture[14:34, 16:40]
     ink = plate.min(axis=2) < 200
     assert ink.any()

@@ -1,4 +1,4 @@
-"""What is behind everything: a ground that fades from top to bottom."""
+"""Background of the render: a gradient from top to bottom."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_the_ground_fades_without_bands(qapp, dark: bool, theme: RenderTheme) ->
     share = ((np.arange(height) + 0.5) / height)[:, None]
     wanted = ends[0] + share * (ends[1] - ends[0])
     assert np.abs(picture - wanted[:, None]).max() <= 1.01
-    # a mean over a row is between two colours that a screen has
+    # the mean of a row is more exact than one pixel, which has 256 levels
     assert np.abs(picture.mean(axis=1) - wanted).max() < 0.2
 
 
@@ -40,7 +40,7 @@ def test_the_ground_is_behind_the_mesh_and_goes_with_the_theme(qapp) -> None:
     picture = draw_picture(drawing, (400, 400)).astype(int)
     middle, corner = picture[200, 200, :3], picture[0, 0, :3]
     np.testing.assert_allclose(corner, 255 * np.array(rgb(DARK.background_top)), atol=1.01)
-    assert middle.min() > 100  # the surface, which is lighter than the ground
+    assert middle.min() > 100  # the surface is lighter than the background
     clear = draw_picture(drawing, (400, 400), transparent=True)
     assert clear[0, 0, 3] == 0
     assert clear[200, 200, 3] == 255
@@ -70,14 +70,14 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
     window.Finalize()
     ground, surface = picture[:, :1], picture[150, 150]
     assert (surface < ground - 50).all()
-    # the edge lies between the two, and nothing is darker than the darker one
+    # the edge is between the two colours, and no pixel is darker than the surface
     assert (picture >= surface - 3).all()
     between = (picture > surface + 10) & (picture < ground - 10)
     assert np.count_nonzero(between.all(axis=2)) > 350
 
 
 def luminance(color: tuple[float, ...]) -> float:
-    """Relative luminance of a colour, as WCAG defines it."""
+    """Return the relative luminance of a colour, as defined by WCAG."""
     linear = [part / 12.92 if part <= 0.04 else ((part + 0.055) / 1.055) ** 2.4 for part in color]
     return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
 
@@ -90,7 +90,7 @@ def test_the_dark_end_of_a_map_stands_out_from_the_dark_ground(name: str) -> Non
 
 
 def lab(color: np.ndarray) -> np.ndarray:
-    """CIELAB coordinates of a colour of sRGB, for D65."""
+    """Return the CIELAB coordinates of an sRGB colour, for illuminant D65."""
     linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
     to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
     x, y, z = np.cbrt(to_xyz @ linear / [0.9505, 1.0, 1.089])
@@ -99,7 +99,7 @@ def lab(color: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", [*SEQUENTIAL, *DIVERGING])
 def test_the_ends_of_a_map_have_another_colour_than_the_ground(name: str) -> None:
-    """By a difference of 20 (CIE 1976), where 2.3 can just be noticed."""
+    """The colour difference exceeds 20 (CIE 1976); a difference of 2.3 is just noticeable."""
     for end in color_table(name)[[0, -1], :3] / 255.0:
         for share in (0.0, 0.5, 1.0):
             ground = np.array(DARK.ground(share))

@@ -84,7 +84,7 @@ def test_fitted_points_fill_the_picture_between_the_margins(
 
 
 def test_views_of_many_points_take_about_a_pass_over_them(rng: np.random.Generator) -> None:
-    """Products with their three columns took 40 times longer than those with three rows."""
+    """Products with three rows are used; with three columns, they took 40 times longer."""
     points, margins = rng.standard_normal((300_000, 3)), Margins(20, 80, 60, 40)
 
     def seconds(call: Callable[[], object]) -> float:

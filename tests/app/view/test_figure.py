@@ -1,4 +1,4 @@
-"""Figures for a paper: their size, resolution, text and contents."""
+"""Figures for a paper: size, resolution, text and contents."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from meshmash_viewer.mesh import Mesh
 
 
 def drawing(size: float = 20.0, unit: str = "mm") -> MeshRenderer:
-    """A ball of a radius, coloured by x, with two pins."""
+    """Return a drawing of a ball of the given radius, coloured by x, with two pins."""
     ball = shapes.icosphere(3, radius=size)
     mesh = Mesh(ball.vertices, ball.faces, unit=unit)
     values = mesh.vertices[:, 0]
@@ -71,7 +71,7 @@ def test_axes_that_point_left_or_down_are_on_the_page(
     figure = compose_figure([made], FigureOptions())
     letters = [text for text in figure.texts if text.get_text() in ("x", "y", "z")]
     assert len(letters) >= 2
-    pixels = picture_of(figure, 150.0)[:, :, :3]  # draws them
+    pixels = picture_of(figure, 150.0)[:, :, :3]  # draws the letters
     edges = [pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]]
     assert all((edge == 255).all() for edge in edges), "nothing is cut off"
 
@@ -89,11 +89,11 @@ def test_nothing_is_seen_through_the_bar_of_an_svg(qapp, tmp_path: Path, width: 
     renderer.render(painter)
     painter.end()
     pixels = np.frombuffer(picture.constBits(), np.uint8).reshape(height, width, 4)
-    # right of the ball, the bar is what is longest
+    # right of the ball, the colour bar has the longest opaque column
     opaque = pixels[:, int(0.75 * width) :, 3]
     column = opaque[:, np.count_nonzero(opaque, axis=0).argmax()]
     runs = np.split(column, np.flatnonzero(np.diff(column > 0)) + 1)
-    bar = max(runs, key=np.count_nonzero)[2:-2]  # without its smoothed ends
+    bar = max(runs, key=np.count_nonzero)[2:-2]  # without the smooth ends
     assert len(bar) > 0.2 * height
     assert bar.min() == 255
 
@@ -113,7 +113,7 @@ def test_text_of_svg_and_pdf_is_text(qapp, tmp_path: Path) -> None:
 
 
 def pdf_text(path: Path) -> str:
-    """Text of a PDF as a reader selects it, with the pieces of a kerned line joined."""
+    """Return the text of a PDF as a viewer selects it, with the pieces of a kerned line joined."""
     shown = []
     for stream in re.findall(rb"stream\r?\n(.*?)endstream", path.read_bytes(), re.S):
         try:
@@ -122,7 +122,7 @@ def pdf_text(path: Path) -> str:
             continue
         for line in re.findall(rb"\[((?:[^\]\\]|\\.)*)\]\s+TJ|(\(.*?\)) Tj", content, re.S):
             pieces = re.findall(rb"\(((?:[^()\\]|\\.)*)\)", line[0] or line[1], re.S)
-            # two bytes a character, which its fonts map to the same code points
+            # a character has two bytes, which the fonts map to the same code point
             shown.append(b"".join(pieces).replace(b"\x00", b"").decode("latin-1"))
     return "\n".join(shown)
 
@@ -159,7 +159,7 @@ def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Pat
     assert float(box[1]) / 72.0 * 600.0 == pytest.approx(picture.height, abs=1.0)
     text = pdf_text(tmp_path / "a.pdf")
     assert all(name in text for name in ("$hemisphere$", "mesh of lh", "mesh of Ri"))
-    # what a preview shows is what is saved
+    # the preview has the aspect ratio of the saved picture
     preview = picture_of(figure, 100.0)
     assert preview.shape[0] / preview.shape[1] == pytest.approx(
         picture.height / picture.width, rel=0.01
@@ -167,7 +167,7 @@ def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Pat
 
 
 def test_one_colour_bar_serves_two_meshes_with_the_same_colours(qapp) -> None:
-    """It is next to the last, and takes its width from both; other limits have a bar each."""
+    """A shared bar is next to the last mesh and narrows both; other limits need two bars."""
     options = FigureOptions(width_mm=85.0, dpi=100)
 
     def found(*sizes: float, plain: bool = False) -> tuple[int, float]:
@@ -194,7 +194,7 @@ def test_a_view_of_a_part_is_as_wide_as_on_the_screen(qapp) -> None:
 
 
 def test_the_scale_bar_is_true(qapp, tmp_path: Path) -> None:
-    """Without title, bar and axes, a ball of 40 mm and the scale bar are measured in pixels."""
+    """Without other annotations, the scale bar is compared with a ball of 40 mm in pixels."""
     options = FigureOptions(
         width_mm=100.0, dpi=254, title=False, color_bar=False, axes=False, pins=False
     )

@@ -28,7 +28,7 @@ from meshmash_viewer.surface.rays import Plane
 
 @pytest.fixture
 def complaints() -> Iterator[vtkStringOutputWindow]:
-    """What VTK writes instead of raising; nothing, in the end."""
+    """Collect the messages of VTK; check that there are none."""
     before, heard = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(heard)
     yield heard
@@ -38,7 +38,7 @@ def complaints() -> Iterator[vtkStringOutputWindow]:
 
 @pytest.fixture
 def scene(qtbot, complaints, monkeypatch: pytest.MonkeyPatch) -> Iterator[MeshView]:
-    monkeypatch.setattr(frames_module, "SLOW_FRAME", 1e9)  # as drawn on any machine
+    monkeypatch.setattr(frames_module, "SLOW_FRAME", 1e9)  # no frame counts as slow
     window = QMainWindow()
     scene = MeshView(Document(), window)
     window.setCentralWidget(scene)
@@ -70,7 +70,7 @@ def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace
 
 
 def facing(scene: MeshView, mesh: Mesh) -> np.ndarray:
-    """Vertices of a convex mesh that look well towards the eye."""
+    """Return the vertices of a convex mesh whose normals point towards the viewer."""
     towards = np.array(scene.camera()["axes"])[2]
     return np.flatnonzero(mesh.vertex_normals @ towards > 0.5)
 
@@ -202,12 +202,12 @@ def test_many_fields_are_one_frame(scene: MeshView, sphere: Mesh, qtbot) -> None
         np.testing.assert_array_equal(surface.values, mesh.vertices[:, axis].astype(np.float32))
     qtbot.waitUntil(lambda: bool(frames), timeout=5000)
     QTest.qWait(frames_module.REST + 100)
-    # One for all three, and one with smooth edges at rest where a processor draws.
+    # one frame for the three fields, and one with smooth edges in software rendering
     assert len(frames) <= 2
 
 
 def on_screen(scene: MeshView) -> np.ndarray:
-    """Pixels of what the widget shows, shape (height, width, 3)."""
+    """Return the pixels of the widget, shape (height, width, 3)."""
     image = scene.plotter.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
     rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), -1)
     return rows[:, : 3 * image.width()].reshape(image.height(), image.width(), 3).copy()
@@ -246,7 +246,7 @@ def test_a_field_of_another_mesh_is_refused(scene: MeshView, sphere: Mesh, qtbot
 
 
 def darkened(scene: MeshView, shown: SimpleNamespace, size: tuple[int, int]) -> np.ndarray:
-    """Places of pixels that lines of a field darken, from the lower left, shape (k, 2)."""
+    """Return the pixels that the lines of a field darken, from the lower left, shape (k, 2)."""
     scene.document.display.nodal_lines = True
     scene.set_field(shown, (-1.0, 1.0), "RdBu_r")
     lined = scene.picture(size)[..., :3].max(axis=2)
@@ -260,7 +260,7 @@ def darkened(scene: MeshView, shown: SimpleNamespace, size: tuple[int, int]) -> 
 def circle(
     scene: MeshView, axis: int, level: float, size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a plane cuts the unit sphere: points, pixels and whether they look at the eye."""
+    """Return points of the circle where a plane cuts the unit sphere, their pixels and depths."""
     turn = np.linspace(0.0, 2 * np.pi, 4000)
     points = np.full((4000, 3), level)
     points[:, (axis + 1) % 3] = np.sqrt(1 - level**2) * np.cos(turn)
@@ -270,14 +270,14 @@ def circle(
 
 
 def apart(ones: np.ndarray, others: np.ndarray) -> float:
-    """How far the one of some pixels is from others that is farthest from all of them."""
+    """Return the largest distance of a pixel to the nearest pixel of another set."""
     return float(np.linalg.norm(ones[:, None] - others[None], axis=2).min(axis=1).max())
 
 
 @pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.slow), 2.0**-100])
 @pytest.mark.pixels
 def test_nodal_lines_are_where_the_field_is_zero(scene: MeshView, qtbot, scale: float) -> None:
-    """Where zeros are at vertices, too: some edges of this sphere lie in the three planes."""
+    """Lines through vertices are drawn, too: edges of this sphere lie in the three planes."""
     mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
     for axis, level in ((0, 0.0), (1, 0.3), (2, 0.0)):
         found = darkened(scene, field(scale * (mesh.vertices[:, axis] - level)), size)
@@ -392,7 +392,7 @@ def test_the_mesh_alone_is_drawn_by_the_window_that_there_is(
 def test_slow_frames_get_a_stand_in_while_something_moves(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene.frames.rest.setInterval(600_000)  # long enough to look at what moves
+    scene.frames.rest.setInterval(600_000)  # keeps the coarse mesh on the render
     monkeypatch.setattr(frames_module, "SLOW_FRAME", 0.0)
     monkeypatch.setattr(frames_module, "COARSE_VERTICES", 500)
     mesh = show(scene, shapes.icosphere(4), qtbot)
@@ -405,7 +405,7 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     qtbot.waitUntil(lambda: bool(drawing.coarse.actor.GetVisibility()), timeout=5000)
     assert not scene.at_rest
     wanted = mesh.vertices[drawing._coarse_mesh.representatives, 0].astype(np.float32)
-    # it gets its part of the field in the first frame that it is in
+    # the coarse mesh gets its values in its first frame
     qtbot.waitUntil(lambda: np.array_equal(drawing.coarse.values, wanted), timeout=5000)
     scene.frames.rest.start(1)
     qtbot.waitUntil(lambda: bool(drawing.surface.actor.GetVisibility()), timeout=5000)
@@ -420,7 +420,7 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
 ) -> None:
     monkeypatch.setattr(frames_module, "SLOW_FRAME", 0.0)
     monkeypatch.setattr(frames_module, "COARSE_VERTICES", 500)
-    scene.frames.rest.setInterval(600_000)  # long enough to look at what comes first
+    scene.frames.rest.setInterval(600_000)  # keeps the first picture on the render
     made, cluster = threading.Event(), frames_module.cluster_vertices
 
     def slowly(*arguments):
@@ -451,7 +451,7 @@ def test_one_mesh_after_another(scene: MeshView, sphere: Mesh, neuron: Mesh, qtb
     show(scene, sphere, qtbot)
     scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
     scene.set_pins((Pin(600, 1),))
-    # The next one has no field, no pins and fewer or more vertices than the last.
+    # The next mesh has no field, no pins and another number of vertices.
     show(scene, neuron, qtbot)
     assert scene.renderer.caption is None
     scene.set_field(field(neuron.vertices[:, 0]), (0.0, 1e4), "viridis")
@@ -471,7 +471,7 @@ def test_closing_while_threads_work_is_quiet(scene: MeshView, sphere: Mesh, qtbo
 
 
 def centre_of(pixels: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
-    """Row and column of the middle of what has a colour."""
+    """Return the mean row and column of the pixels of a colour."""
     found = np.abs(pixels[..., :3].astype(int) - color).max(axis=2) < 40
     assert found.any()
     return np.argwhere(found).mean(axis=0)
@@ -486,7 +486,7 @@ def test_what_others_add_is_at_its_place_and_stays(
     camera = scene.camera()
     vertex = int(facing(scene, mesh)[25])
     out = 1.15 * sphere.vertices[vertex] + shift
-    # in double precision: the coordinates are large
+    # in double precision, since the coordinates are large
     ball = pyvista.Sphere(radius=0.05).points_to_double().translate(out)
     scene.plotter.add_mesh(ball, color="#00ff00", lighting=False)
     assert scene.camera() == camera, "it is looked at from where it was"
@@ -502,7 +502,7 @@ def test_what_others_add_is_at_its_place_and_stays(
     scene.set_theme(True)
     wheel(scene.plotter, 2, QPoint(320, 240))
     assert np.abs(where()).max() < 1.5
-    # and in pictures, which are drawn by another window
+    # the same in pictures, which another window draws
     picture = scene.picture((640, 480))
     row, column = centre_of(picture, (0, 255, 0))
     x, y, _ = scene.renderer.view.to_pixels(out, 640, 480)[0]
@@ -564,7 +564,7 @@ def test_a_screen_of_another_scale_gets_a_frame_of_its_size(
     on_screen(scene)
     QTest.qWait(2 * frames_module.REST)
     qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
-    QTest.qWait(100)  # no frame is due any more
+    QTest.qWait(100)  # no frame is due now
     window, before = scene.plotter.ren_win, scene.plotter.ren_win.GetSize()
     monkeypatch.setattr(scene.plotter, "devicePixelRatioF", lambda: 2.0)
     QApplication.sendEvent(scene.plotter, QEvent(QEvent.Type.DevicePixelRatioChange))
@@ -606,7 +606,7 @@ def test_a_thin_branch_shows_its_colours_and_a_thick_one_its_rim_and_lines(
     rows = slice(480 - int(seen[:, 1].max()), 480 - int(seen[:, 1].min()) - 1)
     columns = slice(int(seen[:, 0].min()) + 9, int(seen[:, 0].max()) - 8)
     plain = scene.picture(size)[rows, columns, :3].max(axis=2).astype(float)
-    # how bright the edge is beside the middle, where there is more light in any case
+    # brightness of the edge relative to the middle, which gets more light in any case
     edge = np.median(plain[[0, -1]]) / np.median(plain[len(plain) // 2])
     assert edge > 0.8 if thin else edge < 0.65
     scene.document.display.nodal_lines = True

@@ -40,14 +40,14 @@ def test_the_background_can_be_left_out(sphere: Mesh) -> None:
     assert (clear[(*middle, 3)] == 255).all()
     difference = solid[middle].astype(int) - clear[middle].astype(int)
     assert np.abs(difference).max() <= 2
-    # Edges carry the mesh's colour and not that of a background that is not there.
+    # Pixels of edges have the colour of the mesh, not of the missing background.
     edge = clear[(clear[..., 3] > 60) & (clear[..., 3] < 200)]
     assert len(edge)
     assert edge[:, :3].max() > 40
 
 
 def test_colours_are_those_of_the_field(sphere: Mesh) -> None:
-    """Red where it is high, blue where it is low, grey where there is nothing."""
+    """High values are red, low values blue, and missing values grey."""
     for level, channel in ((0.9, 0), (-0.9, 2)):
         picture = drawn(sphere, np.full(sphere.n_vertices, level, dtype=np.float32))
         middle = picture[150, 180].astype(int)

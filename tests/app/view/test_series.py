@@ -123,7 +123,7 @@ def test_a_mesh_on_a_turntable_comes_round_and_stays_in_the_picture(plate: Mesh)
 
 
 def test_what_was_looked_at_is_what_the_series_shows(plate: Mesh) -> None:
-    """The whole mesh where all of it was seen; the same part of it where not."""
+    """A series shows the whole mesh if it was in view, and otherwise the part in view."""
     drawing = drawing_of(plate)
     drawing.view = series_view(drawing, (800, 600))
     far = drawing.view.zoomed(0.25, 400, 300, 800, 600)
@@ -140,7 +140,7 @@ def test_what_was_looked_at_is_what_the_series_shows(plate: Mesh) -> None:
 
 
 def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
-    """Labels have their own, curvature those of both signs, and lines are told in the title."""
+    """Labels have their own colours, and curvature has a diverging colour map."""
     half = (plate.vertices[:, 0] > A / 2).astype(np.float64)
     labels = Label(0, "left", "#d01010"), Label(1, "right", "#1010d0")
     mesh = plate.with_maps(VertexMap("halves", half, labels=labels), VertexMap("x", half + 1.0))
@@ -164,7 +164,7 @@ def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
 
 
 def test_each_of_hundreds_of_labels_has_its_own_colour() -> None:
-    """Two neighbours among 400, which share a place in a table of 256 colours."""
+    """Labels 200 and 201 of 400 would share a colour in a table of 256 colours."""
     mesh = shapes.rectangle(40, 60, A, B)
     keys = np.where(mesh.vertices[:, 0] > A / 2, 201, 200)
     keys[np.linspace(0, mesh.n_vertices - 1, 400).astype(int)] = np.arange(400)

@@ -1,4 +1,4 @@
-"""The six views along the axes, of brains and of other meshes."""
+"""Six views along the axes, of brains and of other meshes."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def test_a_short_logarithmic_bar_has_multiples_too(
 @pytest.mark.parametrize(
     ("low", "high", "logarithmic", "texts"),
     [
-        (-0.0173, 0.0173, False, ["−0.0173", "0.0173"]),  # no round value but zero between them
+        (-0.0173, 0.0173, False, ["−0.0173", "0.0173"]),  # zero is the only round value inside
         (0.0, 98.76, False, ["0", "98.8"]),
         (0.004, 10.0, False, ["0.0040", "10"]),
         (-1e-7, 10.0, False, ["0", "10"]),
