@@ -1,4 +1,4 @@
-"""The window where no vertex is visible: nothing raises, pictures are empty, undo shows all."""
+"""The window while no vertex is visible: no errors, empty pictures, and undo shows all."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PATIENCE = 120_000
 
 
 class Hand:
-    """A window with a ball and a crumb, which are solved, and the mouse and keys over it."""
+    """Mouse and keys on a window with a decomposed mesh of two balls, one of them small."""
 
     def __init__(self, window: MainWindow, qtbot: QtBot) -> None:
         self.window, self.qtbot, self.document = window, qtbot, window.document
@@ -56,7 +56,7 @@ class Hand:
             self.rest()
 
     def save(self, command: str, kind: str, path: Path, **texts: str) -> None:
-        """Save something by its dialog, with texts in its fields."""
+        """Save by a dialog after typing texts into its fields."""
         self.command(command)
         dialog = self.window.findChildren(QDialog, f"{kind}_dialog")[-1]
         for name, text in {"file_edit": str(path), **texts}.items():
@@ -84,7 +84,7 @@ def hand(open_window: Callable[..., MainWindow], qtbot: QtBot) -> Hand:
 
 
 def drawn(hand: Hand) -> bool:
-    """Whether anything is in the middle of the picture, where no annotation is."""
+    """Return whether the mesh covers pixels in the middle, which has no annotations."""
     picture = hand.window.scene.picture((600, 400), transparent=True)
     return bool((picture[150:250, 250:350, 3] > 0).any())
 

@@ -1,4 +1,4 @@
-"""Two meshes in step in the window: opened beside, linked, matched, saved, closed."""
+"""A comparison of two meshes: opened, linked, matched, saved and closed in the window."""
 
 from __future__ import annotations
 
@@ -55,17 +55,17 @@ LEFT, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.ShiftModifier
 PAIRS = 40
 FIRST = shapes.blob(3)
 COPY, PLACE = shapes.moved_copy(FIRST)
-#: Another shape on the same template, and it numbered anew.
+#: FIRST deformed, with the same faces; STRANGE is a copy with permuted vertices.
 OTHER = mv.Mesh(
     FIRST.vertices * [1.0, 1.1, 0.95] + 0.02 * np.sin(5.0 * FIRST.vertices), FIRST.faces
 )
 STRANGE, _ = shapes.moved_copy(OTHER)
-#: With a face twice, a speck of its own, and a vertex on no face.
+#: OTHER with a duplicate face, a separate triangle, and a vertex on no face.
 FAULTY = mv.Mesh(
     np.concatenate([OTHER.vertices, 3.0 + np.eye(3), [[9.0, 9.0, 9.0]]]),
     np.concatenate([OTHER.faces, OTHER.faces[:1], [np.arange(3) + OTHER.n_vertices]]),
 )
-#: Ten vertices: too few to go as far as the first, and no fault.
+#: A valid mesh, with fewer eigenpairs than are computed of FIRST.
 TEN = mv.Mesh(
     shapes.icosphere(0).vertices[:10] * [1.0, 1.2, 1.5],
     [face for face in shapes.icosphere(0).faces if face.max() < 10],
@@ -96,7 +96,7 @@ def text(window: MainWindow, name: str) -> str:
 
 
 def library(second: mv.Mesh) -> Comparison:
-    """What the library says of the same meshes."""
+    """Compare the same meshes by the library."""
     first, other = (
         mv.solve(*mv.cotangent_laplacian(mesh, robust=True), PAIRS) for mesh in (FIRST, second)
     )
@@ -143,8 +143,8 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
 
 @pytest.fixture
 def window(one_window: MainWindow) -> Iterator[MainWindow]:
-    """With nothing beside the first mesh."""
-    one_window.activateWindow()  # a menu or a dialog of a test before may have been the active one
+    """A window without a second mesh."""
+    one_window.activateWindow()  # an earlier test may have left a menu or a dialog active
     wait_for(one_window.isActiveWindow)
     yield one_window
     one_window.opening.end_comparison()
@@ -155,7 +155,7 @@ def window(one_window: MainWindow) -> Iterator[MainWindow]:
 
 
 def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> SecondView:
-    """Open a second mesh as a person does."""
+    """Open a second mesh by the command, and wait for the comparison."""
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(path), ""))
     window.actions_["compare_with"].trigger()
     assert window.opening.second_view is not None
@@ -231,7 +231,7 @@ def test_figures_are_the_librarys(
 
 
 def bars(window: MainWindow, opened: SecondView) -> list[tuple[float, float]]:
-    """What both colour bars say."""
+    """Return the limits of both colour bars."""
     scenes = (window.scene, opened.scene)
     return [tuple(displayed_surface(scene.renderer).user_dict["limits"]) for scene in scenes]
 
@@ -258,7 +258,7 @@ def test_both_colour_bars_say_the_same_numbers(
         )
         for bar in bars(window, opened):
             np.testing.assert_allclose(bar, (-largest, largest), rtol=1e-6)
-    # by another policy, chosen by keys
+    # choose another policy by keys
     combo.setFocus()
     QTest.keyClick(combo, Qt.Key.Key_Down)
     QTest.keyClick(combo, Qt.Key.Key_Down)
@@ -290,7 +290,7 @@ def test_both_are_drawn_once_a_step(
     window.document.display.change(Eigenfunctions, index=2)
     rest(window)
     for controller in (window.controller, opened.controller):
-        monkeypatch.setattr(controller._patience, "start", lambda: None)  # nothing is late
+        monkeypatch.setattr(controller._patience, "start", lambda: None)  # no field is late
     drawn: list[tuple[str, str]] = []
     draw = MeshView.set_field
 
@@ -360,7 +360,7 @@ def test_a_copy_shows_the_same_and_is_looked_at_alike(
     drawn = displayed_surface(opened.scene.renderer).active_scalars
     np.testing.assert_allclose(drawn[PLACE], mine.values, rtol=1e-3)
     np.testing.assert_allclose(*bars(window, opened), rtol=1e-6)
-    # turned by the mouse, the other turns with it
+    # a drag in one view turns the other view too
     canvas = window.scene.plotter
     before = np.array(opened.scene.camera()["axes"])
     QTest.mousePress(canvas, LEFT, pos=QPoint(60, 60))
@@ -403,16 +403,16 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
     wait_for(lambda: second.scene.mesh is not None)
     rest(window)
     assert second.pair.cameras == "mirror"
-    # from the side that was chosen, and whole in half of the width
+    # the camera keeps its side, and zooms out to fit half of the width
     assert window.scene.camera()["axes"] == whole["axes"]
     assert window.scene.camera()["half_size"] > 1.2 * whole["half_size"]
-    # a unit draws the second anew: neither moves
+    # a new unit redraws the second mesh and moves no camera
     cameras = [scene.camera()["focus"] for scene in window.opening.scenes]
     second.document.set_unit("µm")
     rest(window)
     assert [scene.camera()["focus"] for scene in window.opening.scenes] == cameras
     second.document.set_unit("mm")
-    QTest.keyClick(window, Qt.Key.Key_1)  # no field, so no room for a colour bar
+    QTest.keyClick(window, Qt.Key.Key_1)  # without a field, no colour bar takes room
     wait_for(lambda: all(scene.renderer.caption is None for scene in window.opening.scenes))
     rest(window)
     assert window.actions_["view_lateral"].text() == "Lateral"
@@ -421,13 +421,13 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
         catch_up()
         return [scene.camera()["axes"] for scene in window.opening.scenes]
 
-    # the left one is looked at along +x, the right one along -x, both with z up
+    # the left mesh is seen along +x, the right mesh along -x, both with z up
     QTest.keyClick(window, Qt.Key.Key_X)
     expected = [[0, -1, 0], [0, 0, 1], [-1, 0, 0]], [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
     np.testing.assert_array_equal(looks(), expected)
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ShiftModifier)
     np.testing.assert_array_equal(looks()[0], [[-1, 0, 0], [0, 1, 0], [0, 0, -1]])
-    # a drag in the second turns the first the other way, and moves it to the other side
+    # drags in the second view turn and move the camera of the first as a mirror image
     canvas = second.scene.plotter
     for button in (LEFT, Qt.MouseButton.RightButton):
         QTest.mousePress(canvas, button, pos=QPoint(60, 60))
@@ -438,7 +438,7 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
     np.testing.assert_allclose(one, other * flip * flip[:, np.newaxis], atol=1e-12)
     focus = [np.array(scene.camera()["focus"]) for scene in window.opening.scenes]
     np.testing.assert_allclose(focus[0], focus[1] * flip, atol=1e-9)
-    # linked, and free
+    # cameras linked, then free
     QTest.mouseClick(part(window, QPushButton, "pair_link_camera"), LEFT)
     one, other = looks()
     np.testing.assert_allclose(one, other)
@@ -446,7 +446,7 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
     QTest.keyClick(window, Qt.Key.Key_Y)
     assert looks()[0] != one
     assert looks()[1] == other
-    # kept in the session, also when nothing was chosen before
+    # a session restores the choice of cameras
     path = tmp_path / "both.meshmash.json"
     window.opening.store_session(path)
     window.opening.end_comparison()
@@ -466,7 +466,7 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     at, canvas = second.scene.rect().center(), second.scene.plotter
     QTest.mouseClick(canvas, LEFT, pos=at)
     assert len(window.document.pins.placed) == len(second.document.pins.placed) == 1
-    QTest.mouseDClick(canvas, LEFT, pos=at)  # the second press alone: both centre, and pin nothing
+    QTest.mouseDClick(canvas, LEFT, pos=at)  # the second press centres both views and unpins
     QTest.mouseRelease(canvas, LEFT, pos=at)
     assert window.document.pins.placed == second.document.pins.placed == ()
     assert window.document.history.redo_label == ""
@@ -542,7 +542,7 @@ def test_a_stroke_on_the_second_says_that_the_first_is_selected_on(
     second = beside(window, folder / "copy.npz", monkeypatch)
     wait_for(lambda: second.scene.can_pick)
     window.actions_["select"].trigger()
-    window.wait(60.0)  # the bar of the tool takes room, which the mesh is fitted to
+    window.wait(60.0)  # the mesh is fitted again, as the tool bar takes room
     camera, at = second.scene.camera(), second.scene.rect().center()
     QTest.mousePress(second.scene.plotter, LEFT, pos=at)
     QTest.mouseMove(second.scene.plotter, at + QPoint(40, 0))
@@ -575,17 +575,17 @@ def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
     rest(window)
     QTest.mouseClick(part(window, QCheckBox, "pair_refine_check"), LEFT, pos=QPoint(8, 8))
     catch_up()
-    assert not carry.isEnabled()  # the match is that of before
+    assert not carry.isEnabled()  # the refined match is not computed yet
     wait_for(lambda: opened.pair.comparison.functional is not None)
     rest(window)
     found, mesh = opened.pair.comparison, opened.document.mesh
     np.testing.assert_array_equal(matrix.matrix, found.functional.matrix)
     whole = matrix.viewRange()
     turn_wheel(matrix.viewport(), 3)
-    assert matrix.viewRange() == whole  # the panel scrolls
+    assert matrix.viewRange() == whole  # the wheel scrolls the panel
     assert not matrix.isHidden()
     before = [each.name for each in mesh.maps]
-    QTest.mouseClick(carry, LEFT)  # once more, by the functional map
+    QTest.mouseClick(carry, LEFT)  # carry again, by the functional map
     rest(window)
     score, carried, labels = opened.document.mesh.maps[len(given) :]
     np.testing.assert_array_equal(score.values, found.back.scores)
@@ -735,7 +735,7 @@ def test_the_match_is_saved(
 
 
 def drop(window: MainWindow, *paths: Path, share: float = 0.75) -> None:
-    """Drop files somewhere between the left and the right end of the renders."""
+    """Drop files on the views, at a share of their width from the left."""
     stage = window.stage
     place = stage.mapTo(window, QPoint(round(share * stage.width()), stage.height() // 2))
     data = QMimeData()
@@ -802,7 +802,7 @@ def test_the_second_is_repaired_by_a_click_which_can_be_undone(
     assert window.document.repairs == ()
     wanted = library(document.mesh)
     assert opened.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
-    # it is there again from a session, with its map
+    # a session restores the repair and the map
     drop(window, folder / "height.npy")
     wait_for(lambda: bool(document.mesh.maps))
     path = tmp_path / "repaired.meshmash.json"
@@ -841,7 +841,7 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     np.testing.assert_allclose(
         displayed_surface(opened.scene.renderer).active_scalars, OTHER.vertices[:, 2], rtol=1e-6
     )
-    # one of another length costs a sentence, and what was there stays
+    # a map of another length is refused, and the displayed map stays
     bar = window.stage.message_bar
     drop(window, folder / "short.npy")
     wait_for(lambda: bar.notice is not None and "short.npy" in bar.notice.text)
@@ -850,7 +850,7 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     assert opened.document.mesh.maps[-1].name == "height.npy"
     assert sum(each.name == "height.npy" for each in opened.document.mesh.maps) == 1
     assert opened.controller.field.title == "height.npy"
-    # on the first it is the first's, by the button the second's
+    # a drop adds the map to the first mesh, the button to the second
     drop(window, folder / "height.npy", share=0.25)
     wait_for(lambda: bool(window.document.mesh.maps))
     window.document.maps.remove("height.npy")
@@ -923,7 +923,7 @@ def test_a_closed_second_mesh_is_let_go(
         gc.collect()
         return held() is None
 
-    # an answer of a thread that is on its way holds it until it is there
+    # a pending result of a thread refers to the document until it is delivered
     wait_for(let_go)
 
 

@@ -35,7 +35,7 @@ N = 12
 
 
 def eigenvalues_of(mesh: shapes.Mesh, mask: np.ndarray) -> np.ndarray:
-    """The lowest eigenvalues of a part, by dense matrices of it alone."""
+    """Return the lowest eigenvalues of a part, from its dense matrices."""
     faces = mesh.faces[mask[mesh.faces].all(axis=1)]
     used, compact = np.unique(faces, return_inverse=True)
     laplacian, mass = cotangent_laplacian((mesh.vertices[used], compact.reshape(faces.shape)))
@@ -45,7 +45,7 @@ def eigenvalues_of(mesh: shapes.Mesh, mask: np.ndarray) -> np.ndarray:
 
 @pytest.fixture
 def solved(reopen_window: Callable[..., MainWindow], qtbot: QtBot, tmp_path: Path) -> MainWindow:
-    """A window with a solved sphere, and its upper half selected."""
+    """A window with a decomposed sphere whose upper half is selected."""
     ball = shapes.icosphere(3)
     path = tmp_path / "ball.npz"
     np.savez(path, vertices=ball.vertices, faces=ball.faces)
@@ -88,10 +88,10 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
     assert document.spectrum.complete
     catch_up()
     assert f"{mask.sum():,} of {mesh.n_vertices:,}" in part(solved, "part_label").text()
-    assert not part(solved, "compute_selection_button").isVisible()  # it is computed
+    assert not part(solved, "compute_selection_button").isVisible()  # already computed
     said = f" · on the mask of {mask.sum():,} of {mesh.n_vertices:,} vertices only"
     assert part(solved, "proof_label").text().endswith(said)
-    # NaN outside, on the render and in a file, which has the whole mesh
+    # values outside are NaN, on the render and in a file of the whole mesh
     assert solved.scene.mesh is mesh
     assert np.array_equal(~np.isnan(solved.controller.field.values), mask)
     family, operator = HeatKernelSignature().exported(4), document.solve.operator
@@ -104,7 +104,7 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
         made = json.loads(str(written["meta"]))["options"]
     assert made["proof"].endswith(said)
     assert made["mask"] == f"of {mask.sum():,} of {mesh.n_vertices:,} vertices"
-    # undone, redone, and the whole by the button
+    # undo, redo, and compute the whole mesh by its button
     document.history.undo()
     assert np.array_equal(document.spectrum.eigenvalues, whole)
     assert document.part_mesh is None
@@ -147,7 +147,7 @@ def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     click(solved, "compute_selection_button")
     qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
     wait_for_pairs(qtbot, solved)
-    assert scene.camera() == before  # beside the colour bar
+    assert scene.camera() == before
     catch_up()
     assert not part(solved, "robust_check").hasFocus()
     law = solved.spectrum_panel.view.weyl.getData()[1]
@@ -196,7 +196,7 @@ def test_a_part_stays_with_its_maps_and_unit_and_goes_by_a_repair(
     solved.add_map("height", document.mesh.vertices[:, 2])
     assert [each.name for each in document.spectrum.mesh.maps] == ["height"]
     assert np.array_equal(document.part_mesh.referenced, mask)
-    # the script computes the same
+    # the script computes the same eigenvalue
     document.display.show(Eigenfunctions(index=3))
     solved.commands.copy_script()
     script = tmp_path / "script.py"
@@ -237,7 +237,7 @@ def test_a_selection_without_a_face_is_refused_and_nothing_is_computed(
     solved: MainWindow, qtbot: QtBot
 ) -> None:
     document = solved.document
-    document.solve.target = Target("count", 2 * N)  # which the whole mesh has not yet
+    document.solve.target = Target("count", 2 * N)  # more than are computed
     document.selection.set(np.arange(document.mesh.n_vertices) == 3)
     catch_up()
     click(solved, "compute_selection_button")

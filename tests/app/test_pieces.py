@@ -1,4 +1,4 @@
-"""Features in pieces in the window: they grow on the render, are told of, written, and kept."""
+"""Features computed in pieces: displayed as they grow, reported, written, and kept."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from meshmash_viewer.spectral.weyl import Target
 
 LEFT = Qt.MouseButton.LeftButton
 MESH = shapes.icosphere(4, radius=500.0)
-#: Enough of each piece that its values are those of the whole, far from where it was cut.
+#: Enough eigenpairs of a piece to reproduce the values of the whole mesh far from cuts.
 PAIRS = 60
 
 
@@ -68,7 +68,7 @@ def window(one_window: MainWindow) -> Iterator[MainWindow]:
 
 
 def begin(window: MainWindow, path: Path, family: str, pieces: int) -> None:
-    """Ask for features in pieces as a person does."""
+    """Start a computation in pieces by its dialog."""
     window.document.solve.target = Target("count", PAIRS)
     window.actions_["compute_in_pieces"].trigger()
     (dialog,) = window.findChildren(QDialog, "pieces_dialog")
@@ -90,7 +90,7 @@ def part(parent: QWidget, kind: type, name: str) -> QWidget:
 
 
 def stitched(family: GeometryVectors | HeatKernelSignature, pieces: int) -> np.ndarray:
-    """The same by the library alone."""
+    """Compute the same features by the library."""
     stitcher = mv.MeshStitcher(MESH, n_jobs=1)
     core = MESH.n_vertices / pieces
     if isinstance(family, HeatKernelSignature):
@@ -133,13 +133,13 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
     wanted = stitched(window.document.display.fields[kind], 3)
     np.testing.assert_allclose(values, wanted, rtol=1e-6, atol=1e-12)
     children = psutil.Process().children(recursive=True)
-    children = [each for each in children if each.name() != "Xvfb"]  # of this parallel run
+    children = [each for each in children if each.name() != "Xvfb"]  # started by the test run
     assert len(children) <= 3, "the worker, and no more than what tracks its resources"
     field = window.controller.field
     assert isinstance(field.family, OwnMaps)
     np.testing.assert_allclose(field.values, wanted[:, 4 if kind == "hks" else 3], rtol=1e-6)
     notice = window.stage.message_bar.notice
-    # heat has not seen the cuts; bands reach farther than a piece
+    # heat kernels do not reach the cuts; bands reach farther than a piece
     flagged = "by more than 1 % in the median where pieces meet" in notice.text
     assert flagged == (kind == "band")
     assert notice.severity is (Severity.WARNING if flagged else Severity.INFORMATION)

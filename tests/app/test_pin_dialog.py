@@ -1,4 +1,4 @@
-"""Ctrl+G pins the vertex whose index is typed, and no other."""
+"""The dialog of Ctrl+G, which pins a vertex by its index or position."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_positions_in_voxels_and_far_away() -> None:
     for at in (7, 300):
         assert nearest_vertex(voxels, *mesh.vertices[at])[0] == at
         assert nearest_vertex(voxels, *voxels.vertices[at])[0] == at
-    # a unit leaves no choice: three of the mesh's are not three voxels
+    # a position with a unit is never read in voxels
     at = voxels.vertices[7] / voxels.voxel
     vertex, remark = nearest_vertex(voxels, *at)
     assert vertex == 7

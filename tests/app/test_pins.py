@@ -46,7 +46,7 @@ def window(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> MainWindow
 
 
 def menu_at(window: MainWindow, at: QPoint, qtbot: QtBot) -> dict[str, QAction]:
-    """Entries of the menu of a right click on the render, by their names."""
+    """Right-click on the render; return the entries of the menu by name."""
     QTest.mouseClick(window.scene.plotter, RIGHT, pos=at)
     return open_menu(qtbot)
 
@@ -288,7 +288,7 @@ def test_a_table_is_imported_in_one_step_and_faults_are_said(
     )
     document.history.undo()
     assert pinned(window) == [200]
-    window.opening.open_path(path)  # as by a drop
+    window.opening.open_path(path)  # like a dropped file
     window.wait()
     assert pinned(window) == [200, 310]
     document.history.undo()

@@ -1,4 +1,4 @@
-"""Habits of macOS and Windows, by the events that Qt would send there."""
+"""Conventions of macOS and Windows, by the events that Qt sends there."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from meshmash_viewer.app.main_window import MainWindow
 
 PATIENCE = 60_000
 
-#: How Qt writes keys on macOS.
+#: Qt's symbols of keys on macOS.
 MACOS = {"Ctrl": "⌘", "Shift": "⇧", "Alt": "⌥", "Esc": "⎋", "Return": "↩", "PgDown": "⇟"}
 
 
@@ -46,7 +46,7 @@ def macos(monkeypatch: pytest.MonkeyPatch) -> None:
         ("Shift + drag, or right button", "⇧ + drag, or right button"),
         ("Ctrl + Shift + drag", "⌘ + ⇧ + drag"),
         ("Ctrl + wheel or PgDn: ten", "⌘ + wheel or ⇟: ten"),
-        ("Shift", "Shift"),  # alone, not with another key
+        ("Shift", "Shift"),  # the action, not the key
         ("Altitude, Escher", "Altitude, Escher"),
         ("", ""),
     ],
@@ -66,7 +66,7 @@ def test_sequences_have_their_native_names(macos: None) -> None:
 
 
 def texts(widget: QWidget) -> list[str]:
-    """All that a widget and its children show of themselves."""
+    """Return all texts of a widget and its children."""
     found = []
     for each in (widget, *widget.findChildren(QWidget), *widget.actions()):
         for name in ("text", "toolTip", "statusTip", "placeholderText", "title", "whatsThis"):
@@ -119,7 +119,7 @@ def test_full_screen_has_the_key_of_the_system(monkeypatch: pytest.MonkeyPatch) 
 def test_the_menu_follows_the_button_of_the_window(
     qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On macOS a button of the frame fills the screen, without the command."""
+    """On macOS, a button of the window frame fills the screen without the command."""
     action = window.actions_["full_screen"]
     with monkeypatch.context() as patch:
         for state in (True, False):
@@ -134,7 +134,7 @@ def test_the_menu_follows_the_button_of_the_window(
     assert not action.isChecked()
 
 
-# Files that the desktop hands over -------------------------------------------------------------
+# Files opened from the desktop -----------------------------------------------------------------
 
 
 def saved(path: Path, level: int) -> Path:
@@ -157,7 +157,7 @@ def test_files_that_are_double_clicked_open(
         for handed in (str(path), QUrl.fromLocalFile(str(path))):
             assert QApplication.sendEvent(qapp, QFileOpenEvent(handed))
             qtbot.waitUntil(lambda path=path: shows(window, path), timeout=PATIENCE)
-    for handed in ("", QUrl("https://example.org/mesh.ply")):  # which are no files
+    for handed in ("", QUrl("https://example.org/mesh.ply")):  # not files
         QApplication.sendEvent(qapp, QFileOpenEvent(handed))
         assert window.document.work.job is None
     first, second = saved(tmp_path / "a.npz", 1), saved(tmp_path / "b.npz", 2)

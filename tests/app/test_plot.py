@@ -1,4 +1,4 @@
-"""Plots label their axes, and lay out and paint what is new in separate turns of the loop."""
+"""Axis labels of plots, and layout and painting in separate turns of the event loop."""
 
 from __future__ import annotations
 
@@ -99,5 +99,5 @@ def test_lines_are_as_wide_on_a_dense_screen(qapp, monkeypatch) -> None:
     ratio = QGuiApplication.primaryScreen().devicePixelRatio()
     monkeypatch.setattr(QScreen, "devicePixelRatio", lambda _screen: 2.0 * ratio)
     assert solid("#000000", 1.5).widthF() == 2.0 * width
-    with scaled_pens(1.0):  # of a picture
+    with scaled_pens(1.0):  # as in a saved picture
         assert solid("#000000", 1.5).widthF() == 1.5

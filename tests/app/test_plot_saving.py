@@ -1,4 +1,4 @@
-"""Plots are saved and copied from their menu, as they are on paper."""
+"""Plots saved and copied from their menu, in light colours for paper."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow
 
 
 def saved(qtbot: QtBot, window: MainWindow, plot: QWidget, path: Path) -> Path:
-    """Save a plot as a person does: right click, "Save this plot…", a name, Enter."""
+    """Save a plot by a right click, "Save this plot…", a file name, and Return."""
     QTest.mouseClick(plot.viewport(), RIGHT, pos=plot.rect().center())
     choose(qtbot, plot, "save_plot")
     qtbot.waitUntil(lambda: bool(window.findChildren(QDialog, "plot_dialog")), timeout=PATIENCE)
@@ -72,7 +72,7 @@ def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
 ) -> None:
     plot, spectrum = window.spectrum_panel.plot, window.document.spectrum
     svg = saved(qtbot, window, plot, tmp_path / "a.svg").read_text(encoding="utf-8")
-    before = plot.grab().toImage()  # all that the plot defers has been drawn by now
+    before = plot.grab().toImage()  # deferred drawing has ended by now
     shown = "".join(re.findall(r"<text[^>]*>([^<]*)</text>", svg))
     for text in ("Index", "λ (µm⁻²)", "Weyl’s law"):
         assert text in shown
@@ -111,7 +111,7 @@ def test_profiles_and_responses_are_numbers_too(
     assert first[3, 1] == pytest.approx(wanted, rel=1e-5)
     svg = saved(qtbot, window, plot, tmp_path / "a.svg").read_text(encoding="utf-8")
     assert "pin 2" in svg
-    # the menu key opens it as well
+    # the menu key opens the menu as well
     plot = window.spectrum_panel.plot
     where = plot.rect().center()
     key = QContextMenuEvent.Reason.Keyboard

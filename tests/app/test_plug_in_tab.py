@@ -1,4 +1,4 @@
-"""A family of a plug-in in the window, and what is said of one that cannot be used."""
+"""A family of a plug-in in the window, and the message about an unusable plug-in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points over the render: dropped, asked about, coloured, hovered, counted, kept, in pictures."""
+"""Points on the render: opened, coloured, hovered, counted, stored, drawn in pictures."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ COPY = Qt.DropAction.CopyAction
 PATIENCE = 60_000
 BALL = shapes.icosphere(3, radius=4000.0)
 AWAY = np.array([4e5, 8e5, 4e6])
-#: The vertices that face the eye of the default view are among them.
+#: Number of points, enough for some to face the default camera.
 N = 300
 
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A mesh far from the origin, points on some vertices in nm and in voxels, and a map."""
+    """Files of a mesh far from the origin, of points in nm and in voxels, and of a map."""
     made = Settings.__init__
 
     def begin(settings: Settings, fresh: bool = False) -> None:
@@ -243,7 +243,7 @@ def test_regions_count_the_points_in_a_thread(
 
 
 def wait_for_points(document: Document, counted: bool, qtbot: QtBot) -> None:
-    """Wait until the table of regions has points, or none."""
+    """Wait until the table of regions has columns of points, or has none."""
 
     def shown() -> bool:
         regions = document.labels.regions

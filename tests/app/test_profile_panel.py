@@ -42,7 +42,7 @@ def panel(qtbot, document: Document) -> ProfilePanel:
 
 
 def curves(panel: ProfilePanel, document: Document, qtbot) -> dict[int, tuple]:
-    """Dots of each pinned vertex, once they have been read."""
+    """Wait for all profiles; return the dots of each pinned vertex."""
     qtbot.waitUntil(lambda: len(panel._curves) == len(document.pins.placed), timeout=5000)
     return {pin.vertex: dots.getData() for pin, (_, dots) in panel._curves.items()}
 
@@ -142,7 +142,7 @@ def test_legend_names_the_pins_in_their_colours_and_takes_them_away(
     QTest.mouseClick(cross, LEFT)
     assert [pin.vertex for pin in document.pins.placed] == [300]
     assert set(curves(panel, document, qtbot)) == {300}
-    document.pins.toggle(7)  # the first again, as the second is there still
+    document.pins.toggle(7)  # takes number 1, as number 2 is still used
 
     def told(name: str) -> dict[str, str]:
         labels = panel.findChildren(QLabel, QRegularExpression(f"^{name}_"))
@@ -222,7 +222,7 @@ def test_a_pin_that_is_pointed_at_is_brought_forward(panel: ProfilePanel, docume
     qtbot.waitUntil(lambda: told == [300])
     assert strengths()[300] > 2 * strengths()[5]
     assert (rows[5].property("role") or "", rows[300].property("role")) == ("", "pointed")
-    # and on the plot: at the first dot of the other, which is far above
+    # point at the first dot of the other curve, which lies far above
     QTest.qWait(60)
     (curve,) = (curve for pin, (curve, _) in panel._curves.items() if pin.vertex == 5)
     x, y = (float(values[0]) for values in curve.getData())
@@ -241,7 +241,7 @@ def test_a_pin_that_is_pointed_at_is_brought_forward(panel: ProfilePanel, docume
 
 
 def test_a_spectrum_of_zeros_alone_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:
-    """As when a mesh is being solved, and its first pair has come."""
+    """During a decomposition, the zero eigenvalue may be the only known one."""
     document.display.kind = "wks"
     document.pins.toggle(5)
     assert np.isfinite(curves(panel, document, qtbot)[5][1]).all()
@@ -253,7 +253,7 @@ def test_a_spectrum_of_zeros_alone_has_no_profile(panel: ProfilePanel, document,
         residuals=whole.residuals[:1],
     )
     document.spectrum = zeros
-    document.display.change(WaveKernelSignature, index=3)  # before the spectrum has been announced
+    document.display.change(WaveKernelSignature, index=3)  # before the signal of the spectrum
     assert len(curves(panel, document, qtbot)[5][0]) == 0
 
 

@@ -1,4 +1,4 @@
-"""Repairs by mouse and keys: the file's numbers everywhere, and repairs that are made again."""
+"""Repairs by mouse and keys: vertex indices of the file, and repairs repeated on opening."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DROP, LARGEST = "drop_unreferenced_vertices", "keep_largest_component"
 
 @pytest.fixture
 def remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """What windows remember goes to a file of the test."""
+    """Store settings and sessions in files of the test."""
     path = tmp_path / "settings.ini"
 
     def stored(*_: str) -> QSettings:
@@ -45,7 +45,7 @@ def remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """A small ball of 42 vertices, two loose ones, and a larger ball of 162."""
+    """A file of a ball of 42 vertices, two vertices on no face, and a ball of 162."""
     small, large = shapes.icosphere(1), shapes.icosphere(2)
     vertices = np.concatenate([0.3 * small.vertices + 1.5, [[0.0] * 3] * 2, large.vertices])
     faces = np.concatenate([small.faces, large.faces + 44])
@@ -59,7 +59,7 @@ def save(mesh: Mesh, path: Path) -> Path:
 
 @pytest.fixture
 def start(qapp: QApplication, qtbot: QtBot, remembered: Path) -> Iterator[Callable[[], MainWindow]]:
-    """Starts the program, as it were; the window before is closed."""
+    """Function that closes the last window and opens another."""
     opened: list[MainWindow] = []
 
     def begin() -> MainWindow:
@@ -182,7 +182,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
     assert part(window, "distance_label").text() == "Distance from vertex\N{NO-BREAK SPACE}60"
     assert part(window, "distance_vertex_combo").currentText() == "2 · Vertex 60"
 
-    # under the pointer, and pinned by a click
+    # the index in the file is shown under the pointer and for the clicked pin
     canvas, scene = window.scene.findChild(RenderWidget), window.scene
     qtbot.waitUntil(lambda: scene.can_pick, timeout=PATIENCE)
     at = next(
@@ -206,7 +206,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
     ]
     assert sorted(named) == sorted(["Vertex 60", f"Vertex {index}"])
 
-    # exported, at all vertices of the file
+    # an export at all vertices of the file
     document.display.kind = "eigenfunction"
     QTest.mouseClick(part(window, "compute_button"), LEFT)
     qtbot.waitUntil(
@@ -234,7 +234,7 @@ def test_what_is_shown_and_written_counts_as_the_file(
     values = np.array(table[list(table)[1]], dtype=float)
     np.testing.assert_array_equal(np.isfinite(values), np.arange(206) >= 44)
 
-    # the link says what it takes back: the pin as well, and a key one at a time
+    # the link undoes the repair and the later pin; a key undoes one step
     link = part(window, "undo_repair_button")
     qtbot.waitUntil(lambda: link.text() == "Undo repair and 1 more", timeout=PATIENCE)
     assert link.toolTip() == "Undo the last repair and 1 later change"
@@ -279,7 +279,7 @@ def test_repairs_are_made_again_and_undone_one_by_one(
     rest(qtbot, window)
     assert (document.mesh.n_vertices, document.undo_repair_steps) == (206, 0)
 
-    # each file has its own
+    # each file has its own repairs
     read(qtbot, window, other)
     read(qtbot, window, path)
     assert (document.repairs, said(window)) == ((), "")
@@ -289,7 +289,7 @@ def test_repairs_are_made_again_and_undone_one_by_one(
     read(qtbot, window, path)
     assert document.repairs == (LARGEST,)
 
-    # another content of the same name
+    # a file of the same name with other content
     mesh = document.file_mesh
     assert mesh is not None
     read(qtbot, window, other)
@@ -328,7 +328,7 @@ def test_the_second_mesh_is_repaired_as_it_was(
 
 
 def stored_unit(window: MainWindow, path: Path) -> str:
-    """Unit that a mesh file will be opened in; "" if nothing is known of it."""
+    """Return the unit stored for a mesh file, or "" if there is none."""
     session = window.opening.last_session.stored(path)
     return "" if session is None else session.unit
 
@@ -358,7 +358,7 @@ def test_a_unit_of_the_command_line_is_remembered_for_its_file(
     read(qtbot, window, path)
     assert window.document.unit_text == unit
     assert stored_unit(window, path) == unit
-    # also one that says what the file does; not of what cannot be read
+    # "none" is stored too; the unit of an unreadable file is not
     absent = path.with_name("absent.npz")
     window.open_mesh(absent, "m")
     rest(qtbot, window)
@@ -396,7 +396,7 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     assert isinstance(part(window, "undo_repair_button"), QAbstractButton)
     assert part(window, "undo_repair_button").isVisible()
 
-    # one that was written before counts as the repaired mesh does
+    # a session of version 2 has indices of the repaired mesh
     content |= {"version": 2, "pins": [16, 6], "n_vertices": 162}
     content["display"]["fields"]["distance"]["vertex"] = 16
     session.write_text(json.dumps(content))

@@ -27,7 +27,7 @@ from meshmash_viewer.samples import sample_path
 PATIENCE = 60_000
 
 
-#: Opens a window, and prints the classes of Qt objects that another thread has defined.
+#: Script that opens a window and prints the Qt classes defined in other threads.
 _CLASSES = """
 import builtins, sys, threading
 from PySide6.QtCore import QObject, QTimer
@@ -229,7 +229,7 @@ def test_a_window_closed_while_it_loads_ends_without_a_word(
     )
     assert done.stderr == ""
     assert done.returncode == 0
-    # Mesa would map its cache of shaders on a disk that is about to be full.
+    # The shader cache of Mesa is disabled if the disk is nearly full.
     assert done.stdout == f"{disabled}\n"
 
 
@@ -274,7 +274,7 @@ def test_a_mesh_in_memory_is_viewed_from_a_script(qtbot: QtBot) -> None:
 
 
 def test_the_function_that_views_is_no_folder() -> None:
-    from meshmash_viewer.app.view import camera  # noqa: F401  which makes `app.view` a name
+    from meshmash_viewer.app.view import camera  # noqa: F401  defines the module `app.view`
 
     vars(meshmash_viewer).pop("view", None)
     assert meshmash_viewer.view is run.view
@@ -397,7 +397,7 @@ def test_the_window_gives_its_plotter_and_what_it_shows(qtbot: QtBot) -> None:
 def test_the_script_of_the_notebook_page(
     qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It adds an actor, steps, takes pictures, and exports a scene for other programs."""
+    """The script adds an actor, steps, takes pictures, and exports scenes."""
     page = Path(__file__).parents[2] / "docs" / "how_to" / "notebook.md"
     script = page.read_text(encoding="utf-8").split("```py\n")[1].split("```")[0]
     monkeypatch.chdir(tmp_path)

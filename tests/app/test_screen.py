@@ -1,4 +1,4 @@
-"""Where there is no display or no OpenGL, the window says so; the process goes on."""
+"""Messages without a display or without OpenGL; the process continues."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from meshmash_viewer.errors import InputError
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="about X11, Wayland")
 
 NAMES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
-#: No server of X11 has so high a number.
+#: A number too high for any X11 server.
 GONE = {"DISPLAY": ":4711"}
 WITHOUT = "There is no display to open a window on"
 VIEWED = """

@@ -1,4 +1,4 @@
-"""Scrolling the real window by real events."""
+"""Scrolling through eigenfunctions by real events."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PAIRS = 230
 
 @pytest.fixture
 def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
-    """A window with a mesh of 10 000 vertices and made-up eigenpairs."""
+    """A window with a mesh of 10 000 vertices and random eigenpairs."""
     window = open_window()
     mesh = shapes.icosphere(5)
     window.document.take_mesh(mesh)
@@ -51,13 +51,13 @@ def test_two_hundred_notches_in_a_row(
     qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed_in: list[int] = []
-    seen: list[object] = []  # held, so that no other array gets the place of one of them
+    seen: list[object] = []  # keeps the arrays, so that no id is used twice
     limits = SymmetricLimits.limits
 
     turned = threading.Event()
 
     def counted(policy: SymmetricLimits, values: object, *others: object) -> tuple[float, float]:
-        turned.wait(60.0)  # slower than all notches
+        turned.wait(60.0)  # until all notches are sent
         computed_in.append(threading.get_ident())
         seen.append(values)
         return limits(policy, values, *others)

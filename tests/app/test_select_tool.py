@@ -1,4 +1,4 @@
-"""The *Select* tool, by the mouse and keys on a ball and a dumbbell of two."""
+"""The *Select* tool, by mouse and keys on two balls, one behind the other."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SIDES = (Label(1, "left", "#4477aa"), Label(2, "right", "#ee6677"))
 
 
 class Hand:
-    """A window with two balls one behind the other, seen from above, and the mouse over it."""
+    """Mouse and keys on a window with two balls, one behind the other, seen from above."""
 
     def __init__(self, window: MainWindow, qtbot: QtBot) -> None:
         self.window, self.qtbot, self.document = window, qtbot, window.document
@@ -65,7 +65,7 @@ class Hand:
         self.wait()
 
     def at(self, x: float, y: float, z: float) -> QPoint:
-        """Where the vertex nearest to a position is on the canvas."""
+        """Return the canvas position of the vertex nearest to a point."""
         away = np.linalg.norm(self.mesh.vertices - [x, y, z], axis=1)
         return self.window.scene.display_point(int(away.argmin()))
 
@@ -102,12 +102,12 @@ def hand(reopen_window: Callable[..., MainWindow], qtbot: QtBot) -> Hand:
     qtbot.waitUntil(lambda: window.scene.can_pick, timeout=PATIENCE)
     made = Hand(window, qtbot)
     made.key(Qt.Key.Key_W)
-    qtbot.waitUntil(lambda: made.tool.prepared, timeout=60_000)  # the loops may be compiled
+    qtbot.waitUntil(lambda: made.tool.prepared, timeout=60_000)  # the first use compiles loops
     return made
 
 
 def angles(hand: Hand) -> np.ndarray:
-    """Of each vertex of the front ball to the pole that faces the eye."""
+    """Return the angles of the front ball's vertices from the pole at the camera."""
     return np.arccos(np.clip(hand.mesh.vertices[:2562, 2], -1.0, 1.0))
 
 
@@ -136,7 +136,7 @@ def test_a_brush_paints_what_is_visible_and_is_one_change(hand: Hand) -> None:
     hand.drag(pole, pole + QPoint(30, 0), hand.at(0.9, 0.0, 0.4), keys=SHIFT)
     assert hand.chosen[painted].all()
     assert hand.chosen.sum() > painted.sum()
-    assert not hand.chosen[:2562][hand.mesh.vertices[:2562, 2] < -0.1].any()  # faces away
+    assert not hand.chosen[:2562][hand.mesh.vertices[:2562, 2] < -0.1].any()  # the far side
     assert not np.array_equal(hand.canvas.image, image)
     hand.drag(pole, keys=ALT)
     assert not hand.chosen[:2562][near].any()
@@ -241,7 +241,7 @@ def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> 
     np.testing.assert_allclose(hand.tool.range[0], (low + high) / 2, atol=0.02 * (high - low))
     assert hand.tool.range[1] == np.inf
     assert np.array_equal(hand.chosen, field.values >= hand.tool.range[0])
-    hand.qtbot.wait(600)  # the next drag is another change
+    hand.qtbot.wait(600)  # the next drag is a separate change
     hand.drag(at(1.0), at(0.75))
     assert np.array_equal(
         hand.chosen,
@@ -261,7 +261,7 @@ def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> 
     assert np.array_equal(
         hand.chosen, (field.values >= -0.25) & (field.values <= hand.tool.range[1])
     )
-    # of another quantity it would mean nothing
+    # the range is dropped when the quantity changes
     hand.window.add_map("width", hand.mesh.vertices[:, 0], unit="nm")
     hand.qtbot.waitUntil(lambda: hand.window.controller.field.unit == "nm", timeout=PATIENCE)
     hand.window.wait()
@@ -321,7 +321,7 @@ def test_what_is_hidden_is_not_drawn_and_not_picked(hand: Hand) -> None:
     hand.key(Qt.Key.Key_H)
     hand.qtbot.waitUntil(lambda: scene.can_pick, timeout=PATIENCE)
     assert np.array_equal(hand.document.hidden, front)
-    assert scene.vertex_at(pole.x(), pole.y()) >= 2562  # of the ball behind
+    assert scene.vertex_at(pole.x(), pole.y()) >= 2562  # on the ball behind
     hand.drag(pole)
     assert np.array_equal(hand.chosen, ~front)
     hand.key(Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
@@ -422,7 +422,7 @@ def test_what_is_cut_away_is_not_drawn_not_picked_and_not_painted(hand: Hand) ->
 def test_the_handle_moves_and_turns_the_plane_and_is_one_change(
     hand: Hand, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meshmash_viewer.model.history._ONE_GESTURE", 1e9)  # of a slow machine
+    monkeypatch.setattr("meshmash_viewer.model.history._ONE_GESTURE", 1e9)  # for slow machines
     camera, mesh = hand.window.scene.camera(), hand.mesh
     trigger(hand, "cut_x")
     pole = hand.at(0.0, 0.0, 1.0)

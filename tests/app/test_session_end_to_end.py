@@ -79,7 +79,7 @@ def test_open_compute_scroll_tune_inspect_export(
     assert document.mesh.unit == "nm"
     wait(lambda: window.scene.can_pick)
 
-    # compute, more than it can do while we look
+    # compute more pairs than are finished during the next steps
     type_number(part(window, "target_count_spin"), "3000")
     QTest.mouseClick(part(window, "compute_button"), LEFT)
     wait(lambda: document.spectrum is not None and len(document.spectrum) >= 14)
@@ -106,7 +106,7 @@ def test_open_compute_scroll_tune_inspect_export(
     turn_wheel(canvas, -2)
     assert window.scene.camera() != before, "the wheel alone zooms"
 
-    # cancel in the middle, and ask for less
+    # cancel, and request fewer pairs
     QTest.mouseClick(part(window, "cancel_button"), LEFT)
     wait(lambda: document.work.job is None)
     reached = len(document.spectrum)
@@ -172,7 +172,7 @@ def test_open_compute_scroll_tune_inspect_export(
         )
     )
 
-    # export, open the file again, and compare with another way to compute it
+    # export, and compare the file with features from the library
     QTest.keyClick(window, Qt.Key.Key_E, CONTROL)
     wait(lambda: window.findChild(QDialog, "export_dialog") is not None)
     dialog = window.findChild(QDialog, "export_dialog")
@@ -198,7 +198,7 @@ def test_open_compute_scroll_tune_inspect_export(
 
 
 def visible_vertex(window: MainWindow) -> int:
-    """A vertex in front, found by asking the render along a grid."""
+    """Return a visible vertex, searched along a grid of the render."""
     scene = window.scene
     for share in (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65):
         for across in np.linspace(0.15, 0.85, 60):
@@ -232,7 +232,7 @@ def test_closing_in_the_middle_leaves_nothing(
 
 
 def bad_files(folder: Path) -> dict[str, Path]:
-    """Files that no mesh is in, by what is wrong with them."""
+    """Write files without a valid mesh; return the paths by fault."""
     ball = shapes.icosphere(1)
     header = (
         f"ply\nformat ascii 1.0\nelement vertex {ball.n_vertices}\nproperty float x\n"
@@ -287,7 +287,7 @@ def test_bad_files_are_one_sentence_and_the_open_mesh_stays(
         assert bar.isVisible()
         assert document.mesh is mesh, what
         assert document.spectrum is spectrum, what
-    # and it goes on working
+    # the window still works
     window.setFocus()
     QTest.keyClick(window, Qt.Key.Key_End)
     wait(lambda: window.controller.idle and window.controller.field.family.index == 19)

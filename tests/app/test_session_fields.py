@@ -1,4 +1,4 @@
-"""Whatever is typed in a field of the window goes into a session and comes back."""
+"""Values typed into fields of the window, stored in a session and restored."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import Target
 
 PATIENCE = 60_000
-#: Of every size and kind; what a field refuses leaves what was.
+#: Numbers of every size and sign. A field that refuses a number keeps its value.
 TEXTS = ("0", "50.0", "1e-8", "2e7", "1e300", "-5")
 
 
 def shown(window: MainWindow, field: QWidget) -> bool:
-    """Whether a field can be seen, once its panel is in front."""
+    """Return whether a field is visible and enabled in its raised panel."""
     for dock in window.arrangement.docks.values():
         if dock.isAncestorOf(field):
             dock.raise_()
@@ -46,7 +46,7 @@ def shown(window: MainWindow, field: QWidget) -> bool:
 
 
 def read_again(document: Document, path: Path) -> None:
-    """Write a session and read it, as another window does, and compare all that was typed."""
+    """Write a session, read it for a new document, and compare all typed values."""
     write_session(path, session_of(document, {}))
     content = json.loads(path.read_text())
     path.write_text(json.dumps(content | {"mesh_path": "ball.npz"}))
@@ -86,7 +86,7 @@ def test_every_number_that_a_field_takes_is_read_back(
     assert len(typed) > 20
 
 
-#: A field for each kind of target, what is typed there, and what it means.
+#: A field for each kind of target, the typed text, and the target.
 TYPED = (
     ("target_count_spin", "50", Target("count", 50)),
     ("target_eigenvalue_spin", "3e-5", Target("max_eigenvalue", 3e-5)),

@@ -1,4 +1,4 @@
-"""The mesh from its lowest eigenfunctions in the window: drawn, morphed, swung, saved, restored."""
+"""The shape from the lowest eigenfunctions: drawn, morphed, vibrating, saved, restored."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ RADIUS, PAIRS = 50.0, 40
 
 
 def bumpy() -> mv.Mesh:
-    """An ellipsoid with dents, far from the origin: no two of its eigenvalues are equal."""
+    """Return a dented ellipsoid far from the origin, without equal eigenvalues."""
     ball = shapes.icosphere(3, radius=RADIUS)
     along = ball.vertices / RADIUS
     dents = 1.0 + 0.1 * np.sin(9.0 * along[:, :1]) * np.cos(7.0 * along[:, 1:2])
@@ -64,7 +64,7 @@ def part(window: MainWindow, kind: type, name: str) -> QWidget:
 
 
 def drawn(window: MainWindow) -> np.ndarray:
-    """Where VTK has the vertices, in mesh coordinates."""
+    """Return the vertices in VTK, in mesh coordinates."""
     scene = window.scene.renderer
     assert scene.surface is not None
     return vtk_to_numpy(scene.surface.data.GetPoints().GetData()) + scene.centre
@@ -112,7 +112,7 @@ def at_home(window: MainWindow) -> np.ndarray:
 
 
 def rebuilt(window: MainWindow, count: int) -> np.ndarray:
-    """The plain sum over the eigenpairs of the window, weighed by area."""
+    """Return the vertices as a sum over eigenpairs, weighted by area."""
     mesh, spectrum = window.document.mesh, window.document.spectrum
     mass = mv.compute_vertex_areas(mesh, robust=True)
     centre = np.average(mesh.vertices, axis=0, weights=mass)
@@ -136,7 +136,7 @@ def click_check(window: MainWindow) -> None:
 
 
 def described(window: MainWindow) -> str:
-    """The last part of the line below the title of saved pictures."""
+    """Return the last part of the line below the title of saved pictures."""
     return window.scene.renderer.twin().shown_caption.quantity.split(" · ")[-1]
 
 
@@ -256,7 +256,7 @@ def test_the_shape_is_saved(
     again = mv.read_mesh(path)
     np.testing.assert_allclose(again.vertices, rebuilt(window, 16), atol=1e-4)
     assert again.unit == "nm"
-    path = tmp_path / "lh.smooth.surf.gii"  # in mm, by the format
+    path = tmp_path / "lh.smooth.surf.gii"  # a format in mm
     QTest.mouseClick(part(window, QPushButton, "shape_save_button"), LEFT)
     wait_for(lambda: f"Shape written to {path}" in text.text())
     again = mv.read_mesh(path)

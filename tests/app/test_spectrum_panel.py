@@ -29,12 +29,12 @@ def document() -> Document:
 @pytest.fixture
 def panel(qtbot, document: Document) -> SpectrumPanel:
     panel = shown(qtbot, SpectrumPanel(document), 700, 260)
-    QTest.qWait(80)  # the plot takes its range when it is painted
+    QTest.qWait(80)  # painting sets the range of the plot
     return panel
 
 
 def place(panel: SpectrumPanel, x: float, y: float) -> QPoint:
-    """Where a point of the plot is on its viewport."""
+    """Return the viewport position of a point of the plot."""
     QTest.qWait(60)
     return panel.plot.pixel_of(x, y).toPoint()
 
@@ -127,7 +127,7 @@ def test_the_low_end_is_dragged_where_the_first_band_is_held(
     drag(panel.plot.viewport(), *[place(panel, share * last, grip) for share in (0, 0.1, 0.2, 0.3)])
     assert display[GeometryVectors].low == pytest.approx(0.3 * last, rel=0.05)
     assert display[GeometryVectors].index == 0
-    # and the other way about: under the grips it is the band that is held
+    # below the grips, a drag moves the band instead
     centers = display[GeometryVectors].centers(document.spectrum)
     low = display[GeometryVectors].low
     drag(panel.plot.viewport(), *[place(panel, centers[band], 0.4) for band in (0, 4, 8, 9)])

@@ -1,4 +1,4 @@
-"""Fields with arrows take what is typed whole, or refuse it, say why and go back."""
+"""Spin boxes that parse a finished text, or refuse it with a message."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAME = "The number of times"
 
 
 class Form(QWidget):
-    """Fields of both kinds, and what it has been asked to say."""
+    """A form with spin boxes of both kinds, which stores the last refusal."""
 
     def __init__(self, tracking: bool) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""How much to compute is typed, and what this mesh cannot have is said at the field."""
+"""Typed targets of a decomposition, and messages about impossible targets."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def box(qtbot: QtBot, sphere: Mesh) -> Iterator[TargetBox]:
 
 
 def type_in(box: TargetBox, name: str, text: str) -> QAbstractSpinBox:
-    """Key by key, as the window has time to follow between two of them."""
+    """Type key by key, and let listeners follow after each key."""
     field = box.findChild(QAbstractSpinBox, name)
     field.setFocus()
     field.selectAll()
@@ -99,7 +99,7 @@ def test_a_length_whose_square_is_no_number_is_refused() -> None:
 
 @pytest.mark.parametrize("text", ["18,800", "18 um", "1.5.", "1.5x", "1,5 nm"])
 def test_what_is_refused_leaves_the_target_as_it_was(box: TargetBox, text: str) -> None:
-    """Though what it begins with is a number, which is taken while one types."""
+    """A number at the start is used while typing, until the text becomes invalid."""
     enter(type_in(box, "target_count_spin", "50"))
     field = type_in(box, "target_wavelength_spin", text)
     assert box.document.solve.target == Target("count", 50)

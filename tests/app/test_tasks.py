@@ -26,7 +26,7 @@ _PATIENCE = 30_000
 
 @dataclass
 class Session:
-    """A document whose jobs are run, and what it said."""
+    """A document whose jobs are run, and its notices."""
 
     document: Document
     tasks: Tasks
@@ -146,7 +146,7 @@ def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -
     assert "waits for" in session.last().text
     session.wait(lambda: out.exists())
     session.wait_until_idle()
-    assert document.spectrum is None  # of a mesh that the document does not show
+    assert document.spectrum is None  # the document has not opened this mesh
 
 
 def test_every_kind_is_exported_as_the_command_line_has_it(
@@ -261,7 +261,7 @@ def test_pins_stay_where_their_vertices_stay(session: Session, neuron: Mesh) -> 
     assert document.pins.placed == pins
     document.set_unit("4 x 4 x 40 µm")
     assert document.pins.placed == pins
-    document.repair("keep_largest_component")  # which renumbers all but the first vertices
+    document.repair("keep_largest_component")  # renumbers all but the first vertices
     session.wait_until_idle()
     in_file = [document.mesh.file_index(pin.vertex) for pin in document.pins.placed]
     assert in_file == [pin.vertex for pin in pins]

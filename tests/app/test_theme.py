@@ -1,4 +1,4 @@
-"""Colours of both themes; no window is open, as each would be dressed anew."""
+"""Contrast of the colours of both themes. No window is open: a theme restyles all windows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from meshmash_viewer.app import theme
 
 
 def contrast(one: str, other: str) -> float:
-    """Contrast of two colours by WCAG 2."""
+    """Return the contrast of two colours by WCAG 2."""
 
     def luminance(color: str) -> float:
         channels = [int(color[at : at + 2], 16) / 255 for at in (1, 3, 5)]

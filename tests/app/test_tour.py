@@ -1,6 +1,6 @@
-"""The window looks as it did: ten stops of the tour against small pictures of them.
+"""Ten stops of the tour of the window, compared with small stored pictures.
 
-To renew these after a change that is wanted: ``./dev shots DIR``, look at the pictures, then
+To renew these after an intended change: ``./dev shots DIR``, look at the pictures, then
 ``.venv/bin/python tests/app/test_tour.py DIR``.
 """
 
@@ -24,10 +24,10 @@ STOPS = [
     "01-empty", "02-mesh", "05-eigenfunction", "06-hks", "07-bands", "08-pins-and-profiles",
     "09-similar", "10-curvature", "11-distance", "12-filter",
 ]  # fmt: skip
-#: Every third pixel is enough to tell a panel, a colour map or a mesh from another, and has room
-#: for what differs between machines: edges, paths, seconds.
+#: A third of the window's width and height distinguishes panels, colour maps and meshes, and
+#: tolerates differences between machines: edges, paths, seconds.
 SIZE = (480, 300)
-#: A colour differs where a channel does by more than this, of 255; and how many pixels may.
+#: Tolerated difference of a channel (of 255), and share of pixels that may exceed it.
 #: Runs on one machine, from two folders, differ in at most 0.014 %; cividis instead of viridis
 #: in 0.9 to 1.3 %, a render without its colour bar in 0.24 %.
 LEVEL, SHARE = 48, 0.001

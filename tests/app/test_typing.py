@@ -1,4 +1,4 @@
-"""What is typed is taken once, announced, remembered, and never mixed with the keys of commands."""
+"""Typed values: taken once, announced, remembered, and distinct from keys of commands."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def window(reopen_window: Callable[..., MainWindow]) -> MainWindow:
 
 @pytest.fixture
 def open_file(qtbot: QtBot, window: MainWindow, files: dict[str, Path]) -> Open:
-    """Drop a file on the window, as it were, and wait until it is there."""
+    """Function that opens a file and waits until it is displayed."""
 
     def opened(name: str) -> None:
         window.opening.open_path(files[name])
@@ -85,7 +85,7 @@ def text_of(window: MainWindow, name: str) -> str:
 
 
 def type_in(window: MainWindow, name: str, text: str) -> None:
-    """Click into a field, type over what it holds, and press Return."""
+    """Click into a field, replace its text, and press Return."""
     field = part(window, name)
     if isinstance(field, QComboBox):
         field = field.lineEdit()
@@ -97,7 +97,7 @@ def type_in(window: MainWindow, name: str, text: str) -> None:
 
 
 def press_keys(*keys: Qt.Key | str) -> None:
-    """On whatever has the focus, as a keyboard does."""
+    """Send keys to the focused widget."""
     for key in keys:
         focused = QApplication.focusWidget()
         assert focused is not None
@@ -111,7 +111,7 @@ def press_keys(*keys: Qt.Key | str) -> None:
 # -- Return ------------------------------------------------------------------------------------
 
 
-#: A field of each kind: its family, its name, and what is typed.
+#: A field of each kind: its family, its name, and the typed text.
 FIELDS = (
     ("eigenfunction", "unit_combo", "mm"),
     ("eigenfunction", "mollify_spin", "1e-6"),
@@ -278,7 +278,7 @@ def test_a_unit_given_by_hand_is_remembered_for_its_file(
     assert stored.unit == unit, "for the next run"
 
 
-# -- what is computed --------------------------------------------------------------------------
+# -- computed pairs ----------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -380,7 +380,7 @@ def test_limits_are_locked_for_one_family(
 def test_the_largest_eigenvalue_is_written_the_same_everywhere(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:
-    """A small ball in no unit has eigenvalues of five digits, to be cut in one way."""
+    """A small ball without a unit has eigenvalues of five digits, to be rounded."""
     open_file("bead")
     window.document.solve.target = Target("count", 40)
     compute(qtbot, window)

@@ -1,4 +1,4 @@
-"""What spectral filtering is used for, done in the window: on the render and in the file alike.
+"""Uses of spectral filtering in the window, on the render and in exported files.
 
 Each filter is chosen and each number typed by real events; the field on the render and the exported
 columns are compared with the library's functions on a decomposition of the same file.
@@ -29,7 +29,7 @@ LEFT = Qt.MouseButton.LeftButton
 CONTROL = Qt.KeyboardModifier.ControlModifier
 PAIRS = 60
 BALL = shapes.icosphere(3, radius=500.0)
-#: Without any symmetry, so that no two eigenvalues agree and every edge falls between two.
+#: Without symmetry, so that all eigenvalues differ and each cutoff lies between two of them.
 VERTICES = BALL.vertices * [1.0, 1.3, 1.8]
 VERTICES = VERTICES + 40.0 * np.sin(0.004 * VERTICES[:, [1, 2, 0]] + [0.3, 1.0, 2.0])
 DEPTH = np.sin(0.01 * VERTICES[:, 0]) + 0.3 * np.cos(0.03 * VERTICES[:, 1] + 1.0)
@@ -43,13 +43,13 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 def rest(window: MainWindow) -> None:
-    QTest.qWait(20)  # for what listens to the model
+    QTest.qWait(20)  # for listeners of the model
     wait_for(lambda: window.document.work.job is None and window.controller.idle)
     wait_for(lambda: not window.controller.field.draft)
 
 
 def write(window: MainWindow, name: str, text: object) -> None:
-    """Type over what a field holds, and press Return."""
+    """Replace the text of a field, and press Return."""
     field = part(window, name)
     field.setFocus()
     field.selectAll()
@@ -64,7 +64,7 @@ def choose(listed: QListWidget, text: str) -> None:
 
 
 def choose_filter(window: MainWindow, text: str, **values: float) -> None:
-    """One of the ready filters, or a formula, with the values of its parameters."""
+    """Type the formula of a filter and the values of its parameters."""
     choose(part(window, "field_list"), "Filter")
     write(window, "filter_formula_edit", text)
     assert part(window, "filter_formula_edit").text() == text, part(window, "filter_fault").text()
@@ -74,7 +74,7 @@ def choose_filter(window: MainWindow, text: str, **values: float) -> None:
 
 
 def exported(window: MainWindow, path: Path) -> dict[str, np.ndarray]:
-    """What one looks at, written by the dialog and read again."""
+    """Export the displayed field by the dialog; return the arrays."""
     QTest.keyClick(window, Qt.Key.Key_E, CONTROL)
     wait_for(lambda: window.findChild(QDialog, "export_dialog") is not None)
     dialog = window.findChild(QDialog, "export_dialog")
@@ -97,7 +97,7 @@ def shown(window: MainWindow) -> np.ndarray:
 
 
 def assert_same(found: np.ndarray, wanted: np.ndarray) -> None:
-    """To a millionth of the largest value."""
+    """Compare to 1e-6 of the largest value."""
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() < 1e-6 * np.abs(wanted).max()
 
@@ -111,13 +111,13 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def pairs(file: Path) -> Decomposition:
-    """The library's, from the same file."""
+    """Eigenpairs of the same file by the library."""
     return mv.solve(*mv.cotangent_laplacian(mv.read_mesh(file), robust=True), PAIRS)
 
 
 @pytest.fixture(scope="module")
 def window(file: Path, module_cache: Path) -> Iterator[MainWindow]:
-    """With a mesh that was dropped on it, and its eigenpairs."""
+    """A window with a dropped mesh and its eigenpairs."""
     application()
     opened = MainWindow(fresh=True)
     opened.show()
@@ -139,7 +139,7 @@ def window(file: Path, module_cache: Path) -> Iterator[MainWindow]:
 
 
 def between(pairs: Decomposition, at: int) -> float:
-    """An eigenvalue that is none: between two neighbours."""
+    """Return the mean of two neighbouring eigenvalues."""
     return float(pairs.eigenvalues[at - 1 : at + 1].mean())
 
 
@@ -156,7 +156,7 @@ def test_eigenpairs_are_exported(window: MainWindow, pairs: Decomposition, tmp_p
 
 @pytest.mark.slow
 def test_a_custom_filter(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
-    """Ten of them at once, exp(-λ/σ) for σ = 1e-6 · 2^i."""
+    """Ten filters exp(-λ/σ), with σ = 1e-6 · 2^i, are exported at once."""
     sigmas = 1e-6 * 2.0 ** np.arange(10)
     choose_filter(window, "exp(-x/s)", s=sigmas[3])
     wanted = pairs.eigenvectors**2 @ np.exp(-np.outer(pairs.eigenvalues, 1.0 / sigmas))
@@ -220,7 +220,7 @@ def test_a_gaussian_pyramid(window: MainWindow, pairs: Decomposition, tmp_path: 
 def test_heat_kernel_signatures_and_what_is_like_a_vertex(
     window: MainWindow, pairs: Decomposition, tmp_path: Path
 ) -> None:
-    """A vertex is pinned and matched with all others by its signature."""
+    """A pinned vertex is compared with all others by its signature."""
     times = np.geomspace(2e5, 2e6, 12)
     choose(part(window, "field_list"), "HKS")
     set_range(window, "hks", times[0], times[-1], ("hks_t_min_field", "hks_t_max_field"))
@@ -278,7 +278,7 @@ def test_a_map_is_smoothed_by_its_lowest_pairs(window: MainWindow, pairs: Decomp
 
 @pytest.mark.slow
 def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Decomposition) -> None:
-    """Smoothed by heat flow, by a low-pass, and by a formula of one's own."""
+    """The map is smoothed by heat flow, by a low-pass, and by a formula."""
     choose(part(window, "field_list"), "Own maps")
     choose(part(window, "map_list"), "depth")
     QTest.mouseClick(part(window, "map_view_filter"), LEFT)
@@ -289,7 +289,7 @@ def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Decompositi
     write(window, "map_filter_parameter_0_field", repr(cutoff))
     assert_same(shown(window), mv.filter_map(pairs, DEPTH, mv.low_pass_bank(cutoff)))
     combo.setFocus()
-    QTest.qWait(QApplication.keyboardInputInterval() + 100)  # a search by keys begins anew
+    QTest.qWait(QApplication.keyboardInputInterval() + 100)  # so that keys begin a new search
     QTest.keyClicks(combo, "Gaussian")
     for time_ in times:
         write(window, "map_filter_parameter_0_field", repr(time_))

@@ -1,4 +1,4 @@
-"""A restless person at the window: nothing is raised, nothing is warned of, nothing piles up."""
+"""Random actions in the window: no exception, no warning, and no leak."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 
 @pytest.fixture
 def walk(qapp: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Walk]:
-    monkeypatch.chdir(tmp_path)  # what is typed as a path may be a name alone
+    monkeypatch.chdir(tmp_path)  # a typed path may be a file name alone
     walk = Walk(tmp_path, seed=20)
     yield walk
     walk.close()
@@ -32,18 +32,18 @@ def test_five_hundred_actions(walk: Walk) -> None:
         walk.walk(400)
         after = walk.measure()
         for _ in range(5):
-            if after.meshes > before.meshes:  # threads may hold them for a moment
+            if after.meshes > before.meshes:  # threads may still refer to meshes
                 QTest.qWait(1000)
                 after = walk.measure()
     assert not walk.faults, "\n".join(walk.faults)
     assert after.meshes <= before.meshes
     assert after.widgets <= before.widgets + 20
-    # fonts that Matplotlib has once used stay open, and threads are made when first needed
+    # Matplotlib keeps used fonts open, and threads are created when first needed
     assert after.files <= before.files + 30
     assert after.threads <= before.threads + 4
-    # who has once worked in pieces keeps two that track what processes share, and no worker
+    # work in pieces leaves two processes that track shared resources, and no worker
     assert after.processes <= before.processes + 2
     if not math.isnan(after.small):
         assert after.small <= before.small + 40.0
-    # compiled loops of features take 110 MB once; without anything let go it is 200 MB and more
+    # compiled loops of features take 110 MB once; if nothing is freed, it is over 200 MB
     assert after.megabytes <= before.megabytes + 190.0

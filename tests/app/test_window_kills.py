@@ -1,4 +1,4 @@
-"""Nothing that was made is lost when the program is killed, but for the last second."""
+"""Changes lost when the program is killed: at most those of the last second."""
 
 from __future__ import annotations
 
@@ -16,5 +16,5 @@ def test_a_killed_window_loses_at_most_a_second(tmp_path: Path) -> None:
     lost = windows.lost
     figures = f"{kills} kills after {windows.changes} changes, lost up to {max(lost):.2f} s"
     assert windows.changes > kills, figures
-    # the pause of 0.3 s, a frame and the time of writing, which on a busy machine take 2.4 s
+    # the pause of 0.3 s, a frame and the writing took 2.4 s on a busy machine
     assert max(lost) < 4.0, figures

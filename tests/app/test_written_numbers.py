@@ -1,4 +1,4 @@
-"""Numbers typed in the window's fields are read as people write them, or refused in a sentence."""
+"""Numbers typed into fields in common notations, or refused with a message."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONTROL = Qt.KeyboardModifier.ControlModifier
 
 @pytest.fixture
 def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow:
-    """A rectangle of 12 by 47 µm, in nm."""
+    """A window with a rectangle of 12 by 47 µm, in nm."""
     return reopen_window(rectangle_document(), (1300, 900))
 
 
@@ -32,7 +32,7 @@ def type_in(window: MainWindow, name: str, text: str) -> QWidget:
     for key in text:
         if key.isascii():
             QTest.keyClicks(field, key)
-        else:  # which QTest has no keys for
+        else:  # QTest has no such key
             QApplication.clipboard().setText(key)
             QTest.keyClick(field, Qt.Key.Key_V, CONTROL)
         catch_up()
@@ -44,7 +44,7 @@ def enter(field: QWidget) -> None:
     catch_up()
 
 
-#: Family, field, what is typed, and the number that it is in nm and its powers.
+#: Family, field, typed text, and the number read, in nm and its powers.
 TYPED = (
     ("eigenfunction", "target_wavelength_spin", "18 um", 18_000.0),
     ("eigenfunction", "target_wavelength_spin", "18 800", 18_800.0),
@@ -117,5 +117,5 @@ def test_compute_does_not_begin_with_what_is_refused(window: MainWindow, qtbot: 
 def test_a_session_has_what_is_being_typed(window: MainWindow) -> None:
     field = type_in(window, "mollify_spin", "1e-4")
     assert window.document.solve.operator.mollify_factor != 1e-4
-    QTest.keyClick(field, Qt.Key.Key_S, CONTROL)  # which says that this mesh is in no file
+    QTest.keyClick(field, Qt.Key.Key_S, CONTROL)  # refused: this mesh is in no file
     assert window.document.solve.operator.mollify_factor == 1e-4
