@@ -1,4 +1,4 @@
-"""What a decomposition will take, in words."""
+"""Estimates of the time and memory of a decomposition, and their texts."""
 
 from __future__ import annotations
 

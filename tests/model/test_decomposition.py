@@ -123,7 +123,7 @@ def test_cancelled_run_keeps_what_converged(tmp_path: Path) -> None:
 def test_what_a_cancelled_run_has_found_is_told_to_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(decomposition, "_GROWTH_SECONDS", 1e9)  # the first is told, then no more
+    monkeypatch.setattr(decomposition, "_GROWTH_SECONDS", 1e9)  # only the first message is sent
     mesh, listener = shapes.icosphere(4), Listener(tmp_path, stop_at=200)
     with pytest.raises(Cancelled):
         decompose(mesh, OPERATOR, Target("count", 600), listener)
@@ -239,7 +239,7 @@ def test_a_cache_removed_while_computing_costs_nothing(
     ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 300).run(
         Listener(tmp_path)
     )
-    # The next mesh finds a cache again.
+    # The next mesh uses the cache again.
     other = Mesh(sphere.vertices * 1.1, sphere.faces)
     listener = Listener(tmp_path)
     decompose(other, OPERATOR, Target("count", 8), listener)

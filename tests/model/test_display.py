@@ -1,4 +1,4 @@
-"""What is looked at: one choice of parameters and of limits for each family of fields."""
+"""The display: chosen parameters and limits of each family of fields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is looked at goes into a session and comes back; nothing else gets in."""
+"""The display in a session: written, restored, and refused if invalid."""
 
 from __future__ import annotations
 

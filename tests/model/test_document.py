@@ -32,7 +32,7 @@ def test_a_second_click_takes_the_pin_away(document: Document) -> None:
         document.pins.toggle(vertex)
     document.pins.toggle(5)
     assert [pin.vertex for pin in document.pins.placed] == [3, 8]
-    document.pins.toggle(9)  # takes the colour that has become free
+    document.pins.toggle(9)  # takes the colour that is free again
     assert {pin.color for pin in document.pins.placed} == set(PIN_COLORS[:3])
 
 
@@ -94,7 +94,7 @@ def test_a_count_carries_over(document: Document, sphere: Mesh) -> None:
 
 
 def approximate(spectrum: Eigenpairs) -> Eigenpairs:
-    """As a preview would have it: eigenvalues a little off, no residuals, no end."""
+    """Return a preview: inexact eigenvalues, no residuals, no certificate."""
     nothing = np.full(len(spectrum), np.nan)
     return replace(
         spectrum,
@@ -121,14 +121,14 @@ def test_a_preview_is_not_replaced_by_less(
     np.testing.assert_array_equal(shown.eigenvalues[5:], preview.eigenvalues[5:])
     np.testing.assert_array_equal(shown.rows[:5], exact.rows[:5])
     np.testing.assert_array_equal(shown.rows[5:20], preview.rows[5:20])
-    # what is exported is exact
+    # exports use the exact pairs
     np.testing.assert_array_equal(shown.exact.eigenvalues, exact.eigenvalues)
     assert not shown.exact.preview
-    # and more takes its place
+    # more exact pairs replace the preview
     more = spectrum_of(sphere, 30)
     document.accept_spectrum(more)
     assert document.spectrum.rows is more.rows
-    # another mesh has another preview
+    # the preview is dropped with its mesh
     document.accept_mesh(ready_of(sphere, "b.ply"))
     document.accept_spectrum(exact)
     assert document.spectrum.rows is exact.rows
@@ -141,7 +141,7 @@ def test_what_is_there_and_whole_need_not_be_computed_again(
     whole = replace(spectrum_of(sphere, 9), operator=document.solve.operator)
     for spectrum, count, there in (
         (approximate(whole), 9, False),
-        (replace(whole, certificate=Certificate("none")), 9, False),  # nothing proves it yet
+        (replace(whole, certificate=Certificate("none")), 9, False),  # not certified yet
         (whole, 8, True),
         (whole, 9, True),
         (whole, 10, False),

@@ -1,4 +1,4 @@
-"""A document over time: another mesh, repairs and their undo, units, pins, jobs."""
+"""Changes of a document: another mesh, repairs and undo, units, pins, jobs."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def ready(mesh: Mesh, *repairs: str, derived: bool = False) -> MeshReady:
 
 @pytest.fixture
 def requested(document: Document) -> list[Job]:
-    """Jobs that the document asks for."""
+    """Jobs requested by the document."""
     jobs: list[Job] = []
     document.work.requested.connect(jobs.append)
     return jobs
@@ -70,7 +70,7 @@ def test_another_mesh_starts_without_what_was_chosen_on_the_last(
     display.kind = "similarity"
     document.accept_mesh(ready(three_spheres))
     assert display[Eigenfunctions].flipped == frozenset()
-    assert display[Eigenfunctions].index == 3  # the first that is not constant on all three
+    assert display[Eigenfunctions].index == 3  # the first not constant on each sphere
     assert display[Similarity].vertex is None
     assert display.kind == "eigenfunction"
     assert document.pins.placed == ()
@@ -231,7 +231,7 @@ LARGEST, MERGE = "keep_largest_component", "merge_coincident_vertices"
 
 
 def halves() -> Mesh:
-    """A small sphere, and a larger one whose upper half has vertices of its own along the seam."""
+    """Return a small sphere, and a larger one in two halves with separate vertices."""
     small, large = shapes.icosphere(1), shapes.icosphere(2)
     faces = large.faces + small.n_vertices
     upper = large.vertices[large.faces].mean(axis=1)[:, 2] > 0.0
@@ -241,7 +241,7 @@ def halves() -> Mesh:
 
 
 def repair(document: Document, *names: str) -> None:
-    """Make repairs as the worker does."""
+    """Repair the mesh as the worker does."""
     for name in names:
         assert document.mesh is not None
         mesh, names_before = repair_mesh(document.mesh, name), document.repairs
@@ -249,7 +249,7 @@ def repair(document: Document, *names: str) -> None:
 
 
 def pinned(document: Document) -> dict[int, int]:
-    """The pins: of each number the index in the file."""
+    """Return the index in the file of each pin, by number."""
     assert document.mesh is not None
     return {pin.number: document.mesh.file_index(pin.vertex) for pin in document.pins.placed}
 
@@ -276,7 +276,7 @@ def test_pins_follow_to_the_vertex_of_their_index_and_come_back(split: Document)
     split.notices.shown.connect(notices.append)
 
     repair(split, MERGE)
-    # the two of the seam are one now, and the last is called as the one that it became
+    # the two pins on the seam are merged; the last has the index of its merged vertex
     assert pinned(split) == {1: 3, 2: lower, 3: seam, 5: upper}
     assert notices[-1].text.startswith("1 pin went with a vertex")
     repair(split, LARGEST)
@@ -306,7 +306,7 @@ def test_pins_made_after_a_repair_are_undone_before_it(split: Document) -> None:
     repair(split, LARGEST)
     split.pins.toggle(0)
     split.pins.clear()
-    split.pins.clear()  # of none, which is no step
+    split.pins.clear()  # without pins, no step
     assert pinned(split) == {}
     split.history.undo()
     split.history.undo()
@@ -357,7 +357,7 @@ def test_an_index_beyond_a_finished_spectrum_comes_back_to_its_end(
     document.display.change(Eigenfunctions, index=30)
     spectrum = spectrum_of(sphere, 8)
     document.accept_spectrum(replace(spectrum, certificate=Certificate("none")))
-    assert document.display[Eigenfunctions].index == 30  # it may still come
+    assert document.display[Eigenfunctions].index == 30  # not computed yet
     document.accept_spectrum(spectrum)
     assert document.display[Eigenfunctions].index == 7
 
@@ -399,7 +399,7 @@ def test_more_pins_than_colours_go_round_them(document: Document) -> None:
 
 def test_a_mesh_that_comes_repaired_has_nothing_before_it(sphere: Mesh) -> None:
     document = Document()
-    document.undo_repair()  # of nothing, quietly
+    document.undo_repair()  # no effect
     document.accept_mesh(ready(sphere, "one"))
     assert not document.undo_repair_steps
     document.undo_repair()
@@ -449,7 +449,7 @@ def test_a_job_is_followed_from_start_to_end(document: Document, sphere: Mesh) -
     assert told == []
     assert document.solve.can_compute
     document.work.started(PreviewJob(sphere))
-    assert document.solve.can_compute  # it gives way
+    assert document.solve.can_compute  # a preview may be stopped
     job = DecomposeJob(sphere, document.solve.operator, document.solve.target)
     document.work.started(job)
     assert not document.solve.can_compute

@@ -1,4 +1,4 @@
-"""Files with features or eigenpairs, made of what is stored."""
+"""Files of features or eigenpairs, from stored eigenpairs."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
 
 @pytest.mark.usefixtures("read_here")
 def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> None:
-    """In every format, and with their units and labels in what the file says of itself."""
+    """Files of all formats contain the maps; the metadata contains units and labels."""
     height = np.where(np.arange(sphere.n_vertices) == 3, np.nan, sphere.vertices[:, 2])
     parts = np.where(sphere.vertices[:, 0] > 0.0, 7, 2)
     labels = (Label(2, "back", "#ff0000"), Label(7, "front", "#0000ff"))
@@ -171,7 +171,7 @@ def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> N
 def test_distances_are_written_by_their_pairs_or_without(
     sphere: Mesh, listener: Listener, measure: str
 ) -> None:
-    """Along the surface there is nothing to look for in the store of eigenpairs."""
+    """Geodesic distances need no stored eigenpairs."""
     chosen = {"vertices": [3, 8], "measure": measure}
     if measure == "geodesic":
         content = exported(sphere, "distance", 20, listener, **chosen)

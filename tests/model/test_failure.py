@@ -1,4 +1,4 @@
-"""What is said of an exception, and whether a person can do something about it."""
+"""Messages about exceptions, and whether the user can correct the cause."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def test_similarity_needs_a_vertex_and_a_table(document: Document) -> None:
         live.prepare(request)
         field = compute_field(request, live)
         assert field.values[3] == 0.0
-        assert field.colors(document.display)[1] == "viridis_r"  # bright is alike
+        assert field.colors(document.display)[1] == "viridis_r"  # similar vertices are bright
         assert field.unit == ""
         assert "vertex 3" in field.quantity
 

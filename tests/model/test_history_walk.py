@@ -1,6 +1,6 @@
-"""A random walk over all changes that are recorded, undone and redone at random moments.
+"""A random walk over all recorded changes, undone and redone at random moments.
 
-A new kind of change is a line in `ACTIONS`; that all parts of the history are changed is checked.
+A new kind of change needs an entry in `ACTIONS`: each part of the history must be changed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap
 from meshmash_viewer.work import Job
 
-#: Pairs of a decomposition.
+#: Number of eigenpairs.
 _PAIRS = 6
 
 
@@ -55,9 +55,9 @@ class Walk:
         document.work.requested.connect(self._run)
         document.solve.target = Target("count", _PAIRS)
         document.open_mesh(path, "nm", repairs=repairs)
-        #: The state after each step of the past, and before the first: None where it is not known.
+        #: The state before the first step and after each step, or None if unknown.
         self.states: list[Any] = [*[None] * len(document.history.past), self.state()]
-        #: Parts that were changed.
+        #: Changed parts of the history.
         self.changed: set[str] = set()
 
     def _run(self, job: Job) -> None:
@@ -73,7 +73,7 @@ class Walk:
             self.document.accept_spectrum(result)
 
     def state(self) -> dict[str, Any]:
-        """What the history keeps; of the mesh its content, as arrays may be read again."""
+        """Return the state of the history, with the mesh as comparable values."""
         state = self.document.history.read()
         shown = state["mesh"]
         assert isinstance(shown, Shown)
@@ -88,20 +88,20 @@ class Walk:
         }
 
     def act(self, name: str) -> None:
-        """Make a change by its name in `ACTIONS`, and note the state if it is a step."""
+        """Make a change by its name in `ACTIONS`, and record the state if it is a step."""
         history, before = self.document.history, self.document.history.past
         ACTIONS[name](self)
         if history.past[-1:] != before[-1:]:
             self.changed |= history.past[-1].state.keys()
             del self.states[len(before) + 1 :]
-            # none within a gesture, and several for an action of several steps
+            # a gesture adds no step, and some actions add several
             self.states += [None] * (len(history.past) - len(before))
             self.states[-1] = self.state()
         assert len(self.states) == len(history.past) + len(history.future) + 1, name
         assert not history.future or history.past == before, name
 
     def cross(self, steps: int) -> None:
-        """Undo (below 0) or redo some steps, and compare the state after each."""
+        """Undo (negative) or redo steps, and compare the state after each."""
         history = self.document.history
         for _ in range(abs(steps)):
             label = history.undo_label if steps < 0 else history.redo_label
@@ -113,12 +113,12 @@ class Walk:
                 assert value == self.states[at][part], (label, part, at)
 
     def pick(self, values: Any) -> Any:
-        """One of some values."""
+        """Return one of the values at random."""
         values = list(values)
         return values[int(self.rng.integers(len(values)))]
 
     def vertex(self) -> int:
-        """A vertex of the open mesh."""
+        """Return a random vertex of the open mesh."""
         assert self.document.mesh is not None
         return int(self.rng.integers(self.document.mesh.n_vertices))
 
@@ -173,7 +173,7 @@ def _grow_map(walk: Walk) -> None:
     for _ in range(2):
         some = np.flatnonzero(walk.rng.random(mesh.n_vertices) < 0.5)
         maps.grow(mesh, MapGrew("grown", some, np.ones(len(some))))
-        if walk.pick([True, False, False]):  # something else is changed meanwhile
+        if walk.pick([True, False, False]):  # another change meanwhile
             walk.document.set_unit(walk.pick(["nm", "µm"]))
     maps.end_growing(whole=walk.pick([True, False]))
 
@@ -217,11 +217,9 @@ ACTIONS: dict[str, Callable[[Walk], object]] = {
 
 
 def dirty(path: Path) -> Path:
-    """A mesh file with all faults that repairs correct."""
+    """Write a mesh file with all faults that repairs correct."""
     sheet, ball = shapes.rectangle(6, 5), shapes.icosphere(1, radius=0.3)
-    other = sheet.vertices + np.array(
-        [2.0, 0.0, 0.0]
-    )  # its left edge lies on the right one of the sheet
+    other = sheet.vertices + np.array([2.0, 0.0, 0.0])  # left edge on the sheet's right edge
     n = sheet.n_vertices
     faces = [
         sheet.faces,
@@ -239,7 +237,7 @@ def dirty(path: Path) -> Path:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Seconds of the history, in which a gesture ends."""
+    """Clock that times the gestures of the history."""
     time = SimpleNamespace(now=0.0, monotonic=lambda: time.now)
     monkeypatch.setattr("meshmash_viewer.model.history.time", time)
     return time

@@ -1,4 +1,4 @@
-"""What jobs say while they run, and what they hand over."""
+"""Progress reports, labels and results of jobs."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_other_voxels_and_repairs_are_derived_and_add_up(sphere: Mesh, listener:
 def test_stored_pairs_are_checked_while_the_mesh_is_measured(
     sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So a mesh with many stored pairs is shown as early as one with none."""
+    """A mesh with many stored pairs is displayed as early as one without."""
     checking, health = threading.Event(), jobs.mesh_health
     find = spectrum.find_eigenpairs
 

@@ -1,4 +1,4 @@
-"""Label sets: made, changed, undone and redone, and refused in one sentence."""
+"""Label sets: creation, changes, undo and redo, and refusals."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def document() -> Document:
 
 @pytest.fixture
 def two(document: Document) -> Document:
-    """With a set of two labels: the upper part, and what is right of the rest."""
+    """A document with two labels: the upper part, and the right of the rest."""
     labels = document.labels
     labels.new_set()
     labels.new_label()
@@ -94,7 +94,7 @@ def test_a_locked_label_keeps_its_vertices(two: Document) -> None:
         act()
         assert texts[-1] == "Label label 1 is locked: unlock it first."
         assert state(two) == before
-    two.labels.assign(1)  # its own it may have
+    two.labels.assign(1)  # a locked label may gain vertices
     assert set(two.labels.current.values.tolist()) == {1}
 
 

@@ -59,7 +59,7 @@ def test_percentiles_are_taken_over_the_sample() -> None:
     values = np.concatenate([np.linspace(0.0, 1.0, 101), np.full(100, 1e6)])
     assert PercentileLimits(0.0, 100.0).limits(values, np.arange(101)) == (0.0, 1.0)
     assert PercentileLimits(0.0, 100.0).limits(values)[1] == 1e6
-    assert MinMaxLimits().limits(values, np.arange(101))[1] == 1e6  # extremes are extremes
+    assert MinMaxLimits().limits(values, np.arange(101))[1] == 1e6  # the sample is not used
 
 
 @pytest.mark.parametrize("outside", [(), (np.nan,), (np.inf,), (-np.inf,), (np.nan, -np.inf)])

@@ -61,7 +61,7 @@ def answer(live: LiveFeatures, asked: FieldRequest) -> tuple[np.ndarray | None, 
 
 def test_a_table_of_a_mesh_with_values_at_every_second_vertex_alone(rectangle: Mesh) -> None:
     small = spectrum_of(rectangle, 40)
-    # So many vertices that only some of them are looked at for the range of the values.
+    # So many vertices that the range of the values is taken from a sample.
     rows = np.full((40, 2 * 100_001), np.nan, dtype=np.float32)
     rows[:, 1::2] = np.resize(small.rows[:40], (40, 100_001))
     spectrum = replace(small, rows=rows)
@@ -88,7 +88,7 @@ def test_interpolated_hks_is_within_its_bound_of_the_direct_sum(
         wanted = direct(spectrum, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
         found = table.at(time)
         assert found.dtype == np.float32
-        rounding = 7e-8 * np.nanmax(wanted)  # of the format
+        rounding = 7e-8 * np.nanmax(wanted)  # of float32
         assert (
             np.nanmax(np.abs(found - wanted)) <= 1e-4 * np.ptp(wanted[~np.isnan(wanted)]) + rounding
         )
@@ -191,7 +191,7 @@ def test_similarity_is_the_distance_in_feature_space(neuron: Mesh, basis: str) -
 
 
 def test_similarity_holds_on_a_neuron_among_specks(rectangle: Mesh) -> None:
-    """Specks have features thousands of times larger: they must not decide what the rest shows."""
+    """Features of small components, thousands of times larger, do not affect other vertices."""
     small = shapes.icosphere(1)
     specks = [Mesh(1e-3 * small.vertices + [5.0 + at, 0.0, 0.0], small.faces) for at in range(4)]
     vertices, faces, n = [rectangle.vertices], [rectangle.faces], rectangle.n_vertices
@@ -240,7 +240,7 @@ def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
 
 
 def other_pairs(spectrum: Eigenpairs) -> Eigenpairs:
-    """As many pairs of the same vertices, of another mesh or another operator."""
+    """Return as many other pairs, like those of another mesh or operator."""
     rows = np.ascontiguousarray(spectrum.rows[:, ::-1])
     return replace(spectrum, rows=rows, eigenvalues=1.3 * spectrum.eigenvalues)
 
@@ -297,7 +297,7 @@ def test_no_table_answers_for_another_spectrum(rectangle: Mesh, change: Any) -> 
 
 
 def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
-    mesh = shapes.icosphere(5)  # large enough for a direct sum to be felt
+    mesh = shapes.icosphere(5)  # so large that a direct sum is slow
     rng = np.random.default_rng(5)
     values = np.sort(rng.random(320)) * 300.0
     rows = rng.standard_normal((320, mesh.n_vertices)).astype(np.float32)
@@ -308,7 +308,7 @@ def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
     asked = hks_request(part, time)
     live.prepare(asked)
     live.prepare(similarity_request(part))
-    # What was made of fewer is near, and shown until the sum over all is there.
+    # A table of fewer pairs is a draft, displayed until the sum over all is computed.
     assert answer(live, asked)[1] is False
     assert answer(live, hks_request(whole, time))[1] is True
     assert answer(live, similarity_request(whole))[1] is True
@@ -402,7 +402,7 @@ def test_at_times_when_nothing_is_left_the_signature_is_that_of_the_null_space(
 def test_a_signature_that_is_dying_is_tabled_without_a_warning(
     rectangle: Mesh, died: float
 ) -> None:
-    """Where exp(-λ₂ t) leaves single precision there is no step to divide by."""
+    """Where exp(-λ₂ t) underflows single precision, there is no division by a zero step."""
     spectrum = spectrum_of(rectangle, 30)
     times = np.array([1.0, died]) / spectrum.eigenvalues[1]
     table = build_heat_table(spectrum, (times[0], times[1]))
@@ -411,7 +411,7 @@ def test_a_signature_that_is_dying_is_tabled_without_a_warning(
 
 
 def test_a_vertex_without_values_does_not_make_the_same_pairs_others(rectangle: Mesh) -> None:
-    """They are known by their values: NaN of a vertex that no face uses are the same, too."""
+    """Pairs are compared by their values, and NaN equals NaN at a vertex on no face."""
     spectrum = spectrum_of(rectangle, 60)
     rows = np.array(spectrum.rows)
     rows[:, 11] = np.nan

@@ -1,4 +1,4 @@
-"""Two meshes in step: a copy of a mesh shows what the mesh shows."""
+"""Linked views: a copy of a mesh displays the same field as the mesh."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ COUNT = 60
 
 
 def opened(mesh: Mesh) -> Document:
-    """A document that decomposes its mesh at once when it is asked to."""
+    """Return a document that decomposes its mesh at once on request."""
     document = Document()
     document.work.requested.connect(lambda job: answer(document, job))
     document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
@@ -72,7 +72,7 @@ def answer(document: Document, job: DecomposeJob) -> None:
 
 
 def paired(first: Document, second: Document) -> Pair:
-    """A pair whose comparisons are there at once."""
+    """Return a pair whose comparisons are computed at once."""
     pair = Pair(first, second)
     pair.comparison_requested.connect(lambda request: pair.accept(request, request.answered()))
     return pair
@@ -108,7 +108,7 @@ def test_both_are_solved_to_the_same_eigenvalue_times_area_and_compared(pair: Pa
     found = pair.comparison
     np.testing.assert_allclose(found.distance, 0.0, atol=1e-6)
     assert found.mutual_share > 0.99
-    # the numbers are those of the library
+    # the library computes the same numbers
     decompositions = [
         solve(*cotangent_laplacian(each.mesh, robust=True), COUNT)
         for each in (pair.first, pair.second)
@@ -158,12 +158,12 @@ def test_a_function_that_was_turned_round_and_moved_is_the_same_one(
 
 
 def nearest_neighbours(spectrum: Eigenpairs) -> int:
-    """The first of two pairs whose eigenvalues are nearest, so that features stay as they are."""
+    """Return the first of the two nearest pairs, whose exchange keeps the features."""
     return int(np.argmin(np.diff(spectrum.eigenvalues[:20])))
 
 
 def swapped(document: Document, job: DecomposeJob) -> None:
-    """Two functions in each other's place, every third one with the other sign."""
+    """Answer with two functions exchanged and every third sign flipped."""
     answer(document, job)
     spectrum = document.spectrum
     rows, one = np.array(spectrum.rows), nearest_neighbours(spectrum)
@@ -217,7 +217,7 @@ def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
     second, repair = pair.second, "keep_largest_component"
     before = second.mesh
     assert before is not None
-    second.pins.put((*second.pins.placed, Pin(5, 2)))  # a match on debris, which is found again
+    second.pins.put((*second.pins.placed, Pin(5, 2)))  # a match on debris, restored by undo
     said: list[Notice | None] = []
     second.notices.shown.connect(said.append)
     mesh = repair_mesh(before, repair)
@@ -260,7 +260,7 @@ def test_the_match_is_refined_with_pins_of_both_meshes_as_landmarks(
 
 
 def test_more_pairs_than_needed_are_compared_too(meshes: tuple[Mesh, Mesh, np.ndarray]) -> None:
-    # as after a visit in which more were stored
+    # as if more pairs had been stored before
     first, second = (opened(mesh) for mesh in meshes[:2])
     second.solve.target = Target("count", COUNT + 30)
     second.solve.compute()
@@ -282,7 +282,7 @@ def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
 
 
 def solved(first: Mesh, second: Mesh, disturb=lambda document, job: answer(document, job)) -> Pair:
-    """Both meshes decomposed and compared; `disturb` answers for the second."""
+    """Decompose and compare both meshes; `disturb` answers for the second."""
     one, other = opened(first), opened(second)
     other.work.requested.disconnect()
     other.work.requested.connect(lambda job: disturb(other, job))
@@ -293,14 +293,14 @@ def solved(first: Mesh, second: Mesh, disturb=lambda document, job: answer(docum
 
 
 def stretched(*factors: float) -> Mesh:
-    """A ball with three planes of symmetry, whose sides look alike."""
+    """Return a ball with three planes of symmetry, whose sides look alike."""
     ball = shapes.icosphere(3)
     return Mesh(ball.vertices * factors, ball.faces, "mm")
 
 
 def test_functions_that_cross_are_told_where_both_meshes_are_of_one_template() -> None:
-    # what waves along x on the first waves along x on the second, one place further on; no
-    # signature tells one side of such a shape from the other
+    # the function along x has index 2 on the first mesh and 3 on the second; no signature
+    # distinguishes the sides of such a shape
     pair = solved(stretched(1.02, 1.0, 1.6), stretched(1.0, 1.02, 1.6), flipped)
     first, second = pair.first, pair.second
     assert pair.comparison.given
@@ -312,7 +312,7 @@ def test_functions_that_cross_are_told_where_both_meshes_are_of_one_template() -
         first.display.change(Eigenfunctions, index=index)
         mine, other = shown(first), shown(second)
         assert np.corrcoef(mine.values, other.values)[0, 1] > 0.99
-    # as the library says, from the same pairs
+    # the library matches the same functions
     pairs = [solve(*cotangent_laplacian(each.mesh, robust=True), COUNT) for each in (first, second)]
     found = mv.match_functions(*pairs, np.arange(first.mesh.n_vertices), turned=True)
     np.testing.assert_array_equal(functions.indices, found.indices)
@@ -338,7 +338,7 @@ def test_a_multiplet_is_turned_as_a_whole_to_be_that_of_the_first() -> None:
         assert "no match" not in first.display[Eigenfunctions].correspondence_text(
             pair.correspondence
         )
-    # files keep the solver's own choice
+    # files keep the solver's functions
     areas = second.spectrum.vertex_areas
     own = np.asarray(second.spectrum.rows[1:4])
     drawn = np.asarray(second.spectrum.shown_rows[1:4])
@@ -347,7 +347,7 @@ def test_a_multiplet_is_turned_as_a_whole_to_be_that_of_the_first() -> None:
 
 
 def turned(document: Document, job: DecomposeJob) -> None:
-    """Any rotation of the three functions of the first multiplet."""
+    """Answer with the three functions of the first multiplet rotated."""
     answer(document, job)
     rows = np.array(document.spectrum.rows)
     rotation, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
@@ -382,7 +382,7 @@ def test_a_part_corresponds_by_index_to_what_the_whole_does() -> None:
         np.testing.assert_array_equal(
             corresponding_vertices(first, second), np.arange(left.n_vertices)
         )
-    assert corresponding_vertices(half, right) is None  # of one orientation
+    assert corresponding_vertices(half, right) is None  # of the same orientation
 
 
 def test_hemispheres_correspond_by_index_only_where_one_is_the_mirror_image() -> None:
@@ -450,7 +450,7 @@ def test_what_is_measured_keeps_its_values_and_needs_one_unit() -> None:
     mine, other = shown(pair.first), shown(pair.second)
     drawn, limits = pair.with_shared_limits(mine, other)
     assert drawn is other
-    assert limits[:2] == mine.limits(None)  # the curvature of the larger one is half of that
+    assert limits[:2] == mine.limits(None)  # the larger mesh has half the curvature
     pair.second.set_unit("µm")
     assert pair.with_shared_limits(mine, shown(pair.second)) is None
 
@@ -467,7 +467,7 @@ def test_a_map_of_the_second_is_looked_at_on_it() -> None:
     assert shown(pair.second).title == "thickness"
     pair.first.display.change(OwnMaps, chosen="Gaussian curvature")
     assert shown(pair.second).title == "Gaussian curvature"
-    # the first has one of the same name: both show theirs, a pair that comes later too
+    # with maps of one name, each mesh displays its own, also in a later pair
     pair.first.maps.add(first, [VertexMap("thickness", first.vertices[:, 1])])
     assert (shown(pair.first).title, shown(pair.second).title) == ("thickness",) * 2
     third = opened(first)
@@ -510,7 +510,7 @@ def test_the_first_click_of_two_on_the_second_is_taken_back(
 def test_a_script_solves_and_compares_the_pairs_that_were_compared(
     masked: bool, known: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also with a first mesh on a mask, and a second with more pairs than reach as far."""
+    """The first mesh is whole or masked; the second has more or fewer stored pairs."""
     mesh = shapes.blob(3)
     wide = Mesh(mesh.vertices * [1.0, 1.2, 1.5], mesh.faces)
     first, second = opened(mesh), opened(wide)

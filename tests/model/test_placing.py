@@ -1,4 +1,4 @@
-"""Tables of pins: what they may look like, and where their rows are on a mesh."""
+"""Tables of pins: accepted formats, and the vertices of their rows."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ OPERATOR = OperatorOptions()
 
 @pytest.fixture
 def large(monkeypatch: pytest.MonkeyPatch) -> Mesh:
-    """A mesh that counts as large: nearly a square, so that pairs are nearly double."""
+    """A mesh that counts as large, nearly square for nearly double eigenvalues."""
     monkeypatch.setattr(previews, "FROM_VERTICES", 1000)
     return shapes.rectangle(60, 60, 1.0, 1.0001)
 
@@ -51,7 +51,7 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     assert again is not None
     assert len(listener.reports) == reports
     (notes,) = tmp_path.glob("preview-*.npz")
-    notes.unlink()  # as a process leaves it that is ended between the two files
+    notes.unlink()  # as if the process ended before writing the file
     assert PreviewJob(large).run(listener) is not None
     assert len(listener.reports) > reports
     request = FieldRequest(spectrum, "nm", Eigenfunctions(3))
@@ -89,7 +89,7 @@ def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count
     assert len(list(tmp_path.glob("preview-*.f32"))) == 1
     PreviewJob(Mesh(large.vertices + 1.0, large.faces)).run(listener)
     assert len(list(tmp_path.glob("preview-*.f32"))) == 1
-    # what is drawn are eigenfunctions still, but features are made of the store's
+    # the drawn rows are eigenfunctions too; features use the stored rows
     stiffness, mass = cotangent_laplacian(large, robust=True)
     drawn = np.asarray(final.shown_rows[:common])
     defect = drawn @ stiffness - final.eigenvalues[:common, None] * (drawn @ mass)

@@ -53,7 +53,7 @@ def test_a_range_is_there_while_all_eigenvalues_are_zero() -> None:
 
 
 def test_resolved_time_leaves_less_than_one_per_cent_of_the_heat_trace() -> None:
-    # a flat torus: its heat trace is A / 4πt, but for terms that have long died at these times
+    # a flat torus: its heat trace is A / 4πt, but for terms negligible at these times
     grid = np.arange(-80, 81)
     eigenvalues = np.sort((grid[:, None] ** 2 + grid[None, :] ** 2).ravel().astype(float))
     kept, area = eigenvalues[eigenvalues <= 1600], 4 * math.pi**2

@@ -41,7 +41,7 @@ VOXEL = (4.0, 4.0, 40.0)
 
 @pytest.fixture
 def document(neuron: Mesh, tmp_path: Path) -> Document:
-    """A neuron that was read in voxels and repaired, with the pairs of what came out."""
+    """A neuron read in voxels and repaired, with the pairs of the repaired mesh."""
     path = tmp_path / "my neuron.npz"
     np.savez(path, vertices=neuron.vertices, faces=neuron.faces)
     document = Document()
@@ -96,7 +96,7 @@ def test_a_script_rotates_within_a_multiplet(sphere: Mesh) -> None:
 
 @pytest.mark.slow
 def test_a_script_runs_by_itself(document: Document, tmp_path: Path) -> None:
-    """In an interpreter of its own, where nothing is imported yet and warnings are shown."""
+    """A new interpreter runs the script without warnings."""
     done = subprocess.run(
         [sys.executable, "-c", reproduction_script(document)],
         cwd=tmp_path,
@@ -225,7 +225,7 @@ def test_a_script_of_a_map_that_also_rebuilds_the_shape_decomposes_once(
         exec(code, {})
 
 
-#: Families whose columns are exported, with what one may choose of them, and whether with a map.
+#: Families with exported columns and various parameters, and whether with a map.
 EXPORTED = (
     (HeatKernelSignature(scales=1), False),
     (HeatKernelSignature(scales=7), True),

@@ -1,4 +1,4 @@
-"""The selection: one change for a stroke, through repairs, undone and redone."""
+"""The selection: one change for a stroke, kept by repairs, undone and redone."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 @pytest.fixture(scope="module")
 def specked(rectangle: Mesh) -> Mesh:
-    """A plate, a vertex of no face, and specks with features thousands of times larger."""
+    """A plate, a vertex on no face, and debris with features thousands of times larger."""
     small = shapes.icosphere(1)
     vertices, faces = [rectangle.vertices, np.full((1, 3), 9.0)], [rectangle.faces]
     n = rectangle.n_vertices + 1

@@ -82,7 +82,7 @@ def test_steps_of_a_time_chosen_by_hand_end_at_the_range(document: Document) -> 
     assert step(document, -3)
     assert display[HeatKernelSignature].time == pytest.approx(1.0)
     assert not step(document, -1)
-    display.change(HeatKernelSignature, time=9999.0)  # a step that is short is one still
+    display.change(HeatKernelSignature, time=9999.0)  # a shorter last step counts
     assert step(document, 1)
     assert display[HeatKernelSignature].time == pytest.approx(10_000.0)
     step(document, -FAR)

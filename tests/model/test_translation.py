@@ -15,7 +15,7 @@ from meshmash_viewer.spectral.weyl import (
     weyl_eigenvalue,
 )
 
-AREA = 4 * np.pi  # of the unit sphere, so that Weyl's law says λ of them
+AREA = 4 * np.pi  # of the unit sphere, where Weyl's law counts λ pairs up to λ
 
 
 def test_without_eigenpairs_it_is_weyls_law() -> None:
@@ -85,7 +85,7 @@ def test_up_to_a_proven_threshold_the_count_is_exact() -> None:
     translation = Translation(AREA, known, known_to=35.0)
     assert translation.count(Target("max_eigenvalue", 35.0)) == (36, True)
     assert translation.count(Target("max_eigenvalue", 31.0)) == (36, True)
-    # beyond, Weyl's law goes on from there
+    # beyond, Weyl's law continues from the threshold
     assert translation.count(Target("max_eigenvalue", 40.0)) == (41, False)
 
 
@@ -94,7 +94,7 @@ def test_the_last_known_eigenvalue_is_a_bound_that_is_known_no_more() -> None:
     translation = Translation(AREA, known)
     for bound, count in ((0.5, 1), (2.0, 4), (5.9, 4)):
         assert translation.count(Target("max_eigenvalue", bound)) == (count, True)
-    # Of the last there may be more copies than are known.
+    # The last eigenvalue may have more copies than are known.
     assert translation.count(Target("max_eigenvalue", 6.0)) == (5, False)
     assert translation.count(Target("max_eigenvalue", 7.0)) == (6, False)
     assert translation.count(Target("max_eigenvalue", 6.49)) == (5, False)

@@ -30,7 +30,7 @@ _ENDS = ("finished", "failed", "cancelled")
 
 
 class Window:
-    """Receives the messages of a worker, as a window does."""
+    """Receiver of the messages of a worker, like a window."""
 
     def __init__(self) -> None:
         self.messages: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
@@ -62,7 +62,7 @@ def window() -> Iterator[Window]:
 
 @pytest.fixture(scope="module")
 def lasting() -> Iterator[Window]:
-    """One window for the tests that its process survives."""
+    """A window shared by tests that keep its process running."""
     window = Window()
     yield window
     window.close()
@@ -122,7 +122,7 @@ def test_one_job_at_a_time_in_one_warm_process(lasting: Window) -> None:
 def test_cancelling_asks_and_then_insists(
     lasting: Window, deaf: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patience = 1.0 if deaf else 600.0  # the process may be slow to hear
+    patience = 1.0 if deaf else 600.0  # the process may respond slowly
     monkeypatch.setattr("meshmash_viewer.model.worker._CANCEL_PATIENCE", patience)
     pid = lasting.run(EndlessJob(deaf), "sent")
     began = time.monotonic()
@@ -139,7 +139,7 @@ def test_cancelling_before_the_job_has_started_is_no_failure(lasting: Window) ->
     lasting.wait_for("cancelled")
     lasting.worker.cancel()
     assert not lasting.worker.busy
-    # what was asked of that job is not asked of the next one
+    # cancelling that job does not cancel the next
     pid = lasting.run(EndlessJob(), "sent")
     time.sleep(1.2)
     assert lives(pid)
