@@ -1,4 +1,4 @@
-"""Where eigenpairs are kept: the same variable moves them on every operating system."""
+"""The folder of stored eigenpairs, which `MESHMASH_CACHE` sets on every operating system."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ SYSTEMS = {
 
 @pytest.fixture(params=SYSTEMS)
 def system(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """As platformdirs answers on an operating system, for a user whose folder is `tmp_path`."""
+    """Emulate an operating system for a user whose files are in `tmp_path`; return its name."""
     system = SYSTEMS[request.param]
-    by_variables = platformdirs.windows.get_win_folder_from_env_vars  # it reads no registry here
+    by_variables = platformdirs.windows.get_win_folder_from_env_vars  # avoids the registry
     monkeypatch.setattr(platformdirs.windows, "get_win_folder", by_variables)
     for name in ("HOME", "USERPROFILE", "LOCALAPPDATA", "APPDATA"):
         monkeypatch.setenv(name, str(tmp_path / "user"))
@@ -56,7 +56,7 @@ def test_without_it_the_system_says_where(
     assert folder.name == "eigenpairs"
     assert folder.is_absolute()
     assert "meshmash-viewer" in folder.parts
-    # the reason for a variable of our own: Windows knows no XDG_CACHE_HOME
+    # Windows ignores XDG_CACHE_HOME, so the program needs its own variable
     assert folder.is_relative_to(tmp_path / ("user" if system == "Windows" else ""))
     assert folder.is_relative_to(tmp_path / "xdg") <= (system != "Windows")
 

@@ -1,4 +1,4 @@
-"""Provenance and column names survive in comment lines that other programs can read."""
+"""Provenance and column names in comment lines of PLY and OBJ files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BALL = shapes.icosphere(1)
 MESH = Mesh(BALL.vertices, BALL.faces, unit="nm", name="ball")
 TIMES = tuple(f"hks_t={time:.6g} nm²" for time in np.geomspace(5e4, 2e7, 32))
 NINE = np.random.default_rng(1).normal(size=(MESH.n_vertices, 9))
-#: Names of columns: many, none, the same twice, long, with spaces, quotes, line ends and accents.
+#: Column names: many, none, repeated, long, with spaces, quotes, line ends and accents.
 COLUMNS: dict[str, tuple[str, ...]] = {
     "32 times": TIMES,
     "one": ("band",),

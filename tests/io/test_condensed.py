@@ -1,4 +1,4 @@
-"""Files of domains: what is written is read, and what others write as the documentation says."""
+"""Files of domains: round trips, and files written by hand as documented."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from meshmash_viewer.vertex_map import MOST_LABELS
 
 BALL = shapes.icosphere(2)
 N = BALL.n_vertices
-#: Four domains, and vertices in none.
+#: Four domains; vertices outside all domains have the label -1.
 LABELS = np.digitize(BALL.vertices[:, 2], [-0.5, 0.0, 0.5]).astype(np.int32)
 LABELS[BALL.vertices[:, 0] > 0.9] = -1
 NAMES = ["hks_0", "hks_1", "area"]
@@ -33,7 +33,7 @@ def table(k: int = 4) -> pandas.DataFrame:
 
 
 def by_hand(path: Path, header: str = "\t".join(NAMES), **arrays: np.ndarray) -> Path:
-    """Write a file as another program does."""
+    """Write a feature file without the package's writer."""
     rows = np.concatenate([np.full((1, 3), np.nan), table()]).astype(np.float32)
     np.savez_compressed(path, **{"X": rows, "labels": LABELS, **arrays})
     (path.parent / "header.txt").write_text(header)
@@ -90,7 +90,7 @@ def test_the_graph_is_written_and_read_again(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found_nodes, nodes.astype(np.float32))
     np.testing.assert_allclose(found_edges, edges, rtol=1e-6)
     assert found_edges["source"].tolist() == edges["source"].tolist()
-    # without header files it has the usual names
+    # without header files, the columns get their default names
     for name in ("nodes_header.txt", "edges_header.txt"):
         (tmp_path / name).unlink()
     assert list(mv.read_condensed_graph(path)[0]) == header
@@ -214,7 +214,7 @@ def test_regions_that_touch_are_connected_from_their_middles() -> None:
     values[strip.vertices[:, 1] == strip.vertices[:, 1].min()] = 7
     found = region_graph(strip.vertices, strip.faces, values)
     regions = values[found]
-    # both regions of value 2 touch that of 7, and one of them that of 5
+    # both regions of value 2 touch the region of value 7; one of them touches the region of value 5
     assert sorted(map(tuple, np.sort(regions, axis=1).tolist())) == [(2, 5), (2, 7), (2, 7), (5, 7)]
     for vertex in np.unique(found[regions == 5]):
         own = strip.vertices[values == 5]

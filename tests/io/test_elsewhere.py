@@ -1,4 +1,4 @@
-"""What is written opens in other programs; each is tried where it is installed."""
+"""Written files opened in other programs, where these are installed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MESH = Mesh(BALL.vertices * 50.0, BALL.faces, unit="mm", name="ball", structure=
 COLUMNS = tuple(f"hks_t={time:.6g} λ" for time in np.geomspace(5e4, 2e7, 32))
 VALUES = np.random.default_rng(0).normal(size=(MESH.n_vertices, len(COLUMNS)))
 
-#: Number of vertices and of faces, and the area where a program says it.
+#: Number of vertices, number of faces, and the area if the program reports one.
 Size = tuple[int, int, float | None]
 
 
@@ -83,7 +83,7 @@ def in_workbench(path: Path) -> Size:
 
 
 def workbench(*command: str | Path) -> dict[str, str]:
-    """What Connectome Workbench prints, by the names of the rows."""
+    """Run Connectome Workbench, and return the printed values by row name."""
     if shutil.which("wb_command") is None:
         pytest.skip("wb_command is not installed")
     said = subprocess.run(

@@ -1,4 +1,4 @@
-"""What is wrong with a file, in a sentence: which fault, how often, where, and the remedy."""
+"""Error messages for broken files: the fault, its count, its location and the remedy."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_a_reader_without_memory_says_so(tmp_path: Path, monkeypatch: pytest.Mon
     for said in ("^$", "holds no vertices", "is not readable"):
         with pytest.raises(MemoryError if said == "^$" else InputError, match=said):
             convert(f"{vtk.__name__}:read_legacy_vtk", Path("mesh.vtk"), math.inf)
-    # What comes next is read in a process of its own again.
+    # `read_guarded` reads in a child process, which is made to kill itself here.
     monkeypatch.setattr("meshmash_viewer.work._CHILD", "import os; os.kill(os.getpid(), 9)")
     with pytest.raises(InputError, match="ends on it"):
         read_guarded(read_legacy_vtk, saved(tmp_path, VERTICES, FACES))
@@ -279,7 +279,7 @@ def test_limits_grow_with_the_file_and_with_what_it_may_honestly_unpack_to() -> 
         assert 0.0 < base < small
         assert large - base == pytest.approx(10.0 * (small - base))
     assert least.memory > 5e8, "which the interpreter and its libraries need"
-    # Compressed a file may be a fifth of a plain one's size as well, but not a thousandth.
+    # Limits grow with the unpacked size between 5 and 1000 times the size of the file.
     assert ReadLimits.of(10**7, unpacked=10**7) == one
     assert ReadLimits.of(10**7, unpacked=5 * 10**7) == one
     assert ReadLimits.of(10**7, unpacked=10**8).memory == ReadLimits.of(2 * 10**7).memory
@@ -309,7 +309,7 @@ def test_text_out_of_a_file_is_one_short_line() -> None:
 
 
 def test_a_small_file_may_unpack_to_a_little_and_a_large_one_to_its_own_size() -> None:
-    """Others are read in a process with limits."""
+    """Only files that unpack to more than these sizes need a process with limits."""
     assert not ReadLimits.are_needed(1000, 1e6)
     assert not ReadLimits.are_needed(10**9, 2e9)
     assert ReadLimits.are_needed(1000, 1e9)

@@ -1,4 +1,4 @@
-"""What a glTF file can hold, read as the format says: arrays, faces, places, extensions."""
+"""Reading of glTF files: arrays, faces, transforms and extensions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from meshmash_viewer.mesh import Mesh
 Array = npt.NDArray[Any]
 COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-#: A tetrahedron of whole numbers without symmetry, whose faces look outwards; volume 40.
+#: An asymmetric tetrahedron with integer coordinates, outward faces and volume 40.
 VERTICES = np.array([[0, 0, 0], [6, 0, 0], [0, 5, 0], [0, 0, 8]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 VOLUME = 40.0
@@ -29,7 +29,7 @@ AREA = 15.0 + 24.0 + 20.0 + 0.5 * float(np.linalg.norm(np.cross([-6, 5, 0], [-6,
 
 
 class Scene:
-    """A scene that is put together array by array."""
+    """Builder of a glTF scene, array by array."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -104,7 +104,7 @@ def remarks(scene: Scene, tmp_path: Path) -> tuple[str, ...]:
 
 
 def volume(mesh: Mesh) -> float:
-    """Signed: negative where faces look inwards."""
+    """Return the signed volume, negative if faces point inwards."""
     a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
     return float(np.sum(np.cross(a, b) * c)) / 6.0
 
@@ -148,7 +148,7 @@ def test_the_lowest_signed_number_is_minus_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("dtype", "normalized"), [("f4", False), ("i2", True), ("u1", False)])
 @pytest.mark.parametrize("offset", [0, 8])
 def test_sparse_positions(kind, base, dtype, normalized, offset, tmp_path: Path) -> None:
-    """Without a base all other rows are zero, and only the first vertex is there."""
+    """Sparse values replace rows of the base array, or rows of zeros without a base array."""
     scene = Scene()
     rows = np.arange(1, 4)
     indices = scene.view(bytes(offset) + rows.astype("<" + kind).tobytes())
@@ -212,7 +212,7 @@ def test_an_array_that_is_not_in_its_buffer(change, clause: str, tmp_path: Path)
 
 
 def grid(rows: int, columns: int) -> Array:
-    """Points of unit squares in a plane, shape (rows, columns, 3)."""
+    """Return the corners of unit squares in a plane, shape (rows, columns, 3)."""
     y, x = np.mgrid[:rows, :columns].astype(float)
     return np.stack([x, y, 0.0 * x], axis=-1)
 
@@ -245,7 +245,7 @@ def test_a_fan_is_a_regular_polygon(count: int, indexed: bool, tmp_path: Path) -
 
 
 def test_primitives_of_a_mesh_are_joined_at_their_seams(tmp_path: Path) -> None:
-    """Two halves of a ball in materials of their own are one surface; two meshes are two."""
+    """Two primitives of one mesh become one surface; two meshes stay separate."""
     ball = shapes.icosphere(2)
     halves = ball.faces[:160], ball.faces[160:]
     scene = Scene()
@@ -333,7 +333,7 @@ def test_a_buffer_that_is_cut_short(tmp_path: Path) -> None:
         read_gltf(path)
 
 
-# -- places ------------------------------------------------------------------------------------
+# -- transforms --------------------------------------------------------------------------------
 
 QUARTER = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -344,7 +344,7 @@ TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 )
 @pytest.mark.parametrize("as_matrix", [False, True])
 def test_translation_rotation_and_scale(scale, as_matrix: bool, tmp_path: Path) -> None:
-    """The format's order: scaled first, then turned, then moved; faces go on looking outwards."""
+    """Vertices are scaled, then rotated, then translated; faces still point outwards."""
     linear, shift = TURN * scale, np.array([5.0, -7.0, 11.0])
     scene = Scene()
     mesh = scene.tetrahedron()
@@ -430,7 +430,7 @@ def test_what_is_scaled_to_nothing_is_left_out(tmp_path: Path) -> None:
     assert "1 mesh scaled to nothing" in " ".join(remarks(scene, tmp_path))
 
 
-# -- what moves vertices -----------------------------------------------------------------------
+# -- morph targets and skins -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("on_node", [False, True])
@@ -445,7 +445,7 @@ def test_targets_move_vertices_by_their_weights(on_node: bool, tmp_path: Path) -
 
 
 def test_a_skin_moves_vertices_by_its_joints(tmp_path: Path) -> None:
-    """Half by each of two joints; where the node of the mesh is does not count."""
+    """Each of two joints has about half the weight; the transform of the mesh's node is ignored."""
     scene = Scene()
     joints, weights = np.tile([0, 1, 0, 0], (4, 1)), np.tile([128, 127, 0, 0], (4, 1))
     primitive = scene.primitive(
@@ -475,7 +475,7 @@ def instanced(scene: Scene, **attributes: int) -> None:
 
 @pytest.mark.parametrize("dtype", ["f4", "i1", "i2"])
 def test_instances(dtype: str, tmp_path: Path) -> None:
-    """Each is scaled, turned and moved, then goes where the node is."""
+    """Each instance is scaled, rotated and translated, then transformed by its node."""
     scene = Scene()
     shifts = np.array([[0.0, 0, 0], [30, 0, 0], [0, 40, 0]])
     scales = np.array([[1.0, 1, 1], [1, 2, 3], [-1, 1, 1]])
@@ -546,7 +546,7 @@ def test_what_is_understood_or_only_seen_is_no_obstacle(required: str, tmp_path:
 
 
 def test_data_that_is_only_packed_is_named(tmp_path: Path) -> None:
-    """Where an extension is used and not required, its stand-in may have no data."""
+    """A compression extension is reported as required if its fallback buffer has no data."""
     scene = Scene()
     scene.node(mesh=scene.tetrahedron())
     path = tmp_path / "scene.gltf"
@@ -559,7 +559,7 @@ def test_data_that_is_only_packed_is_named(tmp_path: Path) -> None:
 
 
 def packed_scene(packed: bytes, **attributes: int) -> Scene:
-    """A tetrahedron packed by Draco, and a plain one."""
+    """Return a scene of a tetrahedron compressed by Draco and an uncompressed one."""
     scene = Scene()
     kinds = {"POSITION": (4, "VEC3"), "_DEPTH": (4, "SCALAR")}
     accessors = scene.json["accessors"]
@@ -604,7 +604,7 @@ def test_draco_is_an_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         read(packed_scene(b"DRACO", POSITION=0), tmp_path)
 
 
-# -- what is left out --------------------------------------------------------------------------
+# -- content that is left out ------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("read_here")

@@ -1,4 +1,4 @@
-"""Which vertices of a triangle soup are one: the same wherever the mesh is."""
+"""Joining the corners of triangle soups, at any position and scale of the mesh."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_ball_keeps_its_vertices_on_a_ground_of_any_size(write, half, tmp_path
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
 @pytest.mark.parametrize("shift", [0.0, 3.0])
 def test_residues_are_joined(scale: float, shift: float) -> None:
-    """Each corner is off by rounding of its own, as after two ways of computing the same place."""
+    """Corners that differ by rounding errors of 1e-15 are joined."""
     rng = np.random.default_rng(0)
     corners = BALL.vertices[BALL.faces] + shift
     corners += rng.uniform(-1e-15, 1e-15, corners.shape)
@@ -78,7 +78,7 @@ def test_residues_are_joined(scale: float, shift: float) -> None:
 
 
 def test_a_face_that_is_a_residue_collapses() -> None:
-    """A face of no size at a corner neither stays nor keeps the corners around it apart."""
+    """A face as small as the rounding error is removed, and the corners around it are joined."""
     here = BALL.vertices[0]
     tiny = here + 1e-16 * np.eye(3)
     corners = np.concatenate(
@@ -104,7 +104,7 @@ def test_an_unused_vertex_far_away_changes_nothing(far: float) -> None:
 
 
 def test_neighbours_in_single_precision_stay_two() -> None:
-    """The two nearest float32 numbers there can be at the far end of a mesh."""
+    """Corners that differ by one float32 step at the largest coordinate stay separate."""
     step = float(np.spacing(np.float32(1000.0)))
     corners = np.array(
         [

@@ -1,4 +1,4 @@
-"""Label sets come back from every format with names, colours and vertices without a label."""
+"""Label sets in every format: names, colours and unlabelled vertices survive a round trip."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ LABELS = (
 )
 VALUES = np.array([7, 3, 12, 0])[np.arange(N) % 4]
 SET = mv.VertexMap("compartments", VALUES, LABELS)
-#: Formats that hold labels without a vertex.
+#: Formats that store labels used by no vertex.
 HOLD_ALL = (".label.gii", ".npz", ".ply")
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
 
 def names(found: mv.VertexMap) -> list[str]:
-    """Return the name of the label of each vertex, "" without one."""
+    """Return the label name of each vertex, "" for unlabelled vertices."""
     texts = {label.key: label.name for label in found.labels}
     return [texts.get(value, "") for value in found.values.tolist()]
 
@@ -52,7 +52,7 @@ def test_what_is_written_is_read(ending: str, tmp_path: Path) -> None:
     expected = LABELS if ending in HOLD_ALL else LABELS[:3]
     described = {(label.name, label.color) for label in found.labels}
     assert described == {(label.name, label.color) for label in expected}
-    if ending != ".annot":  # which counts them
+    if ending != ".annot":  # an annotation renumbers its labels
         assert {label.key for label in found.labels} == {label.key for label in expected}
         np.testing.assert_array_equal(found.values, VALUES)
     if ending in (".npz", ".ply"):
@@ -68,7 +68,7 @@ def test_other_libraries_read_them(tmp_path: Path) -> None:
         if ending != ".label":
             mv.write_labels(path, SET, MESH.with_maps(SET))
     image = nibabel.load(paths[".label.gii"])
-    # and what Connectome Workbench shows where there is no label
+    # Connectome Workbench shows key 0, "???", at unlabelled vertices
     expected = {each.key: each.name for each in LABELS} | {0: "???"}
     assert image.labeltable.get_labels_as_dict() == expected
     assert image.labeltable.labels[-1].alpha == 0.0
@@ -127,7 +127,7 @@ def test_after_a_repair_labels_are_those_of_the_file(ending: str, tmp_path: Path
     loose = mv.Mesh(np.vstack([[9.0, 9.0, 9.0], MESH.vertices]), MESH.faces + 1)
     mesh = mv.repair_mesh(loose, "drop_unreferenced_vertices")
     mv.write_labels(tmp_path / f"lh.set{ending}", SET, mesh)
-    if ending != ".ply":  # which is the mesh after the repair
+    if ending != ".ply":  # a PLY file stores the repaired mesh
         on_file = mv.read_labels(tmp_path / f"lh.set{ending}", loose)
         assert names(on_file) == ["", *names(SET)]
     assert names(mv.read_labels(tmp_path / f"lh.set{ending}", mesh)) == names(SET)
@@ -148,7 +148,7 @@ def test_tables_of_other_programs(tmp_path: Path) -> None:
     }
     (tmp_path / "pins.csv").write_text("index,label,color\n3,soma,#aa0000\n", encoding="utf-8")
     assert is_pin_table(tmp_path / "pins.csv")
-    # numbers alone are values, as of a clustering
+    # a column of numbers without names is read as values, not as labels
     np.savetxt(tmp_path / "plain.csv", VALUES, header="label", comments="", fmt="%d")
     assert mv.read_labels(tmp_path / "plain.csv", MESH).labels == ()
 

@@ -1,4 +1,4 @@
-"""Parcellations of any size of table, and surface values in any shape, as FreeSurfer has them."""
+"""Parcellations with label tables of any size, and surface values in arrays of any shape."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def table(keys: np.ndarray) -> tuple[Label, ...]:
     )
 
 
-#: Numbers of labels in a table, and the numbers that the vertices have.
+#: Keys of a label table, and the key of each vertex.
 TABLES = {
     "361 of which 10": (np.arange(361), np.arange(N) % 10),
     "361 of which all": (np.arange(361), np.arange(N) % 361),
@@ -58,10 +58,10 @@ def gifti(path: Path, arrays: list[tuple[str, np.ndarray]], labels: tuple[Label,
 
 
 def annotation(path: Path, labels: tuple[Label, ...], values: np.ndarray, numbered: bool) -> None:
-    """Written from what FreeSurfer's documentation says of the format."""
+    """Write an annotation as FreeSurfer's documentation describes the format."""
     colors = {each.key: [int(each.color[at : at + 2], 16) for at in (1, 3, 5)] for each in labels}
     packed = [r + (g << 8) + (b << 16) for r, g, b in (colors.get(v, (1, 1, 9)) for v in values)]
-    pairs = np.column_stack([np.arange(len(values)), packed])[::-1]  # in any order
+    pairs = np.column_stack([np.arange(len(values)), packed])[::-1]  # in arbitrary order
     parts = [np.array([len(values)], ">i4").tobytes(), pairs.astype(">i4").tobytes()]
     last = max(each.key for each in labels) + 1
     parts.append(struct.pack(">iii", 1, -2, last) if numbered else struct.pack(">ii", 1, last))
@@ -91,7 +91,7 @@ def test_labels_in_use_are_known(name: str, kind: str, tmp_path: Path) -> None:
         gifti(path, [*surface, ("NIFTI_INTENT_LABEL", values.astype(np.int32))], labels)
         (found,) = read_mesh(path).maps
     else:
-        if kind == "old annot":  # whose labels are counted
+        if kind == "old annot":  # has labels numbered 0, 1, 2, …
             if not np.array_equal(keys, np.arange(len(keys))):
                 pytest.skip("has no such table")
             labels = tuple(sorted(labels, key=lambda each: each.key))

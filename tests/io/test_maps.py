@@ -1,4 +1,4 @@
-"""Values per vertex come back as they were written; whatever is none is said in one sentence."""
+"""Files of values per vertex: round trips in every format, and one-sentence errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 
 MESH = shapes.icosphere(1)
 N = MESH.n_vertices
-#: Exact in float32 and in text; with one vertex that has none.
+#: Values that are exact in float32 and in text; vertex 5 has none.
 VALUES = np.where(np.arange(N) == 5, np.nan, np.arange(N) / 8.0 - 2.0)
 PARTS = np.arange(N) % 3
 LABELS = (Label(0, "left", "#ff0000"), Label(1, "right", "#00ff80"), Label(2, "top", "#0000ff"))
@@ -266,7 +266,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
-#: Of each kind of fault one; those that a process of its own reads take half a second each.
+#: One case of each kind of fault, except files read in a child process (0.5 s each).
 QUICK = ["short.npy", "text.npy", "infinite.npy", "words.csv", "lh.other.label", "notes.txt"]
 
 
@@ -336,7 +336,7 @@ def test_a_surface_is_no_map(tmp_path: Path) -> None:
 
 
 def test_maps_go_along_with_repairs(tmp_path: Path) -> None:
-    """A map that was made for the file fits the repaired mesh, before the repair and after it."""
+    """A map with the vertices of the file can be added before and after a repair of the mesh."""
     both = shapes.three_spheres()
     marks = np.arange(both.n_vertices, dtype=np.float64)
     marked = both.with_maps(VertexMap("marks", marks), VertexMap("marks", marks))
@@ -358,9 +358,9 @@ def test_a_map_is_of_its_mesh() -> None:
         VertexMap("a", np.ones((N, 2)))
     assert VertexMap("a", np.arange(3)).values.dtype == np.float64
     assert not VertexMap("a", np.arange(3)).signed
-    assert not VertexMap("thickness", np.array([-0.003, 0.0, 4.7])).signed  # interpolated
+    assert not VertexMap("thickness", np.array([-0.003, 0.0, 4.7])).signed  # slightly < 0
     smoothed = np.append(np.linspace(0.5, 4.0, 500), [-0.3, -0.1])
-    assert not VertexMap("thickness of few pairs", smoothed).signed  # as it overshoots
+    assert not VertexMap("thickness of few pairs", smoothed).signed  # few values < 0
     assert VertexMap("few", np.append(np.zeros(500), [-3.0, 4.0])).signed
     assert VertexMap("curv", np.array([-0.4, 0.0, 0.3])).signed
     assert not VertexMap("parts", np.arange(-1, 2), (Label(-1, "a", "#000000"),)).signed

@@ -1,4 +1,4 @@
-"""Byte order marks in front of text change nothing, whatever the format."""
+"""Byte order marks at the beginning of text files of every format."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ XML = (
     "</Piece></PolyData></VTKFile>"
 )
 
-#: The first line of each is one that must not be lost.
+#: Mesh files that cannot be read correctly if a byte order mark hides their first line.
 TEXTS = {
     "vertex first.obj": "".join(f"v {p}\n" for p in POINTS) + rows("f -4 -3 -2", FACES[:1])
     + "f 1 3 4\n",

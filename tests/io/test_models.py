@@ -1,4 +1,4 @@
-"""Files of class models: what is written is read, and nothing else is loaded."""
+"""Files of class models: round trips, and refusal of other or damaged content."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CARD = "meshmash-viewer.json"
 
 
 class Other:
-    """A type that no model holds."""
+    """A type that class models may not contain."""
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def path(tmp_path: Path, model: mv.ClassModel) -> Path:
 
 
 def with_card(path: Path, change: Any) -> Path:
-    """A copy whose card is changed by a function."""
+    """Return a copy of a model file in which `change` has edited the JSON card."""
     copy = path.with_name("changed.skops")
     with zipfile.ZipFile(path) as archive, zipfile.ZipFile(copy, "w") as other:
         for name in archive.namelist():
@@ -119,7 +119,7 @@ def test_another_type_is_refused_by_its_name(path: Path, model: mv.ClassModel) -
 def test_a_tree_that_leads_out_of_itself_is_refused(
     tmp_path: Path, blob: mv.Mesh, labels: mv.VertexMap
 ) -> None:
-    """Following it would read memory that is not its own."""
+    """A decision tree with a child index out of range would read memory outside the tree."""
     columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", n_times=6)
     model = mv.train_classes(blob, labels, columns, scored=False)
     tree = model.classifier.estimators_[0].estimators_[7].tree_

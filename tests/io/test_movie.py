@@ -22,7 +22,7 @@ WIDTH, HEIGHT = 96, 64
 
 
 def frames(count: int) -> Iterator[np.ndarray]:
-    """A smooth ground with a disc that moves to the right; the first two are alike."""
+    """Yield frames of a disc that moves right over a gradient; the first two are equal."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     for at in range(count):
         frame = np.stack([x * 2, y * 3, np.full_like(x, 90)], axis=2).astype(np.uint8)
@@ -32,7 +32,7 @@ def frames(count: int) -> Iterator[np.ndarray]:
 
 
 def read(path: Path) -> tuple[list[np.ndarray], float]:
-    """Frames and length (s) of a movie as other programs see them."""
+    """Return the frames and the duration (s) of a movie, decoded by FFmpeg or Pillow."""
     if path.suffix == ".mp4":
         imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
         program = imageio_ffmpeg.get_ffmpeg_exe()
@@ -73,7 +73,7 @@ def test_what_is_written_is_read_back(tmp_path: Path, ending: str, rate: float) 
     assert length == pytest.approx(9 / rate, abs=0.006)
     for wanted, got in zip(frames(9), shown, strict=True):
         assert got.shape == wanted.shape
-        # a GIF has 256 colours, the others are coded with some loss
+        # only APNG is lossless; a GIF has 256 colours
         assert np.abs(wanted.astype(int) - got).mean() < (0.01 if ending == ".apng" else 6.0)
     assert not [each for each in tmp_path.iterdir() if each.name != f"film{ending}"]
 
@@ -164,7 +164,7 @@ def test_an_ffmpeg_that_fails_is_said_in_a_sentence(
 def test_an_ffmpeg_that_has_gone_is_a_sentence_on_every_system(
     at: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Windows answers EINVAL where POSIX answers EPIPE."""
+    """Writing to a closed pipe fails with EINVAL on Windows and EPIPE on POSIX."""
     start = subprocess.Popen
 
     class Gone:

@@ -1,4 +1,4 @@
-"""OFF as people write it: headers, counts and rows of every kind."""
+"""OFF files with common variants of headers, counts and rows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BODY = "\n".join([*POINTS, *FACES]) + "\n"
 
 
 def rows(more: str = "", *, faces: list[str] | None = None, points: str = "") -> str:
-    """The body with more at the end of each vertex, or of each face."""
+    """Return the body with `points` appended to each vertex line and `more` to each face line."""
     many = [f"{point} {points}" for point in POINTS]
     return "\n".join([*many, *(f"{face} {more}" for face in faces or FACES)]) + "\n"
 

@@ -1,4 +1,4 @@
-"""What PLY files may hold beside the mesh, and what our own hold."""
+"""PLY files: additional properties and elements, irregular bodies, and the package's own files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from meshmash_viewer.mesh import Mesh
 
 
 def properties(path: Path) -> list[str]:
-    """Names of the vertex properties that a header promises."""
+    """Return the names of the vertex properties in a header."""
     header = path.read_bytes().split(b"element face")[0].decode("ascii")
     return [line.split()[-1] for line in header.splitlines() if line.startswith("property")]
 
@@ -160,7 +160,7 @@ def test_a_unit_is_taken_from_our_own_comment_if_it_is_one(
     assert read_mesh(write_text(tmp_path / "mesh.ply", header, SQUARE + "3 0 1 2\n")).unit == unit
 
 
-# Bodies that are not as their header says ---------------------------------------------------------
+# Bodies that differ from their header -------------------------------------------------------------
 
 FACE = "element face 2\nproperty list uchar int vertex_indices\n"
 FACES = "3 0 1 2\n3 0 2 3\n"

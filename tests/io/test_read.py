@@ -1,4 +1,4 @@
-"""Every format gives the same mesh; every broken file gives one sentence."""
+"""Mesh readers: the same mesh from every format, and one-sentence errors for broken files."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def write_freesurfer(path: Path) -> None:
 def draco_bytes() -> bytes:
     import DracoPy
 
-    step = 1.0 / 64.0  # the grid of the corners
+    step = 1.0 / 64.0  # quantization step
     return bytes(
         DracoPy.encode(
             VERTICES,
@@ -157,15 +157,15 @@ def write_meshparty(path: Path) -> None:
 
     with h5py.File(path, "w") as file:
         file["vertices"] = VERTICES.astype(np.float32)
-        file["faces"] = FACES.astype(np.uint32).ravel()  # in one row, as MeshParty does at times
+        file["faces"] = FACES.astype(np.uint32).ravel()  # flat, as MeshParty sometimes stores them
 
 
-#: Read in a process of its own, which takes half a second to start.
+#: Files read in a child process, which takes 0.5 s to start.
 GUARDED = (
     "mesh.glb", "mesh.gltf", "mesh.vtp", "mesh.vtu", "mesh.vtk", "mesh.surf.gii", "mesh.h5",
     "mesh.drc",
 )  # fmt: skip
-#: Endings of these, but one.
+#: Endings of `GUARDED`, except .vtk.
 IN_A_CHILD = {Path(name).suffix for name in GUARDED} - {".vtk"}
 WRITERS: dict[str, Callable[[Path], None]] = {
     "mesh.obj": write_obj,
@@ -189,7 +189,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 
 
 def same_surface(mesh: Mesh, vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Equal as sets of oriented triangles, whatever the order of vertices and faces."""
+    """Return whether two surfaces have the same oriented triangles, in any order."""
 
     def triangles(points: np.ndarray, corners: np.ndarray) -> list[tuple[float, ...]]:
         rolled = []
@@ -326,7 +326,7 @@ def test_a_brain_in_metres_is_known_by_its_size(
     from nibabel.freesurfer import write_geometry
     from nibabel.gifti import GiftiDataArray, GiftiImage
 
-    path, vertices = tmp_path / name, (factor * VERTICES).astype(np.float32)  # 4 long
+    path, vertices = tmp_path / name, (factor * VERTICES).astype(np.float32)  # 4 * factor long
     if name.endswith(".gii"):
         arrays = [
             GiftiDataArray(vertices, intent="NIFTI_INTENT_POINTSET"),
@@ -460,7 +460,7 @@ def test_ply_polygons_of_differing_length_and_strips(tmp_path: Path) -> None:
 
 
 def test_stl_joins_residues_but_not_neighbours(tmp_path: Path) -> None:
-    step = float(np.spacing(np.float32(1000.0)))  # the nearest two float32 there can be
+    step = float(np.spacing(np.float32(1000.0)))  # one float32 step
     corners = np.array(
         [[[1000, 0, 0], [1000 + step, 1, 0], [0, 0, 1e-17]], [[1000, 0, 0], [0, 0, 0], [0, 1, 0]]],
         dtype=np.float32,
@@ -514,7 +514,7 @@ def test_freesurfer_surfaces_are_known_by_how_they_begin(
 
 @pytest.mark.parametrize("magic", [b"\xff\xff\xff", b"\xff\xff\xfd"])
 def test_freesurfer_quadrangles(magic: bytes, tmp_path: Path) -> None:
-    # A square of two triangles, whichever way it is cut.
+    # A square gives two triangles, whichever diagonal divides it.
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     places = (100 * square).astype(">i2") if magic[2] == 255 else square.astype(">f4")
     corners = bytes([0, 0, 0, 0, 0, 1, 0, 0, 2, 0, 0, 3])
@@ -534,7 +534,7 @@ def test_numbers_on_a_freesurfer_surface_are_no_surface(tmp_path: Path) -> None:
     assert "one number a vertex" in fault_of(path)
 
 
-# Bad input: one sentence that names the file, the fault and the way out.
+# Bad input: one sentence names the file, the fault and the remedy.
 
 
 def fault_of(path: Path) -> str:
@@ -586,7 +586,7 @@ def test_every_truncation(name: str, tmp_path: Path, capfd: pytest.CaptureFixtur
     whole = path.read_bytes()
     for share in (0.1, 0.5, 0.7, 0.9):
         path.write_bytes(whole[: int(share * len(whole))])
-        # Text formats without counts end legally after any line: fewer faces, but no nonsense.
+        # OBJ states no counts, so a file that is cut after a line is valid, with fewer faces.
         if name == "mesh.obj" and share > 0.5:
             continue
         fault_of(path)
@@ -661,7 +661,7 @@ def test_index_out_of_range_in_binary_formats(tmp_path: Path) -> None:
 def test_a_reader_that_ends_its_process(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # As VTK does on some broken files, by a segmentation fault or for want of memory.
+    # VTK ends its process on some broken files: by a segmentation fault, or for lack of memory.
     monkeypatch.setattr("meshmash_viewer.work._CHILD", "import os; os.kill(os.getpid(), 9)")
     write_vtk(tmp_path / name)
     assert "the library that reads it ends on it" in fault_of(tmp_path / name)
@@ -702,7 +702,7 @@ def test_npz_arrays_of_other_names_and_orders(
     np.testing.assert_array_equal(read_mesh(path).faces, FACES[:3])
 
 
-QUADS = np.array([[0, 2, 1, 3], [4, 1, 5, 0]])  # the octahedron's sections through x and one axis
+QUADS = np.array([[0, 2, 1, 3], [4, 1, 5, 0]])  # sections in the xy and xz planes
 
 
 @pytest.mark.parametrize(
@@ -766,14 +766,14 @@ def test_no_permission(tmp_path: Path) -> None:
     if os.geteuid() != 0:
         assert "may not be read" in fault_of(path)
         return
-    os.seteuid(65534)  # the administrator may read all; nobody may not
+    os.seteuid(65534)  # root may read all files; user 65534 (nobody) may not
     try:
         assert "may not be read" in fault_of(path)
     finally:
         os.seteuid(0)
 
 
-# Files that ask for more than they hold ----------------------------------------------------------
+# Files that declare more data than they contain --------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -883,7 +883,7 @@ def test_gifti_arrays_that_unpack_to_much(
 ) -> None:
     from nibabel.gifti import GiftiDataArray, GiftiImage
 
-    zeros = np.zeros((6_000_000, 3), dtype=np.float32)  # 72 MB of which 70 kB are left
+    zeros = np.zeros((6_000_000, 3), dtype=np.float32)  # 72 MB, compressed to 70 kB
     arrays = [
         GiftiDataArray(zeros, intent="NIFTI_INTENT_NONE"),
         GiftiDataArray(VERTICES.astype(np.float32), intent="NIFTI_INTENT_POINTSET"),
@@ -900,7 +900,7 @@ def test_gifti_arrays_that_unpack_to_much(
 
 @pytest.mark.slow
 def test_a_file_that_unpacks_to_much_is_read_all_the_same(tmp_path: Path) -> None:
-    # Beyond what is read without limits: 14 MB from a few kB.
+    # 14 MB unpacked from a few kB, which is more than is read without limits.
     plain, packed = tmp_path / "mesh.obj", tmp_path / "mesh.obj.gz"
     write_obj(plain)
     packed.write_bytes(gzip.compress(b"# nothing to see here\n" * 650_000 + plain.read_bytes()))

@@ -1,4 +1,4 @@
-"""Files that another program holds for a moment, as scanners and indexers do on Windows."""
+"""Files locked for a moment by other programs, such as virus scanners on Windows."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FOREVER = 10**9
 
 
 class Refusing:
-    """A function of the system that is refused so many times, then works."""
+    """A system function whose first `times` calls fail, for file names that begin with `only`."""
 
     def __init__(self, function: Callable[..., Any], times: int, only: str = "") -> None:
         self.function, self.times, self.only = function, times, only
@@ -56,7 +56,7 @@ def refuse(
     monkeypatch: pytest.MonkeyPatch, place: Any, name: str, times: int, only: str = ""
 ) -> Refusing:
     refusing = Refusing(getattr(place, name), times, only)
-    # a plain function, which is bound to the path that it is called on
+    # a function is bound to the path as a method, unlike a `Refusing` object
     monkeypatch.setattr(place, name, lambda *a, **k: refusing(*a, **k))
     return refusing
 
@@ -118,7 +118,7 @@ def test_a_part_that_stays_ends_nothing(
         with pytest.raises(KeyError, match="mine"), written_together(path) as (part,):
             raise KeyError(part.write_text("half", encoding="ascii"), "mine")
         assert not path.exists()
-        # it is deleted by whatever writes here next, once this process has ended
+        # after this process has ended, the next process that writes here deletes the file
         assert len(list(tmp_path.iterdir())) == (times == FOREVER)
     else:
         with written_together(path) as (part,):
@@ -131,7 +131,7 @@ def test_many_files_are_discarded_within_the_time_of_one(
     times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, patience: float
 ) -> None:
     paths = [tmp_path / name for name in "abcdef"]
-    for path in paths[:-1]:  # the last is not there
+    for path in paths[:-1]:  # the last file does not exist
         path.touch()
     refuse(monkeypatch, Path, "unlink", times, only="c")
     began = time.monotonic()
@@ -226,7 +226,7 @@ def test_a_lock_that_cannot_be_released_is_closed(
 def test_a_store_is_known_by_handles_alone(
     sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On Windows the device of a handle has another number than that of its path."""
+    """On Windows, `st_dev` differs between a handle and its path, so only handles are compared."""
     by_path = os.stat
 
     def other_device(*arguments: Any, **options: Any) -> os.stat_result:

@@ -13,17 +13,17 @@ from meshmash_viewer.mesh import Mesh
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
-#: A tetrahedron without symmetry, whose faces look outwards.
+#: An asymmetric tetrahedron with outward faces.
 VERTICES = np.array([[0.0, 0, 0], [3, 0, 0], [0, 2, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-#: Three axes into one another, which is no symmetry of any of its transposes.
+#: A cyclic permutation of the axes, which differs from its transpose.
 CYCLE = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 MIRROR = np.diag([-1.0, 1, 1])
 
 
 def volume(mesh: Mesh) -> float:
-    """Signed: negative where faces look inwards."""
+    """Return the signed volume, negative if faces point inwards."""
     a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
     return float(np.sum(np.cross(a, b) * c)) / 6.0
 
@@ -46,7 +46,7 @@ def placement(
 
 
 def rows(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Sorted, so that the order of vertices does not matter."""
+    """Return the points sorted, for comparisons independent of vertex order."""
     return np.array(sorted(map(tuple, np.round(points + 0.0, 5))))
 
 
@@ -60,7 +60,7 @@ def test_a_mesh_is_turned_mirrored_and_moved_as_the_scene_says(
     write_scene(tmp_path / "scene.glb", placement(linear, shift))
     mesh = read_mesh(tmp_path / "scene.glb")
     np.testing.assert_allclose(rows(mesh.vertices), rows(VERTICES @ linear.T + shift), atol=1e-5)
-    # Whatever the transform does to it, the surface goes on looking outwards.
+    # Faces point outwards after every transform, also after a reflection.
     assert volume(mesh) == pytest.approx(abs(np.linalg.det(linear)), rel=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""Meshes of segments by their links: every layout as cloud-volume reads it, every fault said."""
+"""Meshes of segments opened by links: every layout of cloud-volume, and error messages."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ WHOLE = np.round((FINE.vertices + 1000.0) * 10.0)
 
 @pytest.fixture(scope="module")
 def layers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """One layer of each layout, all with a box in two fragments."""
+    """Write one layer of each layout, each with a box in two fragments; return the folders."""
     top = tmp_path_factory.mktemp("layers")
     pieces = halves(FINE)
     grown = [packed(np.round((each.vertices + 1000.0) * 10.0), each.faces) for each in pieces]
@@ -106,7 +106,7 @@ def test_vertices_and_faces_are_those_of_cloud_volume(
     expected = COARSE if lod else FINE
     assert (mesh.n_vertices, mesh.n_faces) == (expected.n_vertices, expected.n_faces)
     assert (mesh.unit, mesh.name) == ("nm", str(SEGMENT))
-    assert len(theirs.vertices) > mesh.n_vertices  # at the seam
+    assert len(theirs.vertices) > mesh.n_vertices  # repeated at the seam
 
 
 @pytest.mark.usefixtures("read_here")
@@ -198,7 +198,7 @@ def test_the_mesh_is_the_same_in_whatever_order_fragments_are_listed(tmp_path: P
 
 @pytest.mark.slow
 def test_too_many_vertices_are_said_before_they_are_read(tmp_path: Path) -> None:
-    # the second fragment is a hole of 1.8 GB in a file, which would take minutes to decode
+    # the second fragment is a sparse file of 0.76 GB, which would take minutes to decode
     folder = write_fragments(tmp_path / "fragments", [fragment(FINE), b""])
     os.truncate(folder / "mesh" / f"{SEGMENT}:0:1", 21_000_000 * 36)
     said = fault_of(source(folder))
@@ -215,12 +215,12 @@ def test_too_many_vertices_are_said_before_they_are_read(tmp_path: Path) -> None
 
 
 def grow_finest_level(index: Path, data: Path, n_vertices: int) -> None:
-    """Say in a manifest that the finest level is so large, and move the other one behind it."""
+    """Set the size of the finest level to `n_vertices`, and move the coarser level after it."""
     from cloudvolume.datasource.precomputed.mesh.multilod import MultiLevelPrecomputedMeshManifest
 
     manifest = MultiLevelPrecomputedMeshManifest.from_binary(index.read_bytes(), SEGMENT)
     fine, coarse = (int(each.sum()) for each in manifest.fragment_offsets)
-    size = round(coarse * n_vertices / (COARSE.n_vertices + 16))  # with those of the seam
+    size = round(coarse * n_vertices / (COARSE.n_vertices + 16))  # plus those at the seam
     content = data.read_bytes()[fine:]
     with data.open("wb") as file:
         file.seek(size)
@@ -232,7 +232,7 @@ def grow_finest_level(index: Path, data: Path, n_vertices: int) -> None:
 
 @pytest.fixture
 def refusing_server() -> Iterator[str]:
-    """A server on this machine that asks for credentials, with a secret in what it says."""
+    """Run a local server that answers 403, with a secret in its message; yield its address."""
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:

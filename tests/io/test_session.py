@@ -1,4 +1,4 @@
-"""A session comes back as it was; what is not one is said in a sentence."""
+"""Session files: round trips, and one-sentence errors for invalid files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""STL as people write it: odd names, odd words, counts that are none."""
+"""STL files with unusual names, spellings, headers and counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The store: what one process writes another reads, and nothing damaged is ever used."""
+"""The store of eigenpairs: sharing between processes, growth, damage and disk space."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def n_proven(mesh: Mesh, root: Path) -> int:
 
 
 def fill(store: EigenpairStore, whole: Eigenpairs, stop: int) -> None:
-    """Publish the pairs up to one, without a certificate."""
+    """Publish the pairs below index `stop`, without a certificate."""
     stored = store.load()
     start = 0 if stored is None else len(stored)
     rows = store.allocate(len(whole), n_kept=start)
@@ -67,7 +67,7 @@ def fill(store: EigenpairStore, whole: Eigenpairs, stop: int) -> None:
 
 
 def finish(store: EigenpairStore, whole: Eigenpairs, known_to: float = 0.0) -> None:
-    """Publish the pairs that have not come yet, and the certificate."""
+    """Publish the remaining pairs and the certificate."""
     fill(store, whole, len(whole))
     store.append(replace(whole, known_to=known_to))
 
@@ -130,7 +130,7 @@ def test_pairs_are_published_as_they_come(sphere: Mesh, tmp_path: Path, whole: E
         fill(store, whole, 8)
         assert len(loaded(sphere, tmp_path)) == 8
         np.testing.assert_array_equal(first.rows, whole.rows[:4])
-    # Cut off here: what has converged is kept, and is no answer to anything.
+    # Closed without a certificate: the converged pairs are kept, but answer no request.
     assert len(loaded(sphere, tmp_path)) == 8
     assert open_store(sphere, tmp_path).covers(Request(2)) is None
     assert not loaded(sphere, tmp_path).complete
@@ -177,7 +177,7 @@ def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Pat
         np.testing.assert_array_equal(rows[:10], few.rows)
         rows[10:] = many.rows[10:]
         begun = replace(many, certificate=Certificate("none"))
-        store.append(begun.first(10))  # known pairs come again
+        store.append(begun.first(10))  # published a second time
         store.append(begun.first(20))
         assert len(loaded(sphere, tmp_path)) == 20
         assert n_proven(sphere, tmp_path) == 10
@@ -185,7 +185,7 @@ def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Pat
         finish(store, many)
     assert len(loaded(sphere, tmp_path)) == 1200
     assert open_store(sphere, tmp_path).covers(Request(1200)) == 1200
-    np.testing.assert_array_equal(before.rows, few.rows)  # an old map stays valid
+    np.testing.assert_array_equal(before.rows, few.rows)  # the old memory map stays valid
 
 
 def flip_bit(path: Path, place: int = -100) -> None:
@@ -209,7 +209,7 @@ def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -
     assert (len(part), part.complete, found.damage) == (5, True, "eigenpairs 5 to 11")
     with found:
         rows = found.allocate(12, n_kept=5)
-        assert n_proven(sphere, tmp_path) == 5  # whatever is written behind them
+        assert n_proven(sphere, tmp_path) == 5  # rows 5 to 11 are not published
         rows[5:] = whole.rows[5:]
         found.append(whole.first(8))
         assert n_proven(sphere, tmp_path) == 8
@@ -265,7 +265,7 @@ def test_room_is_on_the_disk_before_anything_is_written(sphere: Mesh, tmp_path: 
         status = (store.folder / "eigenvectors.f64").stat()
         assert status.st_size == 8 * 50 * sphere.n_vertices
         assert 512 * status.st_blocks >= status.st_size
-    # Nothing came of it.
+    # No pairs were published.
     EigenpairCache(tmp_path).tidy()
     assert EigenpairCache(tmp_path).stores() == []
 
@@ -332,7 +332,7 @@ def test_left_overs_go_and_stores_of_other_versions_when_they_are_old(
     path = store.folder / "eigenvectors.f64"
     assert path.stat().st_size == 8 * 5 * sphere.n_vertices
     np.testing.assert_array_equal(loaded(sphere, tmp_path).rows, whole.rows[:5])
-    # What is missing of a file is not made up for by zeros.
+    # A truncated file is not filled up with zeros.
     os.truncate(path, 100)
     EigenpairCache(tmp_path).tidy()
     assert path.stat().st_size == 100
@@ -343,7 +343,7 @@ def _hold(mesh: Mesh, root: Path, ready: Any, go: Any) -> None:
     fill(store, synthetic(mesh.n_vertices, 10), 5)
     ready.set()
     go.wait(60)
-    os._exit(9)  # killed in the middle
+    os._exit(9)  # ends without cleaning up, as if killed
 
 
 def test_two_processes_never_write_at_once(sphere: Mesh, tmp_path: Path, whole: Eigenpairs) -> None:
@@ -356,7 +356,7 @@ def test_two_processes_never_write_at_once(sphere: Mesh, tmp_path: Path, whole: 
         store = open_store(sphere, tmp_path)
         with pytest.raises(StoreBusy, match="Another process"):
             store.allocate(10)
-        assert len(loaded(sphere, tmp_path)) == 5  # looking is allowed
+        assert len(loaded(sphere, tmp_path)) == 5  # reading is allowed
         assert EigenpairCache(tmp_path).clear() == 0
     finally:
         go.set()
@@ -390,7 +390,7 @@ def test_oldest_goes_when_the_cap_is_reached(
             finish(store, whole)
         os.utime(store.folder / "problem.json", ns=(0, age))
     one = folder_size(stores[0].folder)
-    assert stores[0].load() is not None  # used again: the other is now the oldest
+    assert stores[0].load() is not None  # used now, so the second store is the oldest
     stores[2] = open_store(shifted(sphere, 2), tmp_path, cap=int(2.5 * one))
     with stores[2]:
         finish(stores[2], whole)

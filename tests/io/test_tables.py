@@ -1,4 +1,4 @@
-"""Every column of a table is a map, or named in one sentence with the reason."""
+"""Tables of values per vertex: every column is read, or left out with a reason."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.mesh import Mesh
 
-#: Four vertices and as many rows.
+#: A mesh of four vertices, for tables of four rows.
 MESH = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3], [0, 2, 3]])
 NAN = np.nan
 
@@ -24,7 +24,7 @@ def read(path: Path, content: str | bytes) -> dict[str, list[float]]:
     return {each.name: each.values.tolist() for each in read_maps(path, MESH)}
 
 
-#: Text, and the maps that it holds.
+#: Content of a table, and the maps read from it.
 TABLES: dict[str, tuple[str | bytes, dict[str, list[float]]]] = {
     "one name twice": ("a,a\n1,5\n2,6\n3,7\n4,8\n", {"a": [1, 2, 3, 4], "a 2": [5, 6, 7, 8]}),
     "three of one name and the number taken": (
@@ -116,7 +116,7 @@ def test_columns_are_kept(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(found[column], values)
 
 
-#: Columns after one of numbers, and why they are none.
+#: Columns that are not maps, and the reasons given.
 LEFT_OUT = {
     "text": (("b", "x", "y", "x", "y"), r"'b' \(not numbers, such as 'x'\)"),
     "one word among numbers": (
@@ -161,7 +161,7 @@ def test_broken_tables_are_one_sentence(name: str, tmp_path: Path) -> None:
 
 
 def test_a_column_may_change_its_kind_after_thousands_of_rows(tmp_path: Path) -> None:
-    """Whole numbers, or none at all, for the first two megabytes."""
+    """In the first 2 MB, one column has whole numbers only and the other no values."""
     n = 300_000
     late = np.where(np.arange(n) < n - 5, 0.0, 0.25)
     place = np.arange(n) - n // 2

@@ -1,4 +1,4 @@
-"""All that a VTK file has at its points is a map, or named in one sentence."""
+"""Point data of VTK files: every array is read, or left out with a reason."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COLORS = np.array([[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]])
 
 
 class Legacy:
-    """A legacy file of four points, as text or binary."""
+    """Builder of a legacy VTK file with four points, as text or binary."""
 
     def __init__(self, binary: bool = False, dataset: str = "POLYDATA") -> None:
         self.binary = binary
@@ -38,7 +38,7 @@ class Legacy:
             self.add("CELLS 2 8", CELLS, "i4").add("CELL_TYPES 2", np.array([5, 5]), "i4")
 
     def add(self, head: str, values: object = (), dtype: str = "f8") -> Legacy:
-        """Lines of keywords, and the values after them."""
+        """Append keyword lines and their values."""
         array = np.asarray(values, dtype=dtype)
         if self.binary:
             data = array.astype(f">{dtype}").tobytes() + b"\n" if array.size else b""

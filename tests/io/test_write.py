@@ -1,4 +1,4 @@
-"""What is written can be read again, by us and by others, and says how it was made."""
+"""Writers of features, eigenpairs and pictures: content, provenance and failures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OPTIONS = {"count": 20, "t_min": 1.5}
 
 @pytest.fixture
 def mesh(sphere: Mesh) -> Mesh:
-    """As it comes from a file whose coordinates count voxels."""
+    """Return a mesh as read from a file with voxel coordinates."""
     vertices = 1e6 + sphere.vertices * 1234.5
     return Mesh(vertices, sphere.faces, unit="nm", name="ball", voxel=(4.0, 4.0, 40.0))
 
@@ -48,7 +48,7 @@ def features(mesh: Mesh, rng: np.random.Generator) -> Features:
 
 
 def read_back(path: Path) -> tuple[np.ndarray, list[str], dict[str, Any]]:
-    """Values (n, f), column names and provenance, by programs other than ours."""
+    """Return values (n, f), column names and provenance, read by other libraries."""
     match path.suffix:
         case ".npz":
             with np.load(path, allow_pickle=False) as archive:
@@ -231,7 +231,7 @@ def test_the_note_names_its_table(
 
 
 def killed_while_writing(path: Path) -> list[Path]:
-    """What a process leaves that is killed before its file takes its place."""
+    """Kill a process before it renames its temporary files; return these files."""
     code = (
         "import os, sys\nfrom pathlib import Path\n"
         "from meshmash_viewer.io.atomic import written_together\n"
@@ -266,7 +266,7 @@ def test_a_folder_that_is_made_goes_again_where_it_stays_empty(tmp_path: Path) -
 def test_what_others_write_stays(mesh: Mesh, features: Features, tmp_path: Path) -> None:
     with written_whole(tmp_path / "ours.npz") as part:
         part.write_bytes(b"half")
-        # Another machine's process may be alive, unless its part is old.
+        # A process of another machine may still be writing, unless its temporary file is old.
         young, old = (tmp_path / f".meshmash-0000000{i}-1-00000000-theirs.npz" for i in (1, 2))
         hidden = tmp_path / ".meshmash-notes"
         for each in (young, old, hidden):
