@@ -1,4 +1,4 @@
-"""What every family of fields promises, whichever it is."""
+"""Properties that all families of fields share."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_zeros_alone_are_no_reason_to_stumble(family: type[Family]) -> None:
     assert chosen.resolved(zeros, CHOSEN).at_rest() == chosen.resolved(zeros, CHOSEN).at_rest()
     if isinstance(chosen, BankFamily):
         for area in (None, 3.0):
-            with suppress(InputError):  # times cannot be chosen
+            with suppress(InputError):  # zeros alone define no range of times
                 assert np.isfinite(chosen.bank(zeros.eigenvalues, area)(zeros.eigenvalues)).all()
 
 
@@ -184,7 +184,7 @@ def test_an_energy_at_no_eigenvalue_is_the_lowest(spectrum: Eigenpairs) -> None:
 
 
 def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Eigenpairs) -> None:
-    """A step of a growing spectrum need not wait; another spectrum must."""
+    """A table of fewer pairs gives a draft; a table of another spectrum gives no values."""
     fewer = replace(
         spectrum,
         eigenvalues=spectrum.eigenvalues[:40],
@@ -202,7 +202,7 @@ def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Eigenpa
 
 
 def test_exact_pairs_come_before_those_of_a_preview(spectrum: Eigenpairs) -> None:
-    """Then the preview goes on, ascending, and says that it is one."""
+    """Exact pairs replace the first preview pairs; the result is sorted and marked as preview."""
     preview = replace(
         spectrum, eigenvalues=0.9 * spectrum.eigenvalues, rows=-spectrum.rows, n_exact=0
     )

@@ -1,4 +1,4 @@
-"""Filters that follow their sliders: nearly while they move, to the last digit where they rest."""
+"""Filter fields: approximate while a slider moves, exact when it rests."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from meshmash_viewer.model.field import FieldRequest, LiveFeatures
 from meshmash_viewer.spectral import eigenpairs as spectra
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
-#: A step of colour.
+#: One colour step, relative to the maximum of a field.
 _STEP = 4e-3
 
 
@@ -52,8 +52,7 @@ def test_a_table_tells_any_filter_within_a_step_of_colour(spectrum: Eigenpairs) 
     for name, weights in filters_of(spectrum).items():
         wanted = dense(spectrum, weights)
         error = np.abs(table.at(weights, spectrum.rows) - wanted)
-        # a sharp band has two edges, between which and the bends of the table more pairs lie than
-        # are added one by one
+        # next to the two edges of a sharp band, more pairs differ than are added one by one
         allowed = (8.0 if name.startswith("band") else 1.0) * _STEP * wanted.max()
         assert error.max() <= allowed, name
         assert np.median(error) <= allowed / 4.0, name

@@ -1,4 +1,4 @@
-"""Maps of a mesh as fields: what is shown is what the library computes."""
+"""Maps of a mesh as fields: displayed values equal those that the library computes."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_mean_curvature_where_faces_disagree_says_so(sphere: Mesh) -> None:
 def test_the_sum_of_pairs_is_that_of_the_library(
     spectrum: Eigenpairs, mapped: Mesh, pairs: mv.Decomposition
 ) -> None:
-    """However the slider got there."""
+    """Sums are correct in any order of the slider's positions."""
     live, values = LiveFeatures(), mapped.map_named("height").values
     found = mv.map_spectrum(pairs, values)
     for count in (5, 6, 60, 58, 1, 2, 33):
@@ -218,7 +218,7 @@ def test_a_filter_is_near_while_it_moves_over_a_large_mesh_and_right_where_it_re
 
 
 def test_mean_is_that_of_the_surface(rectangle: Mesh) -> None:
-    """A coordinate's mean is the middle of a rectangle, wherever its vertices are crowded."""
+    """The mean is weighted by area, so an uneven density of vertices does not change it."""
     vertices = np.array(rectangle.vertices)
     width = np.ptp(vertices[:, 0])
     vertices[:, 0] = width * ((vertices[:, 0] - vertices[:, 0].min()) / width) ** 3

@@ -1,4 +1,4 @@
-"""The scale-invariant heat kernel signature, against copies of other sizes and its definition."""
+"""The scale-invariant heat kernel signature, compared with scaled copies and its definition."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ def spectrum() -> Eigenpairs:
 
 def resolved(name: str, spectrum: Eigenpairs, count: int = 11) -> Family:
     chosen = {each: family() for each, family in FAMILIES.items()}
-    # maps have one column each until they are summed over pairs, distances one for each vertex
+    # maps have one column each unless summed over pairs; distances have one for each vertex
     given = {
         "map": {"view": "pairs"},
         "distance": {"vertices": list(range(37)), "measure": "biharmonic"},
@@ -41,7 +41,7 @@ def test_columns_are_all_that_there_are_and_each_is_another(
     assert places == sorted(places) or places == sorted(places, reverse=True)
     some = sweep(family, spectrum, range(2, 9, 3))
     assert some == [found[2], found[5], found[8]]
-    # as many frames as one likes where it is a film, not more than there are where it is not
+    # continuous parameters allow any number of frames, others at most one for each column
     ends = sweep(family, spectrum, range(2, 9), 3)
     assert [each.place(spectrum) for each in ends] == pytest.approx(
         [places[2], places[5], places[8]]

@@ -1,4 +1,4 @@
-"""The wave kernel signature at one energy, against its definition."""
+"""The wave kernel signature at one energy, compared with its definition."""
 
 from __future__ import annotations
 
