@@ -1,4 +1,4 @@
-"""Formulas of filters, whole and broken; ``./dev bench fuzz --formulas N`` tries any number."""
+"""Random filter formulas, valid and broken; ``./dev bench fuzz --formulas N`` tries N of them."""
 
 from __future__ import annotations
 
@@ -63,15 +63,15 @@ PIECES = (
     *("(" * 120, "-" * 150, "x" * 300, "not " * 40, "**2" * 60),
 )
 EIGENVALUES = np.array([0.0, 1e-12, 1e-8, 1.0, 3.0, 1e12])
-#: What a line that is computed may be made of: neither attributes, nor items, nor strings.
+#: Syntax nodes allowed in a computed formula; attributes and subscripts are not.
 ALLOWED = (
     ast.Expression, ast.Constant, ast.Name, ast.Load, ast.UnaryOp, ast.unaryop, ast.BinOp,
     ast.operator, ast.BoolOp, ast.boolop, ast.Compare, ast.cmpop, ast.Call,
 )  # fmt: skip
-#: Seconds of the processor that no line may take.
+#: Maximum processor time of a formula (s).
 PATIENCE = 1.0
 
-#: Audit events of what a formula must not do; to compile is how Python makes a tree of a line.
+#: Audit events that a formula must not cause; "compile" is allowed, as parsing causes it.
 FORBIDDEN = ("open", "import", "exec", "os.", "subprocess.", "socket.", "ctypes.", "object.",
              "code.", "marshal.", "pickle.")  # fmt: skip
 _seen: list[str] | None = None
@@ -80,9 +80,9 @@ _hooked = False
 
 @contextmanager
 def watched() -> Iterator[list[str]]:
-    """Gather the forbidden events; a hook cannot be taken away, so there is one, which sleeps."""
+    """Collect forbidden audit events; the hook is added only once, as Python cannot remove it."""
     global _seen, _hooked
-    outcome(0)  # what the parser itself loads is there
+    outcome(0)  # imports all that the parser needs
     if not _hooked:
         sys.addaudithook(_listen)
         _hooked = True
@@ -99,7 +99,7 @@ def _listen(event: str, _arguments: tuple[object, ...]) -> None:
 
 
 def formula(seed: int) -> str:
-    """A formula of a number: a whole one with some pieces put in, taken out or exchanged."""
+    """Return the formula of a seed: a valid one with pieces inserted, removed or replaced."""
     rng = random.Random(seed)
     text = rng.choice(WHOLE)
     for _ in range(rng.choice((0, 1, 1, 2, 3, 8))):
@@ -110,9 +110,10 @@ def formula(seed: int) -> str:
 
 
 def outcome(seed: int) -> str:
-    """What becomes of a formula, "computed" or "refused"; anything else raises.
+    """Evaluate the formula of a seed; return "computed" or "refused".
 
-    Neither has an exception but one sentence, takes a second, or reaches beyond arithmetic.
+    Any exception but a one-sentence `InputError`, a second of computing, or syntax beyond
+    arithmetic is a fault and raises.
     """
     text = formula(seed)
     began = time.thread_time()
@@ -139,7 +140,7 @@ def _outcome(text: str, seed: int) -> str:
     assert np.isfinite(found).all()
     assert (found >= 0.0).all()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of "1or x", which is one
+        warnings.simplefilter("ignore")  # "1or x" is valid, with a warning
         tree = ast.parse(text.strip().replace("²", "**2"), mode="eval")
     beyond = [node for node in ast.walk(tree) if not isinstance(node, ALLOWED)]
     assert not beyond, beyond

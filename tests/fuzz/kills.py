@@ -1,7 +1,7 @@
-"""Processes killed while they compute eigenpairs, and what must hold afterwards.
+"""Processes killed while they compute eigenpairs, and checks of the files that remain.
 
-What had been proven before is there to the last bit, what had been published since is not computed
-again, the next run gives what an undisturbed one gives, and it leaves nothing behind but a store.
+Pairs proven before the kill are unchanged, pairs published later are not computed again, the next
+run gives the result of an undisturbed run, and only the files of the store remain.
 `benchmarks/kills.py` tries any number of kills.
 """
 
@@ -42,10 +42,10 @@ FloatArray = npt.NDArray[np.float64]
 SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGKILL", "SIGTERM", "SIGINT") if hasattr(signal, name)
 )
-#: Pairs that were proven before, and that are asked for.
+#: Number of pairs proven before, and number of pairs requested.
 PROVEN, WANTED = 60, 300
-#: A window that opens a mesh, computes its pairs, writes their HKS, and closes when all is done or
-#: it has said why not.
+#: Script of a window that opens a mesh, computes its pairs, writes their HKS, and closes when it
+#: has finished or has shown an error.
 _WINDOW = f"""
 import sys
 from pathlib import Path
@@ -95,7 +95,7 @@ if __name__ == "__main__":
     timer.start()
     sys.exit(run_app(Path(sys.argv[1]), fresh=True))
 """
-#: All that a cache folder may hold when nobody writes into it.
+#: Paths allowed in a cache folder while no process writes into it.
 _BELONGS = re.compile(
     r"eigenpairs(/locks(/[0-9a-f]{32}\.lock)?"
     r"|/[0-9a-f]{32}(/(problem\.json|eigenvectors\.f64|pairs\.sealed))?)?"
@@ -104,20 +104,20 @@ _BELONGS = re.compile(
 
 @dataclass(frozen=True, eq=False)
 class Undisturbed:
-    """What comes out if nobody interferes.
+    """Results of runs that are not killed.
 
     Parameters
     ----------
     mesh : Mesh
     path : Path
-        Its file.
+        File of the mesh.
     eigenvalues, heat_kernel : ndarray of float64
     proven : Path
         A cache folder with the first pairs.
     first_rows : ndarray of float64
-        These.
+        Eigenvectors of the first pairs, as rows.
     seconds : dict of float
-        That a run of each kind takes.
+        Duration of a run of each kind.
     """
 
     mesh: Mesh
@@ -132,7 +132,7 @@ class Undisturbed:
 def prepare(
     folder: Path, n_vertices: int = 4000, kinds: Sequence[str] = ("command line", "worker")
 ) -> Undisturbed:
-    """Make a mesh, and run everything once without a kill; "window" is a kind too."""
+    """Write a mesh, and run each kind once without a kill; "window" is a third kind."""
     mesh = blanket(n_vertices)
     path = folder / "blanket.npz"
     np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
@@ -154,29 +154,29 @@ def prepare(
 
 
 def kill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
-    """Kill a process at a random moment, and see that nothing is lost.
+    """Kill a process at a random moment, and check that nothing is lost.
 
     Parameters
     ----------
     undisturbed : Undisturbed
     folder : Path
-        An empty one; removed afterwards.
+        An empty folder; removed afterwards.
     rng : numpy.random.Generator
 
     Returns
     -------
     str
-        What was done; empty if the process had ended before.
+        Description of the kill; empty if the process had already ended.
 
     Raises
     ------
     AssertionError
-        If something was lost or left.
+        If pairs are lost or files are left.
     """
     kind = str(rng.choice(list(undisturbed.seconds)))
     from_proven = bool(rng.integers(2))
     how = SIGNALS[int(rng.integers(len(SIGNALS)))]
-    # Later than the imports, which are a third of it.
+    # After the imports, which take a third of the run.
     delay = float(rng.uniform(0.3, 1.0)) * undisturbed.seconds[kind]
     what = (
         f"{how.name} to the {kind}, {PROVEN if from_proven else 0} pairs proven, at {delay:.2f} s"
@@ -190,18 +190,18 @@ def kill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
         process.send_signal(how)
         if kind != "worker":
             process.wait(60)
-            # What a window has started ends with it, however it ended.
+            # Child processes of a window end with it, however it ends.
             _, alive = psutil.wait_procs(family, timeout=20)
             assert not alive, (what, alive)
     with cache_at(folder / "cache"):
         _see_that_nothing_is_lost(undisturbed, folder / "cache", from_proven, what)
-    # The next window that starts clears up after one that could not.
+    # The next window removes temporary folders of killed ones.
     with mock.patch("tempfile.tempdir", str(folder / "tmp")):
         remove_abandoned()
     remaining = {path.name for path in (folder / "tmp").iterdir()}
     assert not {name for name in remaining if "meshmash" in name}, (what, remaining)
     shutil.rmtree(folder)
-    # A machine that others use as well is now faster, now slower.
+    # The load of the machine changes, and with it the duration of a run.
     undisturbed.seconds[kind] *= 0.8 if ended else 1.03
     return "" if ended else what
 
@@ -238,14 +238,14 @@ def _see_that_nothing_is_lost(
 
 @contextmanager
 def cache_at(folder: Path) -> Iterator[None]:
-    """Let this process have its cache in a folder."""
+    """Set the cache folder of this process."""
     with mock.patch.dict(os.environ, {"MESHMASH_CACHE": str(folder)}):
         yield
 
 
 @contextmanager
 def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that computes the pairs: a command line, a window, or the worker of one."""
+    """Run a process that computes the pairs: a command line, a window, or a window's worker."""
     (folder / "tmp").mkdir(parents=True)
     environment = os.environ | {
         "MESHMASH_CACHE": str(folder / "cache"),
@@ -270,15 +270,15 @@ def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subpro
         try:
             yield process
         finally:
-            # As a window that closes: SIGINT alone does not end its worker.
+            # End the worker as a closing window does: SIGINT alone does not end it.
             end_group(process.pid, 2.0)
             listener.join()
 
 
 def _command(kind: str, path: Path, out: Path, folder: Path) -> list[str]:
-    """What computes the pairs of a mesh and writes their HKS."""
+    """Return the command that computes the pairs of a mesh and writes their HKS."""
     if kind == "window":
-        # Its worker is spawned, and imports the script that the window is.
+        # The worker is spawned, so it imports the window's script from a file.
         script = folder / "window.py"
         script.write_text(_WINDOW)
         return [sys.executable, str(script), str(path), str(out)]
@@ -287,7 +287,7 @@ def _command(kind: str, path: Path, out: Path, folder: Path) -> list[str]:
 
 
 def _listen(wire: Wire, process: subprocess.Popen[bytes]) -> None:
-    """Take what the worker sends; end it when it has finished."""
+    """Receive the worker's messages; kill it when it has finished."""
     with suppress(EOFError, OSError, ValueError):
         while True:
             kind, _ = wire.receive()
@@ -304,16 +304,16 @@ def _heat_kernel(eigenvalues: FloatArray, rows: FloatArray) -> FloatArray:
 def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
     """Fill a disk at a random moment of a run on the command line, or of a window.
 
-    It is that of the cache, where the run goes on without one; that of the result, where a sentence
-    says so and the file that was there before stays whole; or that of temporary files, through
-    which a mesh is read by a process of its own.
+    The disk is that of the cache, without which the run continues; that of the result, where an
+    error is reported and the existing file stays unchanged; or that of temporary files, which a
+    child process needs to read a mesh.
 
     The arguments are those of `kill_once`; the process has to be allowed to mount.
 
     Raises
     ------
     AssertionError
-        If the run ended by a signal, without a sentence, or with another result.
+        If the run ends by a signal, without an error message, or with a different result.
     """
     kind = str(rng.choice([kind for kind in undisturbed.seconds if kind != "worker"]))
     what = str(rng.choice(["cache", "result", "temporary files"]))
@@ -371,7 +371,7 @@ def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
                     written["eigenvalues"], undisturbed.eigenvalues, rtol=1e-9, atol=1e-12
                 )
         else:
-            # The command line has failed then; a window goes on until somebody closes it.
+            # Without a result the command line fails; a window stays open until it is closed.
             assert what != "cache", about
             assert process.returncode == (0 if kind == "window" else 2), about
             assert said.strip(), about

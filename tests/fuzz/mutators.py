@@ -1,7 +1,6 @@
-"""Ways to break a file: bits, truncation, splices, numbers, lies about counts, bombs.
+"""Functions that break files: bit flips, truncation, splices, wrong numbers and counts, bombs.
 
-Each is a function of a generator of random numbers and a content; the same seed breaks a file in
-the same way.
+Each takes a random generator and the content of a file; equal seeds give equal results.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from collections.abc import Callable
 
 from tests.fuzz.seeds import Seed, glb
 
-#: Files larger than that are not what is tried here.
+#: Maximum size of a broken file (bytes).
 LARGEST = 1_000_000
 
 _NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
@@ -69,7 +68,7 @@ def truncate(rng: random.Random, data: bytes) -> bytes:
 
 
 def move_parts(rng: random.Random, data: bytes) -> bytes:
-    """Leave a part out, repeat it, or exchange two."""
+    """Remove or repeat a part, or exchange two parts."""
     a, b, c = sorted(rng.randrange(len(data) + 1) for _ in range(3))
     return rng.choice(
         (
@@ -87,14 +86,14 @@ def change_numbers(rng: random.Random, data: bytes) -> bytes:
         found = list(_NUMBER.finditer(data))
         if not found:
             return flip_bits(rng, data)
-        # Headers, where the counts are, are short: half of all changes are made there.
+        # Half of the changes affect the first 12 numbers, which include the counts in headers.
         number = rng.choice(found[:12] if rng.random() < 0.5 else found)
         data = data[: number.start()] + rng.choice(_NUMBERS) + data[number.end() :]
     return data
 
 
 def change_words(rng: random.Random, data: bytes) -> bytes:
-    """Exchange two words, or leave one out."""
+    """Replace a word by another, or remove, capitalize or repeat it."""
     found = list(_WORD.finditer(data[:20_000]))
     if len(found) < 2:
         return put_bytes(rng, data)
@@ -104,7 +103,7 @@ def change_words(rng: random.Random, data: bytes) -> bytes:
 
 
 def lie(rng: random.Random, data: bytes) -> bytes:
-    """Write a whole number over bytes, as counts and lengths are."""
+    """Overwrite bytes with a binary integer, as used for counts and lengths."""
     for _ in range(rng.choice((1, 1, 2))):
         form = rng.choice(("<H", ">H", "<I", ">I", "<I", ">I", "<Q", ">Q"))
         size = struct.calcsize(form)
@@ -131,7 +130,7 @@ MUTATORS: tuple[Mutator, ...] = (
 
 
 def broken(rng: random.Random, seed: Seed, others: list[Seed]) -> Seed:
-    """A file made of a sound one, and sometimes of another one too."""
+    """Return a broken copy of a valid file, sometimes joined with a part of another file."""
     name, data = seed
     if rng.random() < 0.08:
         _, other = rng.choice(others)
@@ -146,14 +145,14 @@ def broken(rng: random.Random, seed: Seed, others: list[Seed]) -> Seed:
     return name, (data or b"\0")[:LARGEST]
 
 
-# A container that is whole, around a content that is not ---------------------------------------
+# Valid containers with broken content ----------------------------------------------------------
 
 
 def _in_zip(rng: random.Random, data: bytes, mutator: Mutator) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [(info.filename, archive.read(info)) for info in archive.infolist()]
-    except Exception:  # noqa: BLE001  broken before
+    except Exception:  # noqa: BLE001  already broken
         return mutator(rng, data)
     chosen = rng.randrange(len(members)) if members else -1
     file = io.BytesIO()
@@ -161,7 +160,7 @@ def _in_zip(rng: random.Random, data: bytes, mutator: Mutator) -> bytes:
     with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(file, "w", kind) as archive:
         for index, (name, content) in enumerate(members):
             if index == chosen and content and rng.random() < 0.9:
-                # The header of an array is where the lies are.
+                # Only the header of the array (128 bytes) is changed.
                 head = min(len(content), 128)
                 content = mutator(rng, content[:head]) + content[head:]
             elif index == chosen:
@@ -173,7 +172,7 @@ def _in_zip(rng: random.Random, data: bytes, mutator: Mutator) -> bytes:
 def _in_gzip(rng: random.Random, data: bytes, mutator: Mutator) -> bytes:
     try:
         content = gzip.decompress(data)
-    except Exception:  # noqa: BLE001  broken before
+    except Exception:  # noqa: BLE001  already broken
         return mutator(rng, data)
     return gzip.compress(mutator(rng, content) if content else b"x", 1, mtime=0)
 
@@ -182,18 +181,18 @@ def _in_glb(rng: random.Random, data: bytes, mutator: Mutator) -> bytes:
     try:
         (length,) = struct.unpack_from("<I", data, 12)
         return glb(mutator(rng, data[20 : 20 + length]), data[28 + length :])
-    except Exception:  # noqa: BLE001  broken before
+    except Exception:  # noqa: BLE001  already broken
         return mutator(rng, data)
 
 
 _INSIDE = {".npz": _in_zip, ".gz": _in_gzip, ".glb": _in_glb}
 
 
-# Small files that ask for much -------------------------------------------------------------------
+# Small files that require much memory or time ----------------------------------------------------
 
 
 def bomb(rng: random.Random) -> tuple[str, Seed]:
-    """A format, and a file of it that promises, unpacks to or repeats too much."""
+    """Return a format, and a small file that declares, unpacks to or repeats too much data."""
     kind, make = rng.choice(_BOMBS)
     name, data = make(rng)
     return kind, (name, data[:LARGEST])

@@ -1,4 +1,4 @@
-"""Small sound files of every kind, of which the mutators make broken ones."""
+"""Small valid files of every format, as input of the mutators."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 
 Seed = tuple[str, bytes]
 
-# A bumpy sheet: an open surface without symmetry, whose numbers have digits.
+# Vertices per side of a bumpy sheet: an open, asymmetric surface with non-integer coordinates.
 _SIDE = 5
 
 
@@ -29,7 +29,7 @@ def _sheet() -> tuple[np.ndarray, np.ndarray]:
 
 
 def sound_files() -> dict[str, list[Seed]]:
-    """Names and contents of sound files, by format."""
+    """Return names and contents of valid files, by format."""
     vertices, faces = _sheet()
     files = {
         "obj": _obj(vertices, faces),
@@ -148,7 +148,7 @@ def _gltf(vertices: np.ndarray, faces: np.ndarray) -> list[Seed]:
 
 
 def glb(text: bytes, data: bytes) -> bytes:
-    """A GLB file of a scene's description and its buffer."""
+    """Return a GLB file of a scene's JSON text and its buffer."""
     text += b" " * (-len(text) % 4)
     data += bytes(-len(data) % 4)
     length = 12 + 8 + len(text) + 8 + len(data)

@@ -1,8 +1,8 @@
-"""Random faults of stored eigenpairs, from a seed, and what must hold after each.
+"""Random faults in the files of stored eigenpairs, and checks after each.
 
-Whatever is done to the files of a store, no number that leaves the program may be another one than
-was stored; all pairs below the first that was touched must still be there; and only the others are
-made again. `benchmarks/stores.py` tries any number of faults.
+After a fault, returned values equal the stored ones, all pairs before the first damaged pair are
+available, and only the other pairs are written again. `benchmarks/stores.py` tries any number of
+faults.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _PAGE = 4096
 
 
 def blanket(n_vertices: int, seed: int = 0) -> Mesh:
-    """A wavy sheet of at least so many vertices."""
+    """Return a wavy sheet of at least `n_vertices` vertices."""
     rng = np.random.default_rng(seed)
     side = int(np.ceil(n_vertices**0.5))
     x, y = np.indices((side, side)).reshape(2, -1).astype(np.float64)
@@ -45,15 +45,15 @@ def blanket(n_vertices: int, seed: int = 0) -> Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A store as it should be.
+    """Expected content of a store.
 
     Parameters
     ----------
     mesh : Mesh
     pairs : Eigenpairs
-        What is in it.
+        The stored pairs.
     solved : bool
-        Whether these are the mesh's eigenpairs; otherwise they are noise, which costs nothing.
+        Whether the pairs are eigenpairs of the mesh; otherwise they are random numbers.
     """
 
     mesh: Mesh
@@ -62,12 +62,12 @@ class Truth:
 
     @property
     def store(self) -> EigenpairStore:
-        """A new handle of it."""
+        """The store, newly opened."""
         return EigenpairStore(self.mesh, OPERATOR)
 
 
 def make_store(mesh: Mesh, n_pairs: int, n_batches: int, solved: bool, seed: int = 0) -> Truth:
-    """Fill the store of a mesh, batch by batch."""
+    """Fill the store of a mesh batch by batch; return its content."""
     stops = [n_pairs * (i + 1) // n_batches for i in range(n_batches)]
     store = EigenpairStore(mesh, OPERATOR)
     if solved:
@@ -91,23 +91,23 @@ def _as_stored(mesh: Mesh, n_pairs: int, solved: bool) -> Truth:
     found, remark = find_eigenpairs(mesh, OPERATOR, count=n_pairs)
     assert found is not None
     assert not remark
-    # In memory: what is in the file will change.
+    # A copy in memory, as the file will change.
     return Truth(mesh, replace(found, rows=np.array(found.rows)), solved)
 
 
 @dataclass
 class Fault:
-    """Something done to the files of a store.
+    """Change of the files of a store.
 
     Parameters
     ----------
     kind : str
     what : str
-        In words, to repeat it.
+        Description of the change, to reproduce it.
     first : int
-        The first pair whose row it touches, or the number of pairs.
+        First pair whose row is changed; at least the number of pairs if no row is.
     pairs : bool
-        Whether it touches the file of all else about the pairs.
+        Whether the file of the other data of the pairs is changed.
     """
 
     kind: str
@@ -117,14 +117,14 @@ class Fault:
 
 
 class Mutator:
-    """Inflicts random faults on a store.
+    """Generator of random faults in a store.
 
     Parameters
     ----------
     truth : Truth
-        What the store should be; to be replaced after `mend`.
+        Expected content of the store; to be set to the result of `mend`.
     other : Truth
-        Of another mesh with as many vertices.
+        Content of the store of another mesh with equally many vertices.
     seed : int
     """
 
@@ -147,18 +147,18 @@ class Mutator:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What can be done."""
+        """Names of the kinds of faults."""
         return tuple(self._kinds)
 
     def inflict(self, kind: str | None = None) -> Fault:
-        """Do something random, or something random of a kind."""
+        """Cause a random fault, of the given kind if any, and return its description."""
         fault = Fault(kind or str(self._rng.choice(self.kinds)))
         k = self.truth.pairs.n_components
         while fault.first >= k and not fault.pairs:
-            self._kinds[fault.kind](fault)  # again, where it has changed nothing
+            self._kinds[fault.kind](fault)  # repeated if nothing has changed
         return fault
 
-    # -- what can be done ---------------------------------------------------------------------
+    # -- kinds of faults ----------------------------------------------------------------------
 
     def _flip_bit(self, fault: Fault) -> None:
         path = self._any_file()
@@ -225,11 +225,11 @@ class Mutator:
         fault.first, fault.pairs = 0, True
 
     def _edit(self, fault: Fault) -> None:
-        """Change a character of the JSON, the length staying the same."""
+        """Change a digit of the JSON text, which keeps its length."""
         path = self._any_file(sealed=True)
         content = bytearray(path.read_bytes())
         begin = content.index(b'{"n_proven"')
-        text = content[begin : begin + 60]  # a number and something of what follows
+        text = content[begin : begin + 60]  # a number and part of the following text
         digits = [i for i, c in enumerate(text) if chr(c).isdigit()]
         place = begin + int(self._rng.choice(digits))
         choices = [c for c in b"0123456789" if c != content[place]]
@@ -249,10 +249,10 @@ class Mutator:
         path.unlink()
         self._touch(fault, path, 0, size, "removed")
 
-    # -- where --------------------------------------------------------------------------------
+    # -- locations of faults ------------------------------------------------------------------
 
     def _any_file(self, sealed: bool = False) -> Path:
-        """Half the time the file of rows, which is nearly all there is."""
+        """Return the file of pairs or, at random unless `sealed`, the file of rows."""
         if not sealed and self._rng.integers(2):
             return self._folder / ROWS
         return self._folder / PAIRS
@@ -266,18 +266,18 @@ class Mutator:
 
 
 def examine(truth: Truth, fault: Fault) -> None:
-    """See that a fault is found, and that what is not touched is still there.
+    """Check that a fault is detected and that undamaged pairs are available.
 
     Raises
     ------
     AssertionError
-        If another number came out, or something whole did not.
+        If a value differs or an undamaged pair is missing.
     """
     k = truth.pairs.n_components
     left = 0 if fault.pairs else min(fault.first, k)
     stored, remark = find_eigenpairs(truth.mesh, OPERATOR, count=k)
     assert (0 if stored is None else len(stored)) == left, fault
-    # Without any file pairs are as before the first run, which is nothing to speak of.
+    # A store without its file of pairs counts as empty, which causes no remark.
     silent = fault.kind == "removed file" and fault.pairs
     assert bool(remark) == (left < k and not silent), fault
     if stored is not None:
@@ -287,17 +287,17 @@ def examine(truth: Truth, fault: Fault) -> None:
 
 
 def mend(truth: Truth, fault: Fault) -> Truth:
-    """Ask for all pairs again, and see that only what was touched has been made again.
+    """Request all pairs again, and check that only damaged ones are written again.
 
     Returns
     -------
     Truth
-        The store as it is now: another basis of a multiple eigenvalue is as good.
+        Content of the store afterwards; the basis of a multiple eigenvalue may differ.
 
     Raises
     ------
     AssertionError
-        If something else was written, or the result is another one.
+        If undamaged pairs are written again or the result differs.
     """
     k = truth.pairs.n_components
     left = 0 if fault.pairs else min(fault.first, k)
@@ -339,7 +339,7 @@ def _compare(truth: Truth, stored: Eigenpairs) -> None:
 
 
 def _write_again(truth: Truth) -> None:
-    """What the solver would do for noise."""
+    """Write the missing random pairs, in place of the solver."""
     pairs, store = truth.pairs, truth.store
     with store:
         stored = store.load()

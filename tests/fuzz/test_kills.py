@@ -1,4 +1,4 @@
-"""A few kills at random moments; see `kills` for what must hold."""
+"""Kills at a few random moments; the module `kills` describes the checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A few of the inputs of ``./dev bench fuzz``, and that it would notice."""
+"""A few of the inputs of ``./dev bench fuzz``, and tests that faults are detected."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def fresh(folder: Path) -> Iterator[ProcessPoolExecutor]:
-    """A process that copies of itself read in: this one holds what other tests left in memory."""
+    """Yield a pool of one new process, whose memory has no data of other tests."""
     with ProcessPoolExecutor(
         1, get_context("spawn"), initializer=_scratch_in, initargs=(folder,)
     ) as pool:
@@ -63,7 +63,7 @@ def _trials(numbers: list[int], folder: Path) -> list[trials.Trial]:
 @pytest.mark.slow
 def test_the_seeds_are_sound(fresh: ProcessPoolExecutor, folder: Path) -> None:
     found = fresh.submit(_numbers_of_faces, folder).result()
-    surface = found.pop("freesurfer lh.sphere")  # numbers on a surface, which is what it should say
+    surface = found.pop("freesurfer lh.sphere")  # values per vertex, no surface
     assert isinstance(surface, str)
     assert "one number a vertex" in surface
     assert [name for name, faces in found.items() if isinstance(faces, str) or faces < 2] == []
@@ -80,7 +80,7 @@ def test_broken_files_give_a_mesh_or_one_sentence(fresh: ProcessPoolExecutor, fo
 
 @pytest.mark.slow
 def test_small_files_that_ask_for_much(fresh: ProcessPoolExecutor, folder: Path) -> None:
-    # Packed arrays without end, a stray coordinate, a chain of nodes, and empty lists.
+    # Huge packed arrays, a stray coordinate, a chain of nodes, and empty lists.
     tried = fresh.submit(_trials, [999, 2999, 5999, 7999], folder).result()
     assert not [trial for trial in tried if trial.fault]
 

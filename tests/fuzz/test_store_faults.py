@@ -1,4 +1,4 @@
-"""A few random faults of stores of each kind; see `store_faults` for what must hold."""
+"""A few random faults of each kind; the module `store_faults` describes the checks."""
 
 from __future__ import annotations
 

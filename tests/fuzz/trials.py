@@ -1,7 +1,7 @@
-"""One broken file after another to the reader of meshes, and what comes of each.
+"""Trials of the mesh readers with broken files.
 
-What may come is a mesh, or one sentence; anything else is a fault of the program, as is more than
-20 seconds or a gigabyte for a file below a megabyte.
+A trial must give a mesh or a one-sentence error, within 20 s and 1 GB for a file below 1 MB;
+anything else is a fault of the program.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from tests.fuzz.mutators import bomb, broken
 from tests.fuzz.seeds import Seed, sound_files
 
 MOST_SECONDS, MOST_BYTES = 20.0, 1e9
-#: One in so many inputs asks for much; they take a hundred times longer than the others.
+#: One input in this many is a bomb, which takes a hundred times longer than other inputs.
 BOMB_EVERY = 1000
 
-#: How often each format is tried; VTK's files take ten times as long as others.
+#: Relative frequency of each format; VTK files take ten times as long as others.
 _WEIGHTS = dict.fromkeys(("obj", "ply", "npz", "gltf", "gifti"), 3)
 _WEIGHTS |= dict.fromkeys(("off", "stl", "freesurfer", "gzip"), 2)
 _WEIGHTS |= dict.fromkeys(("vtk", "vtp"), 1)
@@ -39,18 +39,18 @@ _WEIGHTS |= dict.fromkeys(("vtk", "vtp"), 1)
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of an input.
+    """Result of a trial.
 
     Parameters
     ----------
     number, kind, name
-        Which one it was.
+        Number, format and file name of the input.
     seconds, memory : float
-        Processor time that it took, and the most memory of any process, in bytes.
+        Processor time (s), and peak memory of any process (bytes).
     sentence : str
-        Empty if it was a mesh.
+        Error message; empty if a mesh was read.
     fault : str
-        What should not have happened; empty if all is well.
+        Fault of the program; empty if there is none.
     """
 
     number: int
@@ -68,7 +68,7 @@ def _sound() -> dict[str, list[Seed]]:
 
 
 def input_of(number: int) -> tuple[str, Seed]:
-    """Format, name and content of an input; the same at every call and on every machine."""
+    """Return format, name and content of an input, equal at every call and on every machine."""
     rng = random.Random(number)
     if number % BOMB_EVERY == BOMB_EVERY - 1:
         return bomb(rng)
@@ -79,7 +79,7 @@ def input_of(number: int) -> tuple[str, Seed]:
 
 
 def try_input(number: int, folder: Path) -> Trial:
-    """Read an input from a file in a folder of its own."""
+    """Write an input into a folder, read it as a mesh, and return the result."""
     kind, (name, content) = input_of(number)
     path = folder / name
     path.write_bytes(content)
@@ -93,9 +93,9 @@ def try_input(number: int, folder: Path) -> Trial:
     except InputError as told:
         sentence = str(told)
         fault = _wrong_with(sentence, path)
-    except Exception as other:  # noqa: BLE001  that is what is looked for
+    except Exception as other:  # noqa: BLE001  any exception is a fault
         fault = f"{type(other).__name__}: {other}"
-    # The clock counts what others do on this machine too: it is for what waits and never comes.
+    # Elapsed time depends on other processes, so its limit only detects readers that hang.
     seconds, waited = sum(os.times()[:4]) - computed, time.perf_counter() - began
     memory = max(_peak(), Forked.peak)
     path.unlink(missing_ok=True)
@@ -133,7 +133,7 @@ def _peak() -> float:
 
 
 class Forked:
-    """Stands for the process in which a file is read, without the half second of its start."""
+    """Fork of this process in place of the reader's child process, which takes 0.5 s to start."""
 
     peak = 0.0
 
@@ -188,8 +188,8 @@ class Forked:
 
 @contextlib.contextmanager
 def forking() -> Iterator[None]:
-    """Read in copies of this process what is read in a process of its own."""
-    import nibabel.gifti  # noqa: F401  what every copy would import again
+    """Read in forks of this process instead of new child processes."""
+    import nibabel.gifti  # noqa: F401  imported once, before all forks
     import psutil  # noqa: F401
     import trimesh  # noqa: F401
 
@@ -202,7 +202,7 @@ def forking() -> Iterator[None]:
             (read_vtk_xml if path.suffix == ".vtp" else read_legacy_vtk)(path)
     before = process.start_child
     process.start_child = Forked  # type: ignore[misc, assignment]
-    # More than that is a fault anyway, and the machine has others to serve.
+    # More memory is a fault anyway, and would slow down other processes.
     limits = resource.getrlimit(resource.RLIMIT_DATA)
     resource.setrlimit(resource.RLIMIT_DATA, (int(3 * MOST_BYTES), limits[1]))
     try:

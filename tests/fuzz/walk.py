@@ -1,8 +1,8 @@
-"""A random walk over the window: what a restless person does with mouse and keys, by a seed.
+"""Random actions with mouse and keyboard in the window, reproducible by a seed.
 
-`Walk` takes one step after the other and notes what nobody should see: exceptions, Qt's and
-Python's warnings, notices of a defect. `Walk.measure` goes back to where it began and weighs the
-process there, so that two weights can be compared.
+`Walk` performs the actions and records faults: exceptions, warnings of Qt and Python, notices of a
+defect. `Walk.measure` restores the initial state and measures the resources of the process, so that
+two measurements can be compared.
 """
 
 from __future__ import annotations
@@ -80,30 +80,30 @@ _MODIFIERS = (
     Qt.KeyboardModifier.ShiftModifier,
     Qt.KeyboardModifier.ControlModifier,
 )
-#: What is typed into fields: what is meant, what is mistaken, and what is neither.
+#: Texts typed into input fields: valid, invalid and extreme ones.
 _TEXTS = (
     "0", "1", "2", "7", "30", "64", "0.5", "1e-8", "3.1e5", "1e99", "1e-250", "1e-320", "1e308",
     "-1", "-0", "nan", "inf", "-inf", "", " ", "abc", "1,5", "1e", "99999", "999999999999", "π",
     "nm", "8 nm", "4 x 4 x 40 nm", "mm", "none", "0 nm", "1e-300 nm", "1e300 nm", "µm", "%",
 )  # fmt: skip
-#: What a damaged session holds where something else belongs.
+#: Values put into damaged sessions.
 _VALUES = (
     None, True, -1, 0, 1, 2**31, 10**9, 10**30, -0.5, 1e300, float("nan"), float("inf"), "",
     "x", "nonsense", "hks", [], {}, ["x"], [["x"]], [1e9], {"policy": "LockedLimits"},
 )  # fmt: skip
-#: Commands that open a dialog of the system are answered (`_answers`); this one ends the walk.
+#: Commands that are left out, as they end the walk; system dialogs are answered by `_answered`.
 _NOT_TAKEN = {"quit"}
-#: Said by the platform of a virtual screen, which has no window manager.
+#: Beginnings of warnings on a virtual screen, which has no window manager.
 _HARMLESS = ("This plugin does not support",)
 
 
 @dataclass(frozen=True)
 class Weight:
-    """What the process holds after some actions, with the window as it began.
+    """Resources of the process after some actions, with the window in its initial state.
 
-    `megabytes` is what the system counts, `small` and `large` what has been allocated and not
-    freed (`blocks_in_use`): what leaks piles up in small blocks, large ones come and go with the
-    pictures. The rest is libraries, and what the C library keeps for the next block.
+    `megabytes` is the resident memory; `small` and `large` are allocated blocks in MB (see
+    `blocks_in_use`). Leaks accumulate in small blocks; large blocks vary with the pictures. The
+    remaining memory is libraries, and free blocks that the C library keeps.
     """
 
     actions: int
@@ -119,18 +119,18 @@ class Weight:
 
     @staticmethod
     def header() -> str:
-        """Names of the columns that `row` writes."""
+        """Return the column names of `row`."""
         return " ".join(f"{each.name:>9}" for each in fields(Weight))
 
     def row(self) -> str:
-        """The figures in one line."""
+        """Return the values in one line."""
         return " ".join(f"{round(value, 1):9}" for value in astuple(self))
 
 
 def blocks_in_use() -> tuple[float, float]:
-    """Megabytes of small blocks, and of those mapped alone, that were allocated and not freed.
+    """Return the megabytes of allocated small blocks, and of blocks mapped individually.
 
-    Of all threads; nan where nobody tells (musl, macOS, Windows).
+    All threads are included; both are nan without `malloc_info` (musl, macOS, Windows).
     """
     library = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
     if not hasattr(library, "malloc_info"):
@@ -151,7 +151,7 @@ def blocks_in_use() -> tuple[float, float]:
 
 
 def make_files(folder: Path) -> list[Path]:
-    """Meshes to open: closed, open, in pieces, dirty, tiny, two of as many vertices, and broken."""
+    """Write closed, open, disconnected, dirty, tiny and broken meshes; return their paths."""
     ball = shapes.icosphere(3, radius=500.0)
     stretched = ball.vertices * (1.0, 1.0, 1.7)
     tetrahedron = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -176,7 +176,7 @@ def make_files(folder: Path) -> list[Path]:
 
 
 def make_maps(folder: Path) -> list[Path]:
-    """Values per vertex: of the ball and the egg, with holes, labelled, and of no mesh at all."""
+    """Write maps of the ball and the egg (holed, labelled) and of no mesh; return their paths."""
     wave = np.sin(np.arange(642) / 50.0)
     np.savez(folder / "wave.npz", wave=wave, holes=np.where(wave > 0.5, np.nan, wave))
     np.save(folder / "short.npy", wave[:9])
@@ -186,15 +186,15 @@ def make_maps(folder: Path) -> list[Path]:
 
 
 class Walk:
-    """A window that is walked over.
+    """A window and random actions in it.
 
     Parameters
     ----------
     folder : Path
-        Where meshes are, and sessions, tables and pictures are written.
+        Folder of the meshes, and of written sessions, tables and pictures.
     seed : int
     log : Path, optional
-        A file that tells what was done even where the process ends.
+        File to which each action is written at once, in case the process crashes.
     """
 
     def __init__(self, folder: Path, seed: int = 0, log: Path | None = None) -> None:
@@ -203,12 +203,12 @@ class Walk:
         self.files = make_files(folder)
         self.maps = make_maps(folder)
         self.sessions: list[Path] = []
-        #: What went wrong: a sentence and what was done last.
+        #: Faults, each with the last actions before it.
         self.faults: list[str] = []
         self.log: list[str] = []
         self._file = None if log is None else log.open("w", buffering=1)
         self.actions = 0
-        #: Seconds of the longest action, and what it was.
+        #: Duration (s) and description of the longest action.
         self.slowest = (0.0, "")
         self.window = MainWindow(fresh=True)
         self.window.settings.folder = folder
@@ -228,11 +228,11 @@ class Walk:
             (2, self._rest),
         )
 
-    # -- what nobody should see ---------------------------------------------------------------
+    # -- faults -------------------------------------------------------------------------------
 
     @contextlib.contextmanager
     def watched(self) -> Iterator[None]:
-        """Note every exception and warning, and answer the dialogs of the system, meanwhile."""
+        """Record exceptions and warnings, and answer system dialogs, within the context."""
         hooks = sys.excepthook, threading.excepthook, sys.unraisablehook
         sys.excepthook = lambda kind, fault, trace: self._note_exception(fault)
         threading.excepthook = lambda told: self._note_exception(told.exc_value)
@@ -259,12 +259,12 @@ class Walk:
             self._fault(f"Qt: {text}")
 
     def _hear(self, notice: Notice | None) -> None:
-        if notice is None:  # the one before is withdrawn
+        if notice is None:  # the previous notice is withdrawn
             return
         if "defect" in notice.text or "Traceback" in notice.text or "failed" in notice.text:
             self._fault(f"notice: {notice.text}\n{notice.details}")
 
-    # -- walking ------------------------------------------------------------------------------
+    # -- walking and measuring ----------------------------------------------------------------
 
     def begin(self) -> None:
         """Open the window and the first mesh."""
@@ -274,7 +274,7 @@ class Walk:
         self.go_home()
 
     def walk(self, actions: int) -> None:
-        """Take some steps."""
+        """Perform random actions."""
         weights = [weight for weight, _ in self._steps]
         steps = [step for _, step in self._steps]
         for _ in range(actions):
@@ -299,7 +299,7 @@ class Walk:
                 self.slowest = (took, what)
 
     def measure(self) -> Weight:
-        """Go home, and weigh the process."""
+        """Restore the initial state, and return the resources of the process."""
         self.go_home()
         QTest.qWait(300)
         gc.collect()
@@ -321,7 +321,7 @@ class Walk:
         )
 
     def go_home(self) -> None:
-        """Be where it began: the ball with 30 eigenpairs, nothing pinned, every panel in place."""
+        """Restore the initial state: the ball with 30 eigenpairs, no pins, all panels in place."""
         window, document = self.window, self.window.document
         window.opening.end_comparison()
         for _ in range(8):
@@ -338,7 +338,7 @@ class Walk:
         window.resize(1400, 900)
         window.arrangement.reset()
         document.work.cancel()
-        # a picture that is being drawn or written holds gigabytes where it is a large one
+        # a large picture that is being drawn or written needs gigabytes
         self._wait(lambda: document.work.job is None and window.background_io.idle)
         document.display.playing = False
         home = self.folder / "home.meshmash.json"
@@ -382,14 +382,14 @@ class Walk:
         shown = [w for w in QApplication.topLevelWidgets() if isinstance(w, QDialog)]
         return next((w for w in shown if w.isVisible()), None)
 
-    # -- steps: each says what it did -----------------------------------------------------------
+    # -- actions: each returns its description --------------------------------------------------
 
     def _command(self) -> str:
         from meshmash_viewer.app.actions import COMMANDS
 
         each = self.random.choice([c for c in COMMANDS if c.name not in _NOT_TAKEN])
         action = self.window.actions_[each.name]
-        action.trigger()  # does nothing where it is not enabled, as a click
+        action.trigger()  # has no effect if disabled, like a click
         return f"command {each.name}{'' if action.isEnabled() else ' (off)'}"
 
     def _shortcut(self) -> str:
@@ -450,7 +450,7 @@ class Walk:
         for character in text:
             if character.isascii():
                 QTest.keyClicks(widget, character)
-            else:  # which QTest knows no key for
+            else:  # QTest has no keys for other characters
                 typed = QKeyEvent(QEvent.Type.KeyPress, 0, _MODIFIERS[0], character)
                 QApplication.sendEvent(widget, typed)
         end = self.random.choice(("Return", "Tab", "Escape", ""))
@@ -481,11 +481,11 @@ class Walk:
             QTest.mouseMove(canvas, place)
             QTest.mouseClick(canvas, self.random.choice((_LEFT, _LEFT, _MIDDLE)), pos=place)
             return f"click the render at {place.x()}, {place.y()}"
-        # buttons go down and up in any order
+        # press and release buttons in any order
         down, what = [], []
         for _ in range(self.random.randint(2, 8)):
             if self.window.findChild(RenderWidget) is not canvas:
-                break  # that of a second mesh, which has gone
+                break  # the render of a second mesh was removed
             at = self._place_in(canvas.rect())
             choice = self.random.random()
             if choice < 0.4:
@@ -561,7 +561,7 @@ class Walk:
         return f"open {path.name}"
 
     def _damage(self, content: Any) -> str:
-        """Put something else into one place of a session."""
+        """Replace a random entry of a session; return the change as text."""
         where = ""
         while True:
             key = self.random.choice(sorted(content) if isinstance(content, dict) else ["mesh"])
@@ -629,7 +629,7 @@ def _named(widget: QObject) -> str:
 
 @contextlib.contextmanager
 def _answered(walk: Walk) -> Iterator[None]:
-    """Answer the dialogs of the system, which wait in loops of their own, as a person might."""
+    """Replace the modal dialogs of the system by functions that return random answers."""
 
     def opened(*_: object, **__: object) -> tuple[str, str]:
         chosen = walk.random.choice([*walk.files, *walk.sessions, ""])

@@ -1,8 +1,7 @@
-"""Windows killed while changes are made in them, and what is there when the file is opened again.
+"""Windows killed during changes, and the state restored when the file is opened again.
 
-Each window opens the file that the one before it was killed with, reports what it restored, and
-makes changes until it is killed. Every part of the state must be one that was current less than a
-second before the kill.
+Each window opens the file of the previous, killed window, reports the restored state, and makes
+changes until it is killed. Each restored part must be less than a second older than the kill.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.engine.request import Request
 
-#: Seconds until a window has opened its file.
+#: Maximum time until a window has opened its file (s).
 _PATIENCE = 120.0
-#: A window that opens a file, and changes something every 30 ms. Each line that it writes has the
-#: time and the state after a change; the first one has what was restored.
+#: Script of a window that opens a file and makes a change every 30 ms. It writes a line with the
+#: time and the state after each change; the first line has the restored state.
 _WINDOW = """
 import hashlib, json, os, random, sys, time
 from dataclasses import astuple
@@ -132,7 +131,7 @@ if __name__ == "__main__":
 
 
 class KilledWindows:
-    """Windows that open one file after the other, in a folder of their own."""
+    """Windows that open the same file one after the other, each until it is killed."""
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
         self.rng = np.random.default_rng(seed)
@@ -146,10 +145,10 @@ class KilledWindows:
             whole = Mesh(vertices, faces)
             for mesh in (whole, repair_mesh(whole, "keep_largest_component")):
                 obtain_eigenpairs(mesh, OperatorOptions(), Request(10))
-        #: What the last window wrote, and when it was killed.
+        #: Lines written by the last window, and the time of its kill (s).
         self.log: list[dict[str, Any]] = []
         self.killed_at = 0.0
-        #: Changes that were made, and for each kill the seconds before it that were lost.
+        #: Number of changes, and the seconds of work lost at each kill.
         self.changes, self.lost = 0, [0.0]
 
     def kill_once(self) -> None:
@@ -177,7 +176,7 @@ class KilledWindows:
         self.changes += len(self.log) - 1
 
     def _lost(self, restored: dict[str, str]) -> float:
-        """Seconds before the kill at which the last restored part was still current."""
+        """Return how many seconds before the kill the oldest restored part was replaced."""
         lost = 0.0
         ends = [each["at"] for each in self.log[1:]] + [self.killed_at]
         for part, value in restored.items():
@@ -191,7 +190,7 @@ class KilledWindows:
         return lost
 
     def _said(self) -> str:
-        """What the window has written, such as where it crashed."""
+        """Return the output of the window, such as the location of a crash."""
         return (self.folder / "said.txt").read_text(errors="replace")
 
     @contextmanager
