@@ -1,4 +1,4 @@
-"""Child processes: readers with limits, also under a launcher as on Windows, and their ends."""
+"""Child processes: limits of readers, launchers as on Windows, and termination."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from meshmash_viewer.work import ProcessTree, call_in_child, end_group, start_ch
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes programs of scripts")
 
-#: Starts another process and waits for it, as the launcher of Windows does.
+#: Script that starts another process and waits for it, as the Windows launcher does.
 LAUNCHER = """#!{python} -S
 import subprocess, sys
 sys.exit(subprocess.call([{program!r}, *sys.argv[1:]]))
@@ -36,7 +36,7 @@ sys.exit(subprocess.call([{program!r}, *sys.argv[1:]]))
 
 @pytest.fixture
 def depth(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
-    """So many launchers before the interpreter, one if not said."""
+    """Put launchers in front of the interpreter, one by default; return their number."""
     program, n_launchers = sys.executable, getattr(request, "param", 1)
     for at in range(n_launchers):
         launcher = tmp_path / f"python{at}"
@@ -97,7 +97,7 @@ def test_limits_hold_for_what_a_launcher_starts(
 def test_memory_is_limited_where_the_system_cannot(
     tmp_path: Path, mesh_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Windows has no module ``resource``."""
+    """The limit also holds without the module ``resource``, as on Windows."""
     (tmp_path / "lacking").mkdir()
     (tmp_path / "lacking" / "resource.py").write_text("raise ImportError", encoding="ascii")
     monkeypatch.syspath_prepend(str(tmp_path / "lacking"))
@@ -130,7 +130,7 @@ def test_an_interrupt_ends_all_of_them(
         read_guarded(spinning, mesh_file)
 
 
-# The process that computes --------------------------------------------------------------------
+# The computing process ------------------------------------------------------------------------
 
 FAMILY = """
 import subprocess, sys

@@ -74,7 +74,7 @@ def test_large_arrays_of_a_message_arrive_each_in_its_place(wire: Wire) -> None:
     threading.Thread(target=send).start()
     for one, two in zip(wire.receive(), sent, strict=True):
         np.testing.assert_array_equal(one, two)
-        one[0] = -1.0  # it is the receiver's own
+        one[0] = -1.0  # the receiver may write to its copy
     assert wire.receive() == "after"
 
 
@@ -89,7 +89,7 @@ def test_half_a_message_is_an_end() -> None:
 
 
 class Gone(io.BytesIO):
-    """The end of a pipe whose other end has gone, as an operating system puts it."""
+    """End of a pipe whose other end is closed; every operation fails with the given errno."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
