@@ -1,4 +1,4 @@
-"""A document whose eigenpairs are known in closed form, and events as a person makes them."""
+"""A document with eigenpairs in closed form, and simulated mouse and keyboard events."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ A, B = 12000.0, 47000.0  # nm
 def rectangle_document(
     n_pairs: int = 120, *, converged: int | None = None, twins: slice | None = None
 ) -> Document:
-    """A flat rectangle in nm with Neumann eigenpairs: products of cosines."""
+    """Return a flat rectangle in nm with its Neumann eigenpairs, products of cosines."""
     flat = shapes.rectangle(12, 30, A, B)
     mesh = Mesh(flat.vertices, flat.faces, unit="nm", name="rectangle")
     document = Document()
@@ -57,7 +57,7 @@ def rectangle_spectrum(
 
 
 def part(within: QWidget, name: str) -> QWidget:
-    """The control that a script finds under this name, as it is once the window rests."""
+    """Return the widget of this object name after pending events are processed."""
     catch_up()
     found = within.findChildren(QWidget, name)
     assert len(found) == 1, f"{len(found)} of {name}"
@@ -65,7 +65,7 @@ def part(within: QWidget, name: str) -> QWidget:
 
 
 def shown(qtbot: QtBot, widget: Widget, width: int, height: int) -> Widget:
-    """A widget of this size on the screen."""
+    """Show a widget in this size, and return it."""
     qtbot.addWidget(widget)
     widget.resize(width, height)
     with qtbot.waitExposed(widget, timeout=120_000):
@@ -76,7 +76,7 @@ def shown(qtbot: QtBot, widget: Widget, width: int, height: int) -> Widget:
 def turn_wheel(
     widget: QWidget, notches: int, modifiers: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier
 ) -> None:
-    """Turn the wheel over the middle of a widget; positive is towards oneself, on."""
+    """Turn the wheel over the middle of a widget; positive notches scroll down."""
     middle = QPointF(widget.rect().center())
     for _ in range(abs(notches)):
         turn = QPoint(0, -120 if notches > 0 else 120)
@@ -88,7 +88,7 @@ def turn_wheel(
 
 
 def drag(widget: QWidget, start: QPoint, *way: QPoint) -> None:
-    """Press, move along, and release."""
+    """Drag with the left button from `start` through the points of `way`."""
     QTest.mouseMove(widget, start)
     QTest.qWait(20)
     QTest.mousePress(widget, Qt.MouseButton.LeftButton, pos=start)
@@ -100,7 +100,7 @@ def drag(widget: QWidget, start: QPoint, *way: QPoint) -> None:
 
 
 def give(field: QLineEdit, text: str) -> None:
-    """Paste a text over what a field holds, and press Return."""
+    """Replace the text of a field by pasting, and press Return."""
     field.setFocus()
     field.selectAll()
     QApplication.clipboard().setText(text)

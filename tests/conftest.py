@@ -1,4 +1,4 @@
-"""A screen for each process of a parallel run, and shapes that many tests share."""
+"""Virtual screens, cache folders and meshes shared by the tests."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from meshmash_viewer.mesh import Mesh
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give each process of a parallel run a virtual screen of its own, on Linux.
+    """Start a separate virtual screen for each process of a parallel run, on Linux.
 
-    Windows on one screen would take the focus from each other.
+    Windows on a common screen would take the focus from each other.
     """
     if not hasattr(config, "workerinput") or not sys.platform.startswith("linux"):
         return
@@ -50,46 +50,46 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="session")
 def sphere() -> Mesh:
-    """Icosphere of 642 vertices, radius 1."""
+    """Return an icosphere of 642 vertices, radius 1."""
     return shapes.icosphere(3)
 
 
 @pytest.fixture(scope="session")
 def rectangle() -> Mesh:
-    """Rectangle of 2 × 1.5, 1200 vertices."""
+    """Return a rectangle of 2 × 1.5 with 1200 vertices."""
     return shapes.rectangle()
 
 
 @pytest.fixture(scope="session")
 def three_spheres() -> Mesh:
-    """Three icospheres of 162 vertices each."""
+    """Return three icospheres of 162 vertices each."""
     return shapes.three_spheres()
 
 
 @pytest.fixture(scope="session")
 def neuron() -> Mesh:
-    """Dirty dendrite in nm of about 1500 vertices (see `shapes.neuron`)."""
+    """Return a faulty dendrite in nm of about 1500 vertices (see `shapes.neuron`)."""
     return shapes.neuron()
 
 
 @pytest.fixture(scope="session")
 def caches(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Paths of folders, found without listing those before, as pytest's numbered ones are."""
+    """Return paths of new folders; unlike pytest, list no existing folders to number them."""
     folder = tmp_path_factory.mktemp("caches")
     return (folder / str(number) for number in count())
 
 
 @pytest.fixture(autouse=True)
 def own_cache(caches: Iterator[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Keep the user's folders out of the tests, those of child processes included."""
+    """Set new cache folders for a test and its child processes."""
     folder = next(caches)
     folder.mkdir()
     monkeypatch.setenv("MESHMASH_CACHE", str(folder))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))  # of Mesa, and of numba, on Linux
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))  # for Mesa and numba on Linux
     return folder
 
 
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read in this process what is read in one of its own, which takes half a second to start."""
+    """Read files in the test's process: a separate reader process takes 0.5 s to start."""
     monkeypatch.setattr("meshmash_viewer.io.raw._watched", True)

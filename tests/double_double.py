@@ -1,9 +1,9 @@
 """Eigenvalues of small symmetric matrices in twice the precision of float64.
 
-A number is the exact sum of two float64, the second below the last digit of the first (Dekker
-1971): about 32 decimal digits, on any machine, in NumPy alone. A matrix whose entries span 1 : 1e16
-still has its small eigenvalues right here, where `numpy.linalg.eigvalsh` leaves noise of 1e-16 of
-the largest.
+A number is the unevaluated sum of two float64, the second below the last digit of the first (Dekker
+1971): about 32 decimal digits, on any machine, in NumPy alone. Small eigenvalues are accurate even
+if matrix entries span 1 : 1e16. The errors of `numpy.linalg.eigvalsh` are 1e-16 of the largest
+eigenvalue.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Pair = tuple[FloatArray, FloatArray]
 EPS = 2.0**-104
 #: Splits a float64 into two halves of 26 bits.
 _SPLITTER = 2.0**27 + 1.0
-#: Values of x that a bracket is divided by at a time.
+#: Interior points that divide a bracket in each step of bisection.
 _INNER = 7
 
 
 def _sum(a: FloatArray, b: FloatArray) -> Pair:
-    """a + b and its rounding error."""
+    """Return a + b and its rounding error."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
@@ -39,7 +39,7 @@ def _halves(a: FloatArray) -> Pair:
 
 
 def _product(a: FloatArray, b: FloatArray) -> Pair:
-    """a · b and its rounding error."""
+    """Return a · b and its rounding error."""
     value = a * b
     (a1, a2), (b1, b2) = _halves(a), _halves(b)
     return value, ((a1 * b1 - value) + a1 * b2 + a2 * b1) + a2 * b2
@@ -76,7 +76,7 @@ def _divide(x: Pair, y: Pair) -> Pair:
 
 
 def _root(x: Pair) -> Pair:
-    """Square roots of numbers above or at zero."""
+    """Return the square roots of nonnegative numbers."""
     start = np.sqrt(x[0])
     safe = np.where(start > 0.0, start, 1.0)
     rest = _add(x, _negative(_product(start, start)))
@@ -84,7 +84,7 @@ def _root(x: Pair) -> Pair:
 
 
 def _total(x: Pair) -> Pair:
-    """Sum over the last axis, by halves."""
+    """Return the sum over the last axis, added pairwise."""
     high, low = x
     while (length := high.shape[-1]) > 1:
         half = length // 2
@@ -107,14 +107,14 @@ def _exact(values: npt.ArrayLike) -> Pair:
 
 
 def reduced_matrix(stiffness: FloatArray, mass: FloatArray) -> Pair:
-    """``M^-1/2 L M^-1/2`` for L of shape (n, n) and a diagonal M of shape (n,)."""
+    """Return ``M^-1/2 L M^-1/2`` for L of shape (n, n) and a diagonal M of shape (n,)."""
     root = _root(_exact(mass))
     scale = _multiply((root[0][:, None], root[1][:, None]), (root[0][None], root[1][None]))
     return _divide(_exact(stiffness), scale)
 
 
 def _tridiagonal(matrix: Pair) -> tuple[Pair, Pair]:
-    """Diagonal, shape (n,), and squares of the off-diagonal, shape (n - 1,), by Householder."""
+    """Return diagonal, (n,), and squared off-diagonal, (n - 1,), of the tridiagonal form."""
     high, low = matrix[0].copy(), matrix[1].copy()
     n = len(high)
     diagonal, squares = _exact(np.zeros(n)), _exact(np.zeros(max(n - 1, 0)))
@@ -143,7 +143,7 @@ def _tridiagonal(matrix: Pair) -> tuple[Pair, Pair]:
 
 
 def _count_below(diagonal: Pair, squares: Pair, at: FloatArray) -> npt.NDArray[np.int64]:
-    """Eigenvalues of the tridiagonal matrix below each value (Sturm's sequence)."""
+    """Count the eigenvalues of the tridiagonal matrix below each value (Sturm sequence)."""
     count = np.zeros(len(at), dtype=np.int64)
     smallest = EPS * max(float(np.abs(diagonal[0]).max()), 1e-290) * EPS
     q: Pair = _exact(np.ones(len(at)))
@@ -161,7 +161,7 @@ def _count_below(diagonal: Pair, squares: Pair, at: FloatArray) -> npt.NDArray[n
 def eigenvalues(
     matrix: Pair, near: FloatArray, reach: float, wanted: FloatArray
 ) -> tuple[FloatArray, float]:
-    """All eigenvalues, ascending.
+    """Compute all eigenvalues, ascending.
 
     Parameters
     ----------
@@ -170,15 +170,15 @@ def eigenvalues(
     near : ndarray, shape (n,)
         The eigenvalues in float64, ascending.
     reach : float
-        How far off these may be; more is found out and mended.
+        Expected error of `near`. Brackets widen if the error is larger.
     wanted : ndarray, shape (n,)
-        Error that is small enough for each.
+        Tolerated error of each eigenvalue.
 
     Returns
     -------
     values : ndarray, shape (n,)
     error : float
-        What they may be off by beyond `wanted`: rounding of this arithmetic.
+        Rounding error of this arithmetic, in addition to `wanted`.
     """
     scale = float(np.abs(matrix[0]).max())
     if scale == 0.0:

@@ -1,7 +1,7 @@
-"""Problems that the eigensolver once got wrong, each by its name.
+"""Named problems that the eigensolver once solved wrongly.
 
-`EXAMPLES` has for each name a function that gives the problems and what was asked of them. Most
-are of a size that goes through slices of the spectrum without being sent there.
+`EXAMPLES` maps each name to a function that yields problems with their requests. Most problems are
+large enough for the solver to slice the spectrum by default.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ EXAMPLES: dict[str, Callable[[], Examples]] = {}
 
 
 def example(name: str) -> Callable[[Callable[[], Examples]], Callable[[], Examples]]:
-    """Enter a function as an example."""
+    """Return a decorator that registers a function as an example."""
 
     def enter(make: Callable[[], Examples]) -> Callable[[], Examples]:
         EXAMPLES[name] = make
@@ -88,7 +88,7 @@ def _diagonal() -> Examples:
     mesh = triangulation(np.random.default_rng(4).random((900, 2)))
     problem = _of_mesh("random flat mesh of 900", mesh)
     entries = problem.stiffness.diagonal() / problem.mass
-    # The lowest, and four whose pivot is then zero.
+    # The lowest entry, and four entries with a zero pivot at that shift.
     for vertex in (int(np.argmin(entries)), 636, 146, 584, 845):
         yield problem, Request("threshold on a diagonal entry", threshold=float(entries[vertex]))
 
@@ -159,7 +159,7 @@ def _loose_triangles() -> Examples:
     stiffness, mass = matrices_of(Mesh(corners, np.array([[0, 1, 2]])))
     many = sp.csr_array(sp.block_diag([stiffness] * 8000))
     problem = Problem("triangles", "8000 loose triangles", many, np.tile(mass, 8000))
-    # All their constants would be 1.5 GB.
+    # The constants of all components would take 1.5 GB.
     yield problem, Request("count", count=10, most_memory=200e6)
 
 

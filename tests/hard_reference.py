@@ -1,12 +1,12 @@
-"""What the eigenvalues of a small pencil L φ = λ M φ are, and how well that can be known.
+"""Reference eigenvalues of a small pencil L φ = λ M φ, with their uncertainty.
 
-Connected components are solved one by one, equal ones once: by dense `eigh`, and in twice the
-precision where its rounding, relative to the largest eigenvalue, says too little of the small ones.
+Connected components are solved separately by dense `eigh`, equal components once. A component is
+solved again in twice the precision if the rounding of `eigh`, relative to the largest eigenvalue,
+is too large for the small eigenvalues.
 
-Each eigenvalue comes with the rounding of the problem: how far it moves when each entry of L and M
-is changed in its last digits. To first order that is ``eps · |φ|ᵀ |L| |φ|``, far less than
-``eps · ‖L‖`` where stiff edges or small triangles are elsewhere. Nothing that computes in float64
-can promise more.
+Each eigenvalue comes with the rounding of the problem: the change of λ when the last digits of L
+and M change. To first order the change is ``eps · |φ|ᵀ |L| |φ|``, far less than ``eps · ‖L‖`` if φ
+is small at stiff edges and small triangles. No float64 computation can be more accurate.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ __all__ = ["EPS", "FINE", "ROUNDING", "Scaled", "Spectrum", "scale_pencil", "spe
 FloatArray = npt.NDArray[np.float64]
 
 EPS = float(np.finfo(np.float64).eps)
-#: Last digits of the entries that a careful computation may lose: those of a row with a dozen
-#: entries are added up, and its sum then decides whether there is a zero.
+#: Tolerated rounding in units of the last digit. The sum of a dozen entries of a row decides
+#: whether an eigenvalue is zero.
 ROUNDING = 128.0
-#: Relative error of a reference value that is of no account.
+#: Negligible relative error of a reference value.
 FINE = 1e-11
-#: Larger components are not solved in twice the precision, nor for their eigenvectors.
+#: Maximum vertices of a solve in twice the precision, and of a solve with eigenvectors.
 _PRECISE_VERTICES, _VECTOR_VERTICES = 260, 700
-#: A vertex whose own eigenvalue is this many times the others' moves with its neighbours.
+#: Vertices whose ratio L[i, i] / M[i, i] exceeds the median this many times are condensed.
 _MASSLESS = 1e100
-#: Powers of two beyond which a pencil is scaled before anything is computed.
+#: Absolute power of two above which a pencil is scaled before the computation.
 _EXTREME = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """A pencil without rows of no mass, its entries brought near 1 if they are extreme ones.
+    """Pencil of the vertices with mass, with extreme entries scaled to near 1.
 
-    ``λ = ldexp(scaled λ, exponent)``, exactly, unless float64 cannot hold it.
+    ``λ = ldexp(scaled λ, exponent)`` is exact unless λ exceeds the range of float64.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Scaled:
     active : ndarray of int, shape (n,)
         Vertices with mass.
     labels : ndarray of int, shape (n,)
-        Connected component of each.
+        Connected component of each active vertex.
     """
 
     stiffness: Any
@@ -83,11 +83,11 @@ class Spectrum:
     ----------
     values : ndarray, shape (n,)
     low, high : ndarray, shape (n,)
-        Between which the i-th eigenvalue lies, the problem's rounding included.
+        Bounds of the i-th eigenvalue, including the rounding of the problem.
     copies : ndarray of float, shape (n,)
-        Eigenvalues nearer to this one are copies of it as far as can be told.
+        Distance within which another eigenvalue counts as a copy.
     doubt : float
-        Largest uncertainty of the reference itself, relative to λ or to the rounding.
+        Largest uncertainty of the reference, relative to the larger of λ and its rounding.
     """
 
     values: FloatArray
@@ -103,7 +103,7 @@ class Spectrum:
 
 
 def scale_pencil(stiffness: Any, mass: Any) -> Scaled:
-    """Scale L (n, n) and the diagonal M, given as matrix or as vector."""
+    """Return the scaled pencil of L, shape (n, n), and the diagonal M, matrix or vector."""
     matrix: Any = sp.csr_array(sp.coo_array(stiffness).astype(np.float64))
     matrix.sum_duplicates()
     diagonal = np.asarray(mass.diagonal() if sp.issparse(mass) else mass, dtype=np.float64)
@@ -123,13 +123,13 @@ def scale_pencil(stiffness: Any, mass: Any) -> Scaled:
 
 
 def _exponent(values: FloatArray) -> int:
-    """Power of two of the largest value where it is an extreme one, else 0."""
+    """Return the power of two of the largest absolute value if it is extreme, else 0."""
     power = int(np.frexp(float(np.abs(values).max(initial=0.0)) or 1.0)[1])
     return power if abs(power) > _EXTREME else 0
 
 
 def spectrum_of(pencil: Scaled) -> Spectrum:
-    """All eigenvalues with their uncertainty."""
+    """Compute all eigenvalues with their uncertainty."""
     parts = []
     order = np.argsort(pencil.labels, kind="stable")
     bounds = np.flatnonzero(np.diff(pencil.labels[order], prepend=-1, append=-1))
@@ -156,7 +156,7 @@ def spectrum_of(pencil: Scaled) -> Spectrum:
 
 @lru_cache(maxsize=64)
 def _component(entries: bytes, masses: bytes) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenvalues of a dense component, their rounding and the reference's own doubt."""
+    """Return eigenvalues of a dense component, their rounding and their uncertainty."""
     mass = np.frombuffer(masses)
     n = len(mass)
     stiffness = np.frombuffer(entries).reshape(n, n)
@@ -180,13 +180,13 @@ def _component(entries: bytes, masses: bytes) -> tuple[FloatArray, FloatArray, F
             values[0], doubt[0] = lowest
             slack[0] = ROUNDING * EPS * float(np.abs(stiffness).sum() / mass.sum())
         return values, slack, doubt
-    # The default driver fails now and then where eigenvalues are multiple.
+    # LAPACK's default driver sometimes fails for multiple eigenvalues.
     values, vectors = scipy.linalg.eigh(matrix, driver="evd")
     norm = float(np.abs(values).max(initial=0.0))
     sizes = np.abs(vectors)
     energy = np.einsum("ij,ij->j", sizes, np.abs(matrix) @ sizes)
     noise = max(8.0, np.sqrt(n)) * EPS * norm
-    # What dense `eigh` cannot tell apart shares its rounding.
+    # Eigenvalues that dense `eigh` cannot separate share the largest rounding.
     first = np.searchsorted(values, values - noise)
     last = np.searchsorted(values, values + noise, side="right")
     slack = np.array([energy[a:b].max() for a, b in zip(first, last, strict=True)])
@@ -206,9 +206,9 @@ def _component(entries: bytes, masses: bytes) -> tuple[FloatArray, FloatArray, F
 def _of_constants(
     stiffness: FloatArray, mass: FloatArray, second: float, noise: float
 ) -> tuple[float, float] | None:
-    """The lowest eigenvalue and its doubt, if that of constants, as for L + cM; else None.
+    """Return the eigenvalue of constants, with its uncertainty, if it is the lowest, else None.
 
-    The error of a Rayleigh quotient is at most the square of its residual over the gap.
+    The error of a Rayleigh quotient is at most its squared residual over the gap.
     """
     sums = np.array([fsum(row) for row in stiffness])
     area = fsum(mass)
@@ -223,7 +223,7 @@ def _of_constants(
 def _with_light_vertices(
     stiffness: FloatArray, mass: FloatArray, light: npt.NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Vertices of hardly any mass follow the others; their own eigenvalues are far above."""
+    """Solve a component with its light vertices condensed; their eigenvalues are far above."""
     heavy = ~light
     inner = stiffness[np.ix_(light, light)]
     across = stiffness[np.ix_(light, heavy)]
@@ -233,7 +233,7 @@ def _with_light_vertices(
     top = np.minimum(mass[light], 1.0)
     with np.errstate(over="ignore"):
         own = np.minimum(np.diagonal(inner) / top, 1e300)
-    # Their coupling among each other is not worked out: nobody is asked for these values.
+    # The coupling of light vertices is ignored: no request reaches their eigenvalues.
     return (
         np.concatenate([low[0], own]),
         np.concatenate([low[1] * 4.0, own]),

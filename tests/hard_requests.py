@@ -1,7 +1,7 @@
-"""What is asked of hard eigenproblems: a count, a threshold, or the neighbours of a shift.
+"""Requests for hard eigenproblems: a count, a threshold, or the neighbours of a shift.
 
-Thresholds and shifts lie where they are awkward: on an eigenvalue to the last bit, next to it,
-between copies of a multiple one, on a diagonal entry, at zero, beyond the spectrum.
+Thresholds and shifts lie at difficult places: on an eigenvalue to the last bit, next to it, between
+copies of a multiple eigenvalue, on a diagonal entry, at zero, or beyond the spectrum.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Random = np.random.Generator
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a problem.
+    """Request for eigenpairs or features of a problem.
 
     Parameters
     ----------
     kind : str
-        What is awkward about it.
+        Difficulty of the request.
     count : int, optional
     threshold : float, optional
     sigma : float, optional
@@ -35,7 +35,7 @@ class Request:
     entry : {"solve", "bands", "hks"}
         `eigensolver.solve`, `decompose_laplacian_by_bands` or `compute_hks`.
     own_threshold : bool
-        The threshold is the last eigenvalue that the solver itself gives for `count`.
+        Whether the threshold is the last eigenvalue of a first solve for `count`.
     jobs : int
     """
 
@@ -67,10 +67,10 @@ class Request:
 
 
 def make_request(problem: Problem, spectrum: Spectrum) -> Request:
-    """What is asked of the problem of a seed, whose eigenvalues are known."""
+    """Return the request for the problem of a seed, given its eigenvalues."""
     random = np.random.default_rng([problem.seed, 1])
     if problem.refusal == "must":
-        # Eigenvalues mean nothing here.
+        # The eigenvalues are meaningless: the solver must refuse.
         return (
             _count(random, spectrum) if random.integers(2) else Request("threshold", threshold=1.0)
         )
@@ -94,13 +94,13 @@ def make_request(problem: Problem, spectrum: Spectrum) -> Request:
 
 
 def _is_level(spectrum: Spectrum) -> bool:
-    """Whether dense `eigh` knows the eigenvectors, too, to many digits."""
+    """Return whether the eigenvectors of dense `eigh` are accurate to many digits."""
     positive = spectrum.values[spectrum.values > spectrum.copies]
     return spectrum.n < 800 and 1e-8 * positive.max(initial=0.0) < positive.min(initial=np.inf)
 
 
 def _most(spectrum: Spectrum) -> int:
-    """Pairs that may be asked for: many of a large problem take long."""
+    """Return the maximum count of a request: many pairs of a large problem take long."""
     return spectrum.n if spectrum.n < 500 else min(spectrum.n, 200)
 
 
@@ -113,7 +113,7 @@ def _count(random: Random, spectrum: Spectrum) -> Request:
     if draw < 0.1 and spectrum.n <= 500:
         return Request("all, or more than there are", count=spectrum.n + int(random.integers(0, 7)))
     if draw < 0.3:
-        # Within a multiple eigenvalue, where there is one.
+        # End within a multiple eigenvalue, if there is one.
         values, copies = spectrum.values[: _most(spectrum)], spectrum.copies[: _most(spectrum)]
         near = values[1:] - copies[1:] <= values[:-1]
         if near.any():
@@ -161,7 +161,7 @@ def _threshold(random: Random, problem: Problem, spectrum: Spectrum) -> Request:
     kind, make = kinds[int(random.choice(len(kinds), p=shares / shares.sum()))]
     value = float(np.clip(make(), 0.0, 1e300))
     if value > spectrum.values[_most(spectrum) - 1] and spectrum.n > 600:
-        # That many pairs would take long.
+        # So many pairs would take too long.
         return Request("threshold on an eigenvalue", threshold=_eigenvalue(random, spectrum))
     return Request(kind, threshold=value)
 

@@ -1,7 +1,7 @@
-"""Eigenproblems that are hard to get right, made from seeds.
+"""Difficult eigenproblems, made from seeds.
 
-`make_problem(seed)` gives a pencil of one of the `FAMILIES`, the same at every call. What is asked
-of it, `hard_requests` says; `hard_verdict` solves and judges.
+`make_problem(seed)` returns a pencil of one of the `FAMILIES`, the same at every call.
+`hard_requests` chooses a request; `hard_verdict` solves the problem and judges the answer.
 """
 
 from __future__ import annotations
@@ -37,30 +37,30 @@ FloatArray = npt.NDArray[np.float64]
 Random = np.random.Generator
 #: L, and the diagonal of M.
 Matrices = tuple[Any, FloatArray]
-#: As the package chooses; through slices of the spectrum even where dense `eigh` would be
-#: chosen; and through slices of few pairs, so that there are many borders.
+#: Method: the choice of the package; slices of the spectrum even if the package would choose dense
+#: `eigh`; or slices of few pairs, which have many borders.
 Path = Literal["as built", "sliced", "thin slices"]
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A pencil.
+    """Pencil, with the method to solve it.
 
     Parameters
     ----------
     family : str
     note : str
-        What it is, in a few words.
+        Short description.
     stiffness : sparse array, shape (n, n)
     mass : ndarray, shape (n,)
     path : {"as built", "sliced", "thin slices"}
     seed : int
     refusal : {"", "may", "must"}
-        Whether one sentence that says no is as good an answer as eigenpairs, or the only good one.
+        Whether a refusal is as good an answer as eigenpairs, or the only right answer.
     mesh : tuple of vertices and faces, optional
-        Whose matrices these are, up to rounding: they are made when it is solved.
+        Mesh of these matrices. The solve computes them again, which changes the rounding.
     robust : bool
-        By which operator.
+        Whether the matrices of `mesh` come from the robust operator.
     """
 
     family: str
@@ -78,7 +78,7 @@ class Problem:
 
 
 def graph_laplacian(n: int, edges: npt.ArrayLike, weights: npt.ArrayLike = 1.0) -> Any:
-    """Laplacian of a weighted graph; edges of shape (m, 2)."""
+    """Return the Laplacian of a weighted graph; edges of shape (m, 2)."""
     ends = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
     weight = np.broadcast_to(np.asarray(weights), len(ends))
     i, j = np.concatenate([ends, ends[:, ::-1]]).T
@@ -88,7 +88,7 @@ def graph_laplacian(n: int, edges: npt.ArrayLike, weights: npt.ArrayLike = 1.0) 
 
 
 def grid_edges(rows: int, columns: int, periodic: bool = False) -> npt.NDArray[np.int64]:
-    """Edges of a rectangular grid; a periodic one has at least three rows and columns."""
+    """Return the edges of a rectangular grid; periodic grids need three rows and columns."""
     index = np.arange(rows * columns).reshape(rows, columns)
     if periodic:
         right = np.stack([index, np.roll(index, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -100,7 +100,7 @@ def grid_edges(rows: int, columns: int, periodic: bool = False) -> npt.NDArray[n
 
 
 def honeycomb_edges(rows: int, columns: int) -> npt.NDArray[np.int64]:
-    """Edges of a sheet of hexagons, as a brick wall."""
+    """Return the edges of a hexagonal sheet, laid out as a brick wall."""
     index = np.arange(rows * columns).reshape(rows, columns)
     right = np.stack([index[:, :-1], index[:, 1:]], axis=2).reshape(-1, 2)
     down = np.stack([index[:-1], index[1:]], axis=2)
@@ -109,7 +109,7 @@ def honeycomb_edges(rows: int, columns: int) -> npt.NDArray[np.int64]:
 
 
 def tree_edges(random: Random, n: int) -> npt.NDArray[np.int64]:
-    """Edges of a tree: a random one, a binary one, a star, or a comb."""
+    """Return the edges of a random tree, a binary tree, a star, or a comb."""
     child = np.arange(1, n)
     shape = random.integers(4)
     if shape == 0:
@@ -125,7 +125,7 @@ def tree_edges(random: Random, n: int) -> npt.NDArray[np.int64]:
 
 
 def triangulation(points: FloatArray) -> Mesh:
-    """Flat mesh of points in the plane, shape (n, 2)."""
+    """Return a flat mesh of points in the plane, shape (n, 2)."""
     faces = Delaunay(points).simplices
     used = np.unique(faces)
     renamed = np.searchsorted(used, faces)
@@ -133,7 +133,7 @@ def triangulation(points: FloatArray) -> Mesh:
 
 
 def torus_mesh(rows: int, columns: int, thickness: float = 0.4) -> Mesh:
-    """Torus of radius 1 whose grid is as symmetric as its triangles allow."""
+    """Return a torus of radius 1 whose grid is as symmetric as its triangles allow."""
     u, v = np.meshgrid(
         2.0 * np.pi * np.arange(rows) / rows, 2.0 * np.pi * np.arange(columns) / columns
     )
@@ -150,7 +150,7 @@ def torus_mesh(rows: int, columns: int, thickness: float = 0.4) -> Mesh:
 
 
 def globe(rows: int, columns: int) -> Mesh:
-    """Sphere of circles of latitude, slender triangles at its poles."""
+    """Return a sphere of circles of latitude, with slender triangles at its poles."""
     theta = np.pi * np.arange(1, rows + 1) / (rows + 1)
     phi = 2.0 * np.pi * np.arange(columns) / columns
     ring = np.stack(
@@ -174,7 +174,7 @@ def globe(rows: int, columns: int) -> Mesh:
 
 
 def joined(meshes: list[Mesh]) -> Mesh:
-    """Meshes side by side as one."""
+    """Return one mesh of several meshes placed side by side."""
     starts = np.cumsum([0, *(m.n_vertices for m in meshes[:-1])])
     return Mesh(
         np.concatenate([m.vertices for m in meshes]),
@@ -183,7 +183,7 @@ def joined(meshes: list[Mesh]) -> Mesh:
 
 
 def matrices_of(mesh: Mesh, robust: bool = True) -> Matrices:
-    """L and the diagonal of M of a mesh."""
+    """Return L and the diagonal of M of a mesh."""
     stiffness, mass = cotangent_laplacian(mesh, robust=robust)
     return stiffness, mass.diagonal()
 
@@ -193,24 +193,24 @@ def _arrays(mesh: Mesh) -> tuple[FloatArray, npt.NDArray[np.int64]]:
 
 
 def side_by_side(parts: list[Matrices]) -> Matrices:
-    """Several pencils as one."""
+    """Return the block-diagonal pencil of several pencils."""
     stiffness = sp.block_diag([part[0] for part in parts], format="csr")
     return sp.csr_array(stiffness), np.concatenate([part[1] for part in parts])
 
 
 # Families ----------------------------------------------------------------------------------------
 
-#: What a family gives: matrices, a note, and fields of `Problem` that are not the usual ones.
+#: Result of a family: matrices, a note, and fields of `Problem` other than the defaults.
 Made = tuple[Matrices, str, dict[str, Any]]
 FAMILIES: dict[str, Callable[[Random, int], Made]] = {}
-#: How often each is drawn, and the most vertices it is made with.
+#: Relative frequency and maximum number of vertices of each family.
 _SHARES: dict[str, tuple[float, int]] = {}
 
 
 def family(
     name: str, share: float = 1.0, largest: int = 3000
 ) -> Callable[[Callable[[Random, int], Made]], Callable[[Random, int], Made]]:
-    """Enter a function of a random generator and a wanted number of vertices as a family."""
+    """Register a function of a random generator and a requested vertex count as a family."""
 
     def enter(make: Callable[[Random, int], Made]) -> Callable[[Random, int], Made]:
         FAMILIES[name] = make
@@ -221,7 +221,7 @@ def family(
 
 
 def _sides(random: Random, n: int, least: int = 1) -> tuple[int, int]:
-    """Two sides whose product is about n."""
+    """Return two sides whose product is about n."""
     side = max(least, round(np.sqrt(n) * random.uniform(0.4, 1.0)))
     return side, max(least, round(n / side))
 
@@ -333,7 +333,7 @@ def _flat_mesh(random: Random, n: int) -> Made:
 
 
 def _any_base(random: Random, n: int) -> tuple[Matrices, str]:
-    """One of the plain ones."""
+    """Return a pencil of a random basic family, and its note."""
     names = ["grid", "periodic grid", "weighted grid", "honeycomb", "path", "tree", "flat mesh",
              "torus", "sphere", "integer weights"]  # fmt: skip
     matrices, note, _ = FAMILIES[names[random.integers(len(names))]](random, n)
@@ -389,7 +389,7 @@ def _with_stiff_edges(random: Random, stiffness: Any, factor: float) -> Any:
 
 
 def _shift(random: Random, stiffness: Any, mass: FloatArray) -> tuple[Any, float]:
-    """L + cM, and c."""
+    """Return L + cM and a random c."""
     c = float(10.0 ** random.uniform(-11, 0))
     return sp.csr_array(stiffness + sp.diags_array(c * mass)), c
 
@@ -408,7 +408,7 @@ def _stiff(random: Random, n: int) -> Made:
 
 @family("springs", largest=130)
 def _springs(random: Random, n: int) -> Made:
-    """Parts on weak springs, to each other or to the ground."""
+    """Return two parts joined by a weak spring, sometimes with another to the ground."""
     (first, mass), note = _any_base(random, max(n // 2, 1))
     (second, other), _ = _any_base(random, max(n // 2, 1))
     weak = float(10.0 ** random.uniform(-10, -3))
@@ -435,7 +435,7 @@ def _shifted(random: Random, n: int) -> Made:
 
 @family("copies", share=2.5)
 def _copies(random: Random, n: int) -> Made:
-    """Equal components, or such that differ a little in size."""
+    """Return equal components, or components that differ a little in size."""
     size = int(np.clip(round(2.0 ** random.uniform(1, 6)), 1, n))
     if random.integers(2):
         mesh = shapes.icosphere(0)
@@ -451,7 +451,7 @@ def _copies(random: Random, n: int) -> Made:
 
 @family("loners", share=1.5)
 def _loners(random: Random, n: int) -> Made:
-    """Vertices without edges, without mass, or without either."""
+    """Return a pencil with vertices without edges, some of them also without mass."""
     (stiffness, mass), note = _any_base(random, max(n * 2 // 3, 1))
     loose = max(1, n - len(mass))
     masses = np.where(random.random(loose) < 0.5, 0.0, random.choice([1.0, 0.5], loose))
@@ -465,7 +465,7 @@ def _loners(random: Random, n: int) -> Made:
 
 @family("few among many", share=0.4)
 def _few_among_many(random: Random, n: int) -> Made:
-    """So many vertices that no dense matrix is made, almost all of them in the null space."""
+    """Return too many vertices for a dense matrix, with a null space of nearly full dimension."""
     (stiffness, mass), note = _any_base(random, int(random.integers(70, 400)))
     loose = int(random.integers(2550, 3000)) - len(mass)
     if random.integers(2):
@@ -499,7 +499,7 @@ def _indefinite(random: Random, n: int) -> Made:
 
 @family("denormal", share=0.6, largest=300)
 def _denormal(random: Random, n: int) -> Made:
-    """Masses below 1e-308: of all vertices, of all with L to match, or of one."""
+    """Return masses below 1e-308: all of them, all with L scaled alike, or a single mass."""
     a, b = _sides(random, n)
     stiffness = graph_laplacian(a * b, grid_edges(a, b))
     masses = random.integers(1, 5, a * b).astype(np.float64)
@@ -516,7 +516,7 @@ def _denormal(random: Random, n: int) -> Made:
 
 @family("extreme units", largest=400)
 def _extreme(random: Random, n: int) -> Made:
-    """Meshes in units so large or small that areas leave float64's range, or nearly."""
+    """Return a mesh in units so extreme that areas exceed float64's range, or nearly."""
     unit_mesh = triangulation(random.random((max(n, 3), 2)))
     power = float(random.choice([-200, -150, -100, -60, 60, 100, 150, 200]))
     mesh = unit_mesh.vertices * 10.0**power, unit_mesh.faces
@@ -529,7 +529,7 @@ def _extreme(random: Random, n: int) -> Made:
 
 
 def make_problem(seed: int) -> Problem:
-    """The problem of a seed."""
+    """Return the problem of a seed."""
     random = np.random.default_rng([seed, 0])
     names = list(FAMILIES)
     shares = np.array([_SHARES[name][0] for name in names])
@@ -539,7 +539,7 @@ def make_problem(seed: int) -> Problem:
     (stiffness, mass), note, fields = FAMILIES[name](random, n)
     scalable = "mesh" not in fields and "refusal" not in fields and stiffness.dtype.kind == "f"
     if scalable and random.integers(4) == 0:
-        # Another unit of length, or of weights.
+        # Change the units of weights and masses.
         stiffness = sp.csr_array(stiffness * 10.0 ** random.uniform(-6, 6))
         mass = mass * 10.0 ** random.uniform(-9, 9)
         note = f"{note}, other units"
@@ -548,7 +548,7 @@ def make_problem(seed: int) -> Problem:
 
 
 def _size(random: Random, path: Path) -> int:
-    """Number of vertices: mostly small, where the reference is cheap; a few to 3,000."""
+    """Return a random vertex count up to 3,000, mostly small for a cheap reference."""
     draw = random.random()
     if draw < 0.005:
         return int(random.integers(1500, 3001))

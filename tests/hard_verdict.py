@@ -1,9 +1,9 @@
-"""Solves a hard problem and judges the answer against the reference.
+"""Solution of hard problems, judged against the reference.
 
-An answer is *right* if its eigenvalues are those asked for, none lost or doubled, and what it says
-of its own residuals and products is what is measured here; *refused* if it is the package's own
-sentence, or eigenpairs that say themselves that they are not proven; *wrong* otherwise: any other
-exception, a warning that leaked, a proof of what is not so, no answer in time.
+An answer is *right* if it has the requested eigenvalues, none lost or duplicated, and if its
+reported residuals and orthonormality agree with the measurements here. It is *refused* if the
+package raises one of its own errors or reports eigenpairs as not proven. It is *wrong* otherwise:
+another exception, an unexpected warning, a false proof, or no answer in time.
 """
 
 from __future__ import annotations
@@ -41,40 +41,40 @@ __all__ = ["Verdict", "judge", "judge_seed", "through"]
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Seconds of computation that an answer may take.
+#: Maximum processor time of an answer, in seconds.
 LIMIT = 30.0
-#: A proof's own tolerances: worst residual relative to λ, and product of two eigenvectors.
+#: Tolerances of a proof: largest residual relative to λ, and error of orthonormality.
 _RESIDUAL = {"float64": 1e-6, "float32": 1e-3}
 _ORTHONORMALITY = {"float64": 1e-8, "float32": 1e-4}
 #: Relative errors of eigenvalues that the solver's tolerance allows.
 _RELATIVE = {"float64": 1e-9, "float32": 3e-7}
-#: Warnings that say nothing against eigenpairs.
+#: Warnings that do not concern the accuracy of eigenpairs.
 _OF_OTHER_THINGS = (errors.ConstantFeaturesWarning, errors.TruncationWarning)
-#: A threshold keeps eigenvalues up to so little above it, relatively.
+#: Relative margin above a threshold within which eigenvalues are kept.
 _MARGIN = 2e-11
 
 
 class _OutOfTime(BaseException):
-    """No answer within the limit."""
+    """Interruption of a solve at its time limit."""
 
 
 class _NotRight(Exception):
-    """What is wrong with an answer."""
+    """Exception with the error of an answer."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a request.
+    """Result of a request.
 
     Parameters
     ----------
     state : {"right", "refused", "wrong"}
     sentence : str
-        What was refused, or what is wrong.
+        The refusal, or the error of the answer.
     needed : bool
-        Whether a refusal has a reason that is known here.
+        Whether `_excuse` finds a reason for the refusal.
     seconds : float
-        Of computation, by the solver alone, on all cores together.
+        Processor time of the solver alone, summed over all cores.
     problem, request
     """
 
@@ -87,13 +87,13 @@ class Verdict:
 
     @property
     def kind(self) -> str:
-        """The sentence without its numbers, to count equal ones."""
+        """The sentence with numbers replaced by #, to count similar sentences."""
         return re.sub(r"[-+]?(\d[\d,]*\.?\d*(e[-+]?\d+)?|inf|nan)\b", "#", self.sentence)
 
 
 @dataclass
 class _Answer:
-    """Eigenpairs as they came back."""
+    """Eigenpairs as the package returns them."""
 
     eigenvalues: FloatArray
     rows: npt.NDArray[np.floating[Any]]
@@ -109,10 +109,10 @@ class _Answer:
 
 @contextmanager
 def through(path: str) -> Iterator[None]:
-    """Send problems through slices of the spectrum that dense `eigh` would do faster.
+    """Solve through slices of the spectrum even if dense `eigh` would be faster.
 
-    "sliced" does so for all that leave the Lanczos iteration room: the package itself is that way
-    above some 700 vertices. "thin slices" makes slices of a few pairs as well, so that a small
+    "sliced" slices every problem large enough for the Lanczos iteration; by default, the package
+    slices above some 700 vertices. "thin slices" also limits slices to a few pairs, so that a small
     spectrum has many borders. "as built" changes nothing.
     """
     if path == "as built":
@@ -145,7 +145,7 @@ def through(path: str) -> Iterator[None]:
 
 @contextmanager
 def _alarm(seconds: float) -> Iterator[None]:
-    """Raise `_OutOfTime` here after so many seconds of computation, where the system can."""
+    """Raise `_OutOfTime` after so many seconds of processor time, if the system can."""
     here = threading.current_thread() is threading.main_thread()
     if not (here and hasattr(signal, "setitimer")):
         yield
@@ -165,7 +165,7 @@ def _alarm(seconds: float) -> Iterator[None]:
 
 @contextmanager
 def _memory(most: float) -> Iterator[None]:
-    """Complain if arrays take more bytes than this at a time."""
+    """Raise `_NotRight` if arrays take more bytes than `most` at once."""
     if most == np.inf:
         yield
         return
@@ -186,7 +186,7 @@ def _matrices(problem: Problem) -> tuple[Any, Any]:
 
 
 def _ask(problem: Problem, request: Request, limit: float) -> tuple[Request, _Answer | FloatArray]:
-    """The answer, and the request with the threshold that it came to be."""
+    """Return the request, with its final threshold, and the answer."""
     end = time.process_time() + limit
 
     def cancel() -> bool:
@@ -242,7 +242,7 @@ def _ask(problem: Problem, request: Request, limit: float) -> tuple[Request, _An
 
 
 def _hks_times(threshold: float) -> tuple[float, float]:
-    """Shortest and longest time at which HKS is asked for."""
+    """Return the shortest and longest time of a requested HKS."""
     scale = min(max(threshold, 1e-200), 1e200)
     return 0.5 / scale, 20.0 / scale
 
@@ -284,7 +284,7 @@ def judge(
             state, sentence = "wrong", f"no answer in {limit:g} s"
             if time.process_time() - began < limit:
                 sentence = f"{type(fault).__name__}, though nobody asked: {fault}"
-        except Exception as fault:  # noqa: BLE001 - to be judged, whatever it is
+        except Exception as fault:  # noqa: BLE001 - any exception is judged
             state, sentence = "wrong", f"{type(fault).__name__}: {fault}"
             if type(fault).__module__ == errors.__name__:
                 state, sentence = "refused", str(fault)
@@ -308,7 +308,7 @@ def judge(
 
 
 def _excuse(problem: Problem, request: Request, pencil: Scaled, spectrum: Spectrum) -> str:
-    """Why a refusal may be, or nothing."""
+    """Return the reason that justifies a refusal, or an empty string."""
     if problem.refusal:
         return "the problem has no answer that float64 can hold"
     roots = np.sqrt(problem.mass[problem.mass > 0.0])
@@ -334,7 +334,7 @@ def _excuse(problem: Problem, request: Request, pencil: Scaled, spectrum: Spectr
 
 
 def _spacings(pencil: Scaled) -> FloatArray:
-    """Weyl's spacing 4π / area of each component."""
+    """Return Weyl's spacing 4π / area of each component."""
     return np.asarray(4.0 * np.pi / np.bincount(pencil.labels, weights=pencil.mass))
 
 
@@ -345,7 +345,7 @@ def _fault_or_doubt(
     pencil: Scaled,
     spectrum: Spectrum,
 ) -> str:
-    """Raise `_NotRight`, or give what the answer says against itself, or nothing."""
+    """Raise `_NotRight`, or return the answer's reason why it is not proven, if any."""
     if problem.refusal == "must":
         raise _NotRight("accepted what has no answer")
     if not isinstance(answer, _Answer):
@@ -364,7 +364,7 @@ def _fault_or_doubt(
     if request.single:
         allowed += measures.floor
     if not answer.proven:
-        # Nothing was claimed: as good as any backward stable computation will do.
+        # Unproven answers may have the error of a backward stable computation.
         allowed = np.maximum(allowed, measures.backward)
     bad = measures.residuals > allowed
     if bad.any():
@@ -376,7 +376,7 @@ def _fault_or_doubt(
         raise _NotRight(f"eigenvalues that do not ascend, by {descent:.0e}")
     verified = answer.verified
     if verified is not None and verified.residual < 2.0 * _RESIDUAL[precision]:
-        # Measured twice, a residual may lie on either side of its tolerance.
+        # Two measurements of a residual may lie on different sides of its tolerance.
         verified = replace(verified, residual=min(verified.residual, 0.5 * _RESIDUAL[precision]))
     if verified is not None and not verified.complete:
         raise _NotRight(f"right, but verify says: {', '.join(verified.lacks)}")
@@ -401,16 +401,16 @@ def _check_shapes(request: Request, answer: _Answer, pencil: Scaled, n_all: int)
 
 
 class _Measures:
-    """Residuals and products of an answer, measured again.
+    """Residuals and orthonormality of an answer, measured again.
 
     Attributes
     ----------
     residuals : ndarray, shape (k,)
         ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``, for values next to zero relative to 4π / area.
     floor : ndarray, shape (k,)
-        What the rounding of φ alone makes of it.
+        Residual that the rounding of φ alone causes.
     backward : ndarray, shape (k,)
-        What it may be after a computation that is exact for a matrix next to L.
+        Residual of a computation that is exact for a matrix next to L.
     errors : ndarray, shape (k,)
         The residual in the norm that bounds the error of λ, absolute, in the unit of the problem.
     orthonormality : float
@@ -455,16 +455,16 @@ def _norms(columns: Any) -> Any:
 
 
 def _check_reports(answer: _Answer, measures: _Measures, precision: str) -> None:
-    """What the solver says of its residuals and products against what is measured here."""
+    """Check the reported residuals and orthonormality against the measured ones."""
     assert answer.residuals is not None
     assert answer.orthonormality is not None
     said = np.asarray(answer.residuals, dtype=np.float64)
     if said.shape != measures.residuals.shape:
         raise _NotRight(f"{said.shape} residuals for {measures.residuals.shape} pairs")
-    # What is far below the tolerance of the solver need not be known to a digit.
+    # Residuals far below the tolerance of the solver need no accurate digit.
     slack = 1.5 * measures.floor + 1e-11
     if not answer.proven:
-        # Nothing was claimed: computed in float64, a residual carries that much rounding itself.
+        # Residuals of unproven answers have the rounding of float64.
         slack = slack + measures.backward
     hidden = ~(said >= 0.4 * measures.residuals - slack)
     if hidden.any():
@@ -482,11 +482,11 @@ def _check_reports(answer: _Answer, measures: _Measures, precision: str) -> None
 def _check_eigenvalues(
     request: Request, answer: _Answer, measures: _Measures, pencil: Scaled, spectrum: Spectrum
 ) -> None:
-    """The eigenvalues asked for, all of them and no others."""
+    """Check that the answer has all requested eigenvalues and no others."""
     found = np.sort(answer.eigenvalues)
     k = len(found)
     precision = "float32" if request.single else "float64"
-    # Who reports a residual has promised an error no smaller than that.
+    # An eigenvalue may be wrong by its residual, up to the tolerance of a proof.
     size = np.maximum(np.abs(found), 0.0)
     room = np.maximum(
         _RELATIVE[precision] * size, np.minimum(measures.errors, _RESIDUAL[precision] * size)
@@ -507,7 +507,7 @@ def _check_eigenvalues(
 
 
 def _check_run(found: FloatArray, room: FloatArray, spectrum: Spectrum, start: int) -> None:
-    """Found eigenvalues against those of the reference from some index on."""
+    """Compare eigenvalues with the reference from index `start` on."""
     k = len(found)
     low, high = spectrum.low[start : start + k], spectrum.high[start : start + k]
     off = (found < low - room) | (found > high + room)
@@ -522,9 +522,9 @@ def _check_run(found: FloatArray, room: FloatArray, spectrum: Spectrum, start: i
 
 
 def _check_threshold(threshold: float, found: FloatArray, noise: float, spectrum: Spectrum) -> None:
-    """As many pairs as there are eigenvalues up to a threshold, multiple ones whole.
+    """Check the number of pairs up to a threshold, with multiple eigenvalues whole.
 
-    Those within `noise` of it may count on either side.
+    Eigenvalues within `noise` of the threshold may lie on either side.
     """
     k = len(found)
     if k and found[-1] > threshold:
@@ -538,7 +538,7 @@ def _check_threshold(threshold: float, found: FloatArray, noise: float, spectrum
     if 0 < k < spectrum.n:
         gap = spectrum.values[k] - spectrum.values[k - 1]
         copies = max(spectrum.copies[k], spectrum.copies[k - 1])
-        # Beside stiff edges, what is equal up to rounding need not be so as entries are.
+        # With stiff edges, eigenvalues equal up to rounding may differ for the exact entries.
         plain = ROUNDING * EPS * spectrum.values[-1] < 1e-9 * spectrum.values[k]
         if plain and gap <= copies:
             same = np.abs(spectrum.values - spectrum.values[k - 1]) <= 2.0 * copies
@@ -570,7 +570,7 @@ def _check_nearest(sigma: float, found: FloatArray, room: FloatArray, spectrum: 
 def _check_hks(
     problem: Problem, request: Request, found: FloatArray, pencil: Scaled, spectrum: Spectrum
 ) -> None:
-    """Heat kernel signatures against those of the dense solution, where these can be had."""
+    """Check heat kernel signatures against a dense solution."""
     assert request.threshold is not None
     times = np.geomspace(*_hks_times(request.threshold), 3)
     n_all = len(problem.mass)

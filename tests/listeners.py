@@ -1,4 +1,4 @@
-"""Channels for jobs that tests run in their own process."""
+"""Channels for jobs that run in the process of a test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 class Listener:
-    """A channel that keeps what it is told, and may ask to stop."""
+    """Channel that stores messages and can request cancellation."""
 
     def __init__(self, folder: Path, stop_at: int | None = None) -> None:
         self.folder = folder
@@ -27,7 +27,7 @@ class Listener:
             self.remarks.append(message)
             return
         assert isinstance(message, Eigenpairs)
-        # as it reaches the window: rows are mapped from their file
+        # Pickle as on the way to the window, where rows are mapped from a file.
         self.messages.append(pickle.loads(pickle.dumps(message)))
 
     def cancelled(self) -> bool:

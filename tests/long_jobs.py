@@ -1,4 +1,4 @@
-"""Jobs that behave in all the ways a job can; importable by the process that runs them."""
+"""Jobs with every possible behaviour, importable by the process that runs them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from meshmash_viewer.work import Channel
 
 @dataclass(frozen=True, eq=False)
 class DoubleJob:
-    """Reports, sends half and returns twice an array."""
+    """Job that reports progress, sends half an array and returns twice the array."""
 
     values: np.ndarray
     label: str = "Doubling"
@@ -33,7 +33,7 @@ class DoubleJob:
 
 @dataclass(frozen=True)
 class EndlessJob:
-    """Works until it is cancelled; a deaf one does not even look."""
+    """Job that works until it is cancelled; if deaf, it never checks."""
 
     deaf: bool = False
     label: str = "Working"
@@ -48,7 +48,7 @@ class EndlessJob:
 
 @dataclass(frozen=True)
 class ParallelJob:
-    """Works in processes of its own, as the solver does, and tells their ids."""
+    """Job that starts processes, as the solver does, and sends their ids."""
 
     label: str = "Working in parallel"
 
@@ -67,7 +67,7 @@ def _pid_after(seconds: float) -> int:
 
 @dataclass(frozen=True)
 class DyingJob:
-    """Takes its process along."""
+    """Job that kills its process."""
 
     signal_name: str = "SIGKILL"
     label: str = "Dying"
@@ -79,7 +79,7 @@ class DyingJob:
 
 @dataclass(frozen=True)
 class FailingJob:
-    """Raises an exception of a kind."""
+    """Job that fails in the way of its `kind`."""
 
     kind: str
     label: str = "Failing"

@@ -1,4 +1,4 @@
-"""Readers of files as `read_guarded` calls them: without end, and honest ones."""
+"""Readers for `read_guarded`: endless, failing and working ones."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 
 def spinning(_: Path) -> RawMesh:
-    """Compute for ever."""
+    """Compute forever."""
     while True:
         pass
 
 
 def filling(_: Path) -> RawMesh:
-    """Take memory for ever, slowly enough to be seen."""
+    """Allocate memory forever, slowly enough to be observed."""
     held = []
     while True:
         held.append(np.ones(1 << 20))
@@ -30,7 +30,7 @@ def filling(_: Path) -> RawMesh:
 
 
 def many(_: Path) -> RawMesh:
-    """Leave the work to processes of its own."""
+    """Start child processes that compute forever."""
     command = [sys.executable, "-c", "while True: pass"]
     for child in [subprocess.Popen(command) for _ in range(2)]:
         child.wait()
@@ -38,10 +38,10 @@ def many(_: Path) -> RawMesh:
 
 
 def honest(_: Path) -> RawMesh:
-    """Read a triangle."""
+    """Return a triangle."""
     return RawMesh(CORNERS, np.array([[0, 1, 2]]))
 
 
 def refusing(_: Path) -> RawMesh:
-    """Say what is wrong."""
+    """Raise an `InputError`."""
     raise InputError("is no mesh")

@@ -1,4 +1,4 @@
-"""Layers of segments in local folders, as Neuroglancer's programs write them."""
+"""Layers of segments in local folders, in the formats of Neuroglancer."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def source(folder: Path) -> str:
 
 
 def halves(mesh: Mesh) -> list[Mesh]:
-    """The faces of a mesh in two pieces, each with the vertices that it needs, as chunks are."""
+    """Divide a mesh into two chunks by its faces, each with only the vertices it uses."""
     left = mesh.vertices[mesh.faces, 0].mean(axis=1) < 0.0
     pieces = []
     for faces in (mesh.faces[left], mesh.faces[~left]):
@@ -49,7 +49,7 @@ def halves(mesh: Mesh) -> list[Mesh]:
 
 
 def fragment(mesh: Mesh) -> bytes:
-    """A legacy fragment."""
+    """Return the bytes of a legacy fragment."""
     parts = (
         np.uint32(mesh.n_vertices), mesh.vertices.astype("<f4"), mesh.faces.astype("<u4")
     )  # fmt: skip
@@ -57,7 +57,7 @@ def fragment(mesh: Mesh) -> bytes:
 
 
 def packed(points: np.ndarray, faces: np.ndarray) -> bytes:
-    """A mesh packed by Draco, whose vertices are whole numbers from 0 on."""
+    """Return a mesh encoded by Draco; vertices are nonnegative integers."""
     return bytes(
         DracoPy.encode(
             points, faces, quantization_bits=_BITS, quantization_range=2**_BITS - 1,
@@ -67,7 +67,7 @@ def packed(points: np.ndarray, faces: np.ndarray) -> bytes:
 
 
 def write_fragments(folder: Path, contents: list[bytes], segment: int = SEGMENT) -> Path:
-    """Write a layer with one segment in some fragments."""
+    """Write a layer with one segment in several fragments."""
     write_layer(folder, _LEGACY)
     names = [f"{segment}:0:{number}" for number in range(len(contents))]
     (folder / "mesh" / f"{segment}:0").write_text(json.dumps({"fragments": names}))
@@ -79,8 +79,8 @@ def write_fragments(folder: Path, contents: list[bytes], segment: int = SEGMENT)
 def write_levels(folder: Path, meshes: list[Mesh], *, sharded: bool = False) -> Path:
     """Write a layer with a multi-resolution mesh of one segment, the finest level first.
 
-    They lie in the cube from -1000 to 1000. Each level has two fragments; on the finest these are
-    two chunks, each half as wide as the cube.
+    The meshes lie in the cube from -1000 to 1000. Each level has two fragments. On the finest level
+    the fragments are two chunks, each half as wide as the cube.
     """
     from cloudvolume.datasource.precomputed.mesh.multilod import MultiLevelPrecomputedMeshManifest
     from cloudvolume.datasource.precomputed.sharding import ShardingSpecification
@@ -122,7 +122,7 @@ def write_levels(folder: Path, meshes: list[Mesh], *, sharded: bool = False) -> 
 
 
 def box(n_divisions: int) -> Mesh:
-    """A cube of side 1800, whose vertices lie on its middle plane too."""
+    """Return a cube of side 1800 that has vertices on its middle plane, too."""
     made = trimesh.creation.box((1800.0, 1800.0, 1800.0))
     for _ in range(n_divisions):
         made = made.subdivide()

@@ -1,4 +1,4 @@
-"""Shapes whose spectra are known in closed form, and a mesh as bad as those people have."""
+"""Shapes with spectra in closed form, and a mesh with the faults of real data."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ __all__ = [
 
 
 def icosphere(subdivisions: int = 3, radius: float = 1.0, unit: str = "") -> Mesh:
-    """Sphere of ``10 * 4**subdivisions + 2`` vertices, almost uniform, full icosahedral symmetry.
+    """Return an almost uniform sphere of ``10 * 4**subdivisions + 2`` vertices.
 
-    The symmetry makes eigenvalues multiple to rounding, which is what loses copies of them.
+    Its icosahedral symmetry makes eigenvalues multiple up to rounding: solvers may lose copies.
     """
     golden = (1.0 + np.sqrt(5.0)) / 2.0
     corners = [
@@ -73,13 +73,13 @@ def _subdivided(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np
 
 
 def sphere_eigenvalues(count: int, radius: float = 1.0) -> np.ndarray:
-    """The lowest of ``l (l + 1) / radius²``, each 2 l + 1 times."""
+    """Return the lowest of ``l (l + 1) / radius²``, each 2 l + 1 times."""
     degrees = np.arange(int(np.sqrt(count)) + 2)
     return np.repeat(degrees * (degrees + 1), 2 * degrees + 1)[:count] / radius**2
 
 
 def three_spheres(subdivisions: int = 2) -> Mesh:
-    """Three equal spheres apart: every eigenvalue of the sphere three times as often."""
+    """Return three separate equal spheres, which triple the multiplicity of eigenvalues."""
     one = icosphere(subdivisions)
     vertices = np.concatenate([one.vertices + np.array([4.0 * i, 0.0, 0.0]) for i in range(3)])
     faces = np.concatenate([one.faces + i * one.n_vertices for i in range(3)])
@@ -87,7 +87,7 @@ def three_spheres(subdivisions: int = 2) -> Mesh:
 
 
 def _grid_faces(rows: int, columns: int) -> np.ndarray:
-    """Two triangles for each cell of a grid of rows × columns vertices."""
+    """Return two triangles for each cell of a grid of rows × columns vertices."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:-1, :-1].ravel(), index[1:, :-1].ravel()
     c, d = index[1:, 1:].ravel(), index[:-1, 1:].ravel()
@@ -95,24 +95,24 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
 
 
 def rectangle(nx: int = 40, ny: int = 30, a: float = 2.0, b: float = 1.5) -> Mesh:
-    """Flat rectangle of a × b with nx × ny vertices; its boundary is free (Neumann)."""
+    """Return a flat rectangle of a × b with nx × ny vertices and a free (Neumann) boundary."""
     x, y = np.meshgrid(np.linspace(0.0, a, nx), np.linspace(0.0, b, ny), indexing="ij")
     vertices = np.stack([x.ravel(), y.ravel(), np.zeros(nx * ny)], axis=1)
     return Mesh(vertices, _grid_faces(nx, ny), name="rectangle")
 
 
 def rectangle_eigenvalues(count: int, a: float = 2.0, b: float = 1.5) -> np.ndarray:
-    """The lowest of ``π² (p²/a² + q²/b²)``, p and q from 0."""
+    """Return the lowest of ``π² (p²/a² + q²/b²)``, p and q from 0."""
     orders = np.arange(count)
     both = np.pi**2 * ((orders / a)[:, None] ** 2 + (orders / b)[None] ** 2)
     return np.sort(both.ravel())[:count]
 
 
 def flat_torus(n: int = 24, side: float = 1.0) -> tuple[sparse.csc_array, sparse.dia_array]:
-    """(L, M) of the square with opposite sides glued, n × n vertices.
+    """Return (L, M) of the square with opposite sides glued, n × n vertices.
 
-    A grid of right triangles has the five-point stencil as its cotangent Laplacian, so the
-    eigenvalues of the matrices themselves are known: `flat_torus_eigenvalues`.
+    The cotangent Laplacian of a grid of right triangles is the five-point stencil, so
+    `flat_torus_eigenvalues` gives the exact eigenvalues of the matrices.
     """
     shift = sparse.csc_array((np.ones(n), (np.arange(n), (np.arange(n) + 1) % n)), shape=(n, n))
     one = sparse.eye_array(n)
@@ -122,13 +122,13 @@ def flat_torus(n: int = 24, side: float = 1.0) -> tuple[sparse.csc_array, sparse
 
 
 def flat_torus_eigenvalues(n: int = 24, side: float = 1.0) -> np.ndarray:
-    """All n² eigenvalues of `flat_torus`, exactly, ascending."""
+    """Return all n² exact eigenvalues of `flat_torus`, ascending."""
     circle = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(n) / n)
     return np.sort((circle[:, None] + circle[None]).ravel()) * (n / side) ** 2
 
 
 def tube(path: np.ndarray, radius: np.ndarray, around: int = 16) -> tuple[np.ndarray, np.ndarray]:
-    """Closed tube along a path of p points: vertices (p * around + 2, 3) and faces.
+    """Return vertices, (p * around + 2, 3), and faces of a closed tube along p points.
 
     `radius`, shape (p, around), is the distance of each vertex from the path.
     """
@@ -158,10 +158,10 @@ def tube(path: np.ndarray, radius: np.ndarray, around: int = 16) -> tuple[np.nda
 
 
 def neuron(points: int = 60, around: int = 14, debris: int = 5, seed: int = 7) -> Mesh:
-    """A dendrite in nm, far from the origin and as faulty as what segmentation gives.
+    """Return a dendrite in nm, far from the origin, with the faults of segmented meshes.
 
-    A trunk with spines, a branch that meets it along one shared edge (four faces on it), specks
-    of membrane apart, a hole, a duplicate face, a face without area, a vertex used by no face.
+    It has a trunk with spines, a branch that meets the trunk at one edge (of four faces), debris, a
+    hole, a duplicate face, a face without area, and a vertex used by no face.
     """
     random = np.random.default_rng(seed)
     trunk_line = np.linspace(0.0, 9000.0, points)
@@ -175,7 +175,7 @@ def neuron(points: int = 60, around: int = 14, debris: int = 5, seed: int = 7) -
     branch = start + np.stack([0.3 * branch_line, branch_line, 0.1 * branch_line], axis=1)
     more, more_faces = tube(branch, _spiny_radius(branch_points, around, 180.0, random), around)
     more_faces = more_faces + len(vertices)
-    # The branch takes an edge of the trunk in place of one of its own.
+    # An edge of the trunk replaces an edge of the branch.
     edge = (points // 3) * around + np.array([0, 1])
     own = len(vertices) + np.array([0, 1])
     for old, new in zip(own, edge, strict=True):
@@ -197,7 +197,7 @@ def neuron(points: int = 60, around: int = 14, debris: int = 5, seed: int = 7) -
     unused = trunk.mean(axis=0, keepdims=True)
     vertices = np.concatenate([vertices[: flat // 2], unused, vertices[flat // 2 :]])
     faces = faces + (faces >= flat // 2)
-    # The vertices that the branch no longer uses stay, as they do in real files.
+    # The replaced vertices of the branch stay unused, as in real files.
     return Mesh(vertices + np.array([250_000.0, 180_000.0, 90_000.0]), faces, "nm", "neuron")
 
 
@@ -214,7 +214,7 @@ def _spiny_radius(
 
 
 def blob(level: int = 4, *, symmetric: bool = False) -> Mesh:
-    """A sphere with dents and bumps, without any symmetry or with that of left and right."""
+    """Return a sphere with dents and bumps, without symmetry or with a mirror symmetry."""
     ball = icosphere(level)
     x, y, z = ball.vertices.T
     if symmetric:
@@ -225,7 +225,7 @@ def blob(level: int = 4, *, symmetric: bool = False) -> Mesh:
 
 
 def moved_copy(mesh: Mesh, scale: float = 2.5, seed: int = 4) -> tuple[Mesh, np.ndarray]:
-    """The same turned, larger, elsewhere and in another order, and where each vertex went."""
+    """Return a rotated, scaled, moved and permuted copy, and the new index of each vertex."""
     rng = np.random.default_rng(seed)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     turn *= np.linalg.det(turn)

@@ -1,4 +1,4 @@
-"""Spectra of test meshes, solved once."""
+"""Cached spectra of test meshes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from meshmash_viewer.spectral.eigensolver import solve
 
 @cache
 def spectrum_of(mesh: Mesh, n_pairs: int) -> Eigenpairs:
-    """The lowest pairs of a mesh under the robust Laplacian; equal calls share them."""
+    """Return the lowest pairs of a mesh under the robust Laplacian, cached for equal calls."""
     found = solve(*cotangent_laplacian(mesh, robust=True), n_pairs)
     return Eigenpairs(
         found.eigenvalues,

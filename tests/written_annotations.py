@@ -1,4 +1,4 @@
-"""Texts, rectangles, polygons and strips of the annotations of a frame."""
+"""Texts, rectangles, polygons and strips in the annotations of a frame."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 
 
 class Written:
-    """What a frame of a size has: texts with their places, rectangles, and places of strips."""
+    """Texts with their places, rectangles, and places of strips in a frame of a given size."""
 
     def __init__(self, drawing: MeshRenderer, size: tuple[int, int], scale: float = 1.0) -> None:
         self.texts: dict[str, tuple[float, float]] = {}
