@@ -88,7 +88,7 @@ def turn_wheel(
 
 
 def drag(widget: QWidget, start: QPoint, *way: QPoint) -> None:
-    """Drag with the left button from `start` through the points of `way`."""
+    """Drag from `start` along the points of `way`."""
     QTest.mouseMove(widget, start)
     QTest.qWait(20)
     QTest.mousePress(widget, Qt.MouseButton.LeftButton, pos=start)

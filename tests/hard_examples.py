@@ -32,7 +32,7 @@ EXAMPLES: dict[str, Callable[[], Examples]] = {}
 
 
 def example(name: str) -> Callable[[Callable[[], Examples]], Callable[[], Examples]]:
-    """Return a decorator that registers a function as an example."""
+    """Register a function as an example."""
 
     def enter(make: Callable[[], Examples]) -> Callable[[], Examples]:
         EXAMPLES[name] = make
@@ -88,7 +88,7 @@ def _diagonal() -> Examples:
     mesh = triangulation(np.random.default_rng(4).random((900, 2)))
     problem = _of_mesh("random flat mesh of 900", mesh)
     entries = problem.stiffness.diagonal() / problem.mass
-    # The lowest entry, and four entries with a zero pivot at that shift.
+    # the lowest entry, and four with a zero pivot
     for vertex in (int(np.argmin(entries)), 636, 146, 584, 845):
         yield problem, Request("threshold on a diagonal entry", threshold=float(entries[vertex]))
 

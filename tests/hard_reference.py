@@ -1,8 +1,7 @@
 """Reference eigenvalues of a small pencil L φ = λ M φ, with their uncertainty.
 
-Connected components are solved separately by dense `eigh`, equal components once. A component is
-solved again in twice the precision if the rounding of `eigh`, relative to the largest eigenvalue,
-is too large for the small eigenvalues.
+Connected components are solved separately, equal components once: by dense `eigh`, and in twice the
+precision if its rounding, relative to the largest eigenvalue, is too large for the small ones.
 
 Each eigenvalue comes with the rounding of the problem: the change of λ when the last digits of L
 and M change. To first order the change is ``eps · |φ|ᵀ |L| |φ|``, far less than ``eps · ‖L‖`` if φ
@@ -103,7 +102,7 @@ class Spectrum:
 
 
 def scale_pencil(stiffness: Any, mass: Any) -> Scaled:
-    """Return the scaled pencil of L, shape (n, n), and the diagonal M, matrix or vector."""
+    """Scale L, shape (n, n), and the diagonal M, a matrix or vector."""
     matrix: Any = sp.csr_array(sp.coo_array(stiffness).astype(np.float64))
     matrix.sum_duplicates()
     diagonal = np.asarray(mass.diagonal() if sp.issparse(mass) else mass, dtype=np.float64)
@@ -186,7 +185,7 @@ def _component(entries: bytes, masses: bytes) -> tuple[FloatArray, FloatArray, F
     sizes = np.abs(vectors)
     energy = np.einsum("ij,ij->j", sizes, np.abs(matrix) @ sizes)
     noise = max(8.0, np.sqrt(n)) * EPS * norm
-    # Eigenvalues that dense `eigh` cannot separate share the largest rounding.
+    # Eigenvalues inseparable by dense `eigh` share the largest rounding.
     first = np.searchsorted(values, values - noise)
     last = np.searchsorted(values, values + noise, side="right")
     slack = np.array([energy[a:b].max() for a, b in zip(first, last, strict=True)])

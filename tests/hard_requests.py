@@ -21,7 +21,7 @@ Random = np.random.Generator
 
 @dataclass(frozen=True)
 class Request:
-    """Request for eigenpairs or features of a problem.
+    """Request to solve a problem.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def make_request(problem: Problem, spectrum: Spectrum) -> Request:
     """Return the request for the problem of a seed, given its eigenvalues."""
     random = np.random.default_rng([problem.seed, 1])
     if problem.refusal == "must":
-        # The eigenvalues are meaningless: the solver must refuse.
+        # The eigenvalues are meaningless.
         return (
             _count(random, spectrum) if random.integers(2) else Request("threshold", threshold=1.0)
         )
@@ -100,7 +100,7 @@ def _is_level(spectrum: Spectrum) -> bool:
 
 
 def _most(spectrum: Spectrum) -> int:
-    """Return the maximum count of a request: many pairs of a large problem take long."""
+    """Return the maximum count: many pairs of a large problem take long."""
     return spectrum.n if spectrum.n < 500 else min(spectrum.n, 200)
 
 
@@ -113,7 +113,7 @@ def _count(random: Random, spectrum: Spectrum) -> Request:
     if draw < 0.1 and spectrum.n <= 500:
         return Request("all, or more than there are", count=spectrum.n + int(random.integers(0, 7)))
     if draw < 0.3:
-        # End within a multiple eigenvalue, if there is one.
+        # End the count within a multiple eigenvalue, if any.
         values, copies = spectrum.values[: _most(spectrum)], spectrum.copies[: _most(spectrum)]
         near = values[1:] - copies[1:] <= values[:-1]
         if near.any():

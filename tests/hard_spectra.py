@@ -44,7 +44,7 @@ Path = Literal["as built", "sliced", "thin slices"]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Pencil, with the method to solve it.
+    """Pencil and method of solution.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Problem:
     mesh : tuple of vertices and faces, optional
         Mesh of these matrices. The solve computes them again, which changes the rounding.
     robust : bool
-        Whether the matrices of `mesh` come from the robust operator.
+        Whether `mesh` gets the robust operator.
     """
 
     family: str
@@ -100,7 +100,7 @@ def grid_edges(rows: int, columns: int, periodic: bool = False) -> npt.NDArray[n
 
 
 def honeycomb_edges(rows: int, columns: int) -> npt.NDArray[np.int64]:
-    """Return the edges of a hexagonal sheet, laid out as a brick wall."""
+    """Return the edges of a sheet of hexagons, as a brick wall."""
     index = np.arange(rows * columns).reshape(rows, columns)
     right = np.stack([index[:, :-1], index[:, 1:]], axis=2).reshape(-1, 2)
     down = np.stack([index[:-1], index[1:]], axis=2)
@@ -174,7 +174,7 @@ def globe(rows: int, columns: int) -> Mesh:
 
 
 def joined(meshes: list[Mesh]) -> Mesh:
-    """Return one mesh of several meshes placed side by side."""
+    """Return meshes side by side as one."""
     starts = np.cumsum([0, *(m.n_vertices for m in meshes[:-1])])
     return Mesh(
         np.concatenate([m.vertices for m in meshes]),
@@ -193,7 +193,7 @@ def _arrays(mesh: Mesh) -> tuple[FloatArray, npt.NDArray[np.int64]]:
 
 
 def side_by_side(parts: list[Matrices]) -> Matrices:
-    """Return the block-diagonal pencil of several pencils."""
+    """Return the block-diagonal pencil of several."""
     stiffness = sp.block_diag([part[0] for part in parts], format="csr")
     return sp.csr_array(stiffness), np.concatenate([part[1] for part in parts])
 
@@ -333,7 +333,7 @@ def _flat_mesh(random: Random, n: int) -> Made:
 
 
 def _any_base(random: Random, n: int) -> tuple[Matrices, str]:
-    """Return a pencil of a random basic family, and its note."""
+    """Return a pencil of a random basic family."""
     names = ["grid", "periodic grid", "weighted grid", "honeycomb", "path", "tree", "flat mesh",
              "torus", "sphere", "integer weights"]  # fmt: skip
     matrices, note, _ = FAMILIES[names[random.integers(len(names))]](random, n)
@@ -408,7 +408,7 @@ def _stiff(random: Random, n: int) -> Made:
 
 @family("springs", largest=130)
 def _springs(random: Random, n: int) -> Made:
-    """Return two parts joined by a weak spring, sometimes with another to the ground."""
+    """Return two parts joined by a weak spring, and maybe one to the ground."""
     (first, mass), note = _any_base(random, max(n // 2, 1))
     (second, other), _ = _any_base(random, max(n // 2, 1))
     weak = float(10.0 ** random.uniform(-10, -3))
@@ -451,7 +451,7 @@ def _copies(random: Random, n: int) -> Made:
 
 @family("loners", share=1.5)
 def _loners(random: Random, n: int) -> Made:
-    """Return a pencil with vertices without edges, some of them also without mass."""
+    """Return a pencil with loose vertices, some without mass."""
     (stiffness, mass), note = _any_base(random, max(n * 2 // 3, 1))
     loose = max(1, n - len(mass))
     masses = np.where(random.random(loose) < 0.5, 0.0, random.choice([1.0, 0.5], loose))
@@ -499,7 +499,7 @@ def _indefinite(random: Random, n: int) -> Made:
 
 @family("denormal", share=0.6, largest=300)
 def _denormal(random: Random, n: int) -> Made:
-    """Return masses below 1e-308: all of them, all with L scaled alike, or a single mass."""
+    """Return masses below 1e-308: all of them, all with L scaled alike, or one."""
     a, b = _sides(random, n)
     stiffness = graph_laplacian(a * b, grid_edges(a, b))
     masses = random.integers(1, 5, a * b).astype(np.float64)

@@ -308,7 +308,7 @@ def judge(
 
 
 def _excuse(problem: Problem, request: Request, pencil: Scaled, spectrum: Spectrum) -> str:
-    """Return the reason that justifies a refusal, or an empty string."""
+    """Return a reason for a refusal, or an empty string."""
     if problem.refusal:
         return "the problem has no answer that float64 can hold"
     roots = np.sqrt(problem.mass[problem.mass > 0.0])

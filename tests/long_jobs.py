@@ -18,7 +18,7 @@ from meshmash_viewer.work import Channel
 
 @dataclass(frozen=True, eq=False)
 class DoubleJob:
-    """Job that reports progress, sends half an array and returns twice the array."""
+    """Job that reports, sends half an array and returns it doubled."""
 
     values: np.ndarray
     label: str = "Doubling"

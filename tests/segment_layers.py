@@ -49,7 +49,7 @@ def halves(mesh: Mesh) -> list[Mesh]:
 
 
 def fragment(mesh: Mesh) -> bytes:
-    """Return the bytes of a legacy fragment."""
+    """Return a legacy fragment."""
     parts = (
         np.uint32(mesh.n_vertices), mesh.vertices.astype("<f4"), mesh.faces.astype("<u4")
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The limit of BLAS threads while two solves overlap."""
+"""Limit of BLAS threads during overlapping solves."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ print(blas_threads())
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core has one thread anyway")
 def test_overlapping_users_leave_the_limit_as_it_was() -> None:
-    """In a process that may use two threads, as tests do not."""
+    """Overlapping solves restore the limit of two BLAS threads."""
     two = {name: "2" for name in os.environ if name.endswith("_NUM_THREADS")}
     environment = {**os.environ, **two, "OPENBLAS_NUM_THREADS": "2"}
     environment["PYTHONPATH"] = os.pathsep.join(sys.path)

@@ -1,4 +1,4 @@
-"""Meshes and eigenpairs that go to other programs and come from them, which are tried if there."""
+"""Meshes and eigenpairs exchanged with other programs, which tests use if installed."""
 
 from __future__ import annotations
 

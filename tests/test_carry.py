@@ -1,4 +1,4 @@
-"""The command carry."""
+"""The command `carry`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LABELS = (mv.Label(1, "bump", "#4477aa"), mv.Label(2, "rest", "#ee6677"))
 
 @pytest.fixture(autouse=True)
 def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
-    """A folder with a labelled mesh and a turned, permuted copy, and where its vertices are."""
+    """Write a labelled mesh and a rotated, permuted copy; return the new index of each vertex."""
     monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: tmp_path / "cache")
     monkeypatch.chdir(tmp_path)
     mesh = shapes.blob(2)
@@ -51,12 +51,12 @@ def test_labels_and_maps_of_one_mesh_are_carried_to_others(
     near = np.abs(found["features"][there, 1] - first.vertices[:, 0]) < 1e-6
     assert near.mean() > 0.95
     assert (found["features"][:, 2] >= 0.0).all()
-    # what Workbench needs, and how to give it
+    # Workbench needs a structure: the message names the option.
     told = "states no brain structure, which Connectome Workbench needs: give --structure."
     for more, expected in (((), True), (("--structure", "left"), False)):
         assert main([*arguments, *more, "-o", "B.func.gii"]) == 0
         assert (f"B.func.gii {told}" in capsys.readouterr().err) == expected
-    # the names and colours, in a file of labels
+    # A file of labels keeps names and colours.
     assert main([*arguments, "-o", "B.annot"]) == 0
     carried = mv.read_labels("B.annot", mv.read_mesh("B.ply"))
     named = {each.name: (each.key, each.color) for each in carried.labels}

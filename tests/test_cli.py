@@ -1,4 +1,4 @@
-"""The command line does what it says, and says in one line what it cannot."""
+"""The command line: results of the commands, and one-line error messages."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_info_for_machines(capsys: pytest.CaptureFixture[str], ball: Path, sheet
     assert first["area"] == pytest.approx(4 * np.pi, rel=0.02)
     assert second["area"] == pytest.approx(3.0)
     assert (second["boundary_edges"] > 0, first["boundary_edges"]) == (True, 0)
-    # λ = (2π / 1)², and A λ / 4π of them
+    # λ = (2π / 1)², and A λ / 4π eigenpairs
     assert second["weyl"]["max_eigenvalue"] == pytest.approx(4 * np.pi**2)
     assert second["weyl"]["n_eigenpairs"] == round(3 * np.pi)
     assert second["weyl"]["exact"] == ["max_eigenvalue", "wavelength"]
@@ -113,7 +113,7 @@ def test_info_never_counts_more_pairs_than_vertices_and_knows_what_is_stored(
     out = run(capsys, "info", ball, "--wavelength", 0.01)[1]
     assert re.search(r"eigenpairs +≈ 642\n", out)
     assert re.search(r"eigenpairs +642\n", run(capsys, "info", ball, "--count", 10**6)[1])
-    # λ = l (l + 1) ≤ 30, 2 l + 1 times each: 36, and some are a little lower on the mesh
+    # λ = l (l + 1) ≤ 30, 2 l + 1 times each: 36 pairs, some slightly lower on the mesh
     threshold = ("--max-eigenvalue", 30.5)
     assert "≈ 30" in run(capsys, "info", ball, *threshold)[1]
     run(capsys, "features", ball, *threshold, "-o", tmp_path / "out.npz")
@@ -546,7 +546,7 @@ def test_render_draws(
         pixels = np.asarray(image.convert("RGBA"))
     assert pixels.shape == (240, 320, 4)
     assert pixels[120, 160, 3] == 255  # the ball
-    assert pixels[235, 160, 3] == 0  # below it
+    assert pixels[235, 160, 3] == 0  # below the ball
     assert (
         json.loads(run(capsys, "render", ball, *options, "-o", out, "--json")[1])["field"] == field
     )
@@ -575,7 +575,7 @@ def test_a_picture_has_a_log_scale_where_it_serves_or_is_asked_for(
 def test_maps_are_columns_and_pictures(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:
-    """What a mesh file has at its vertices is not dropped without a word."""
+    """Maps of a mesh file become columns with `--maps`, else a message names them."""
     mesh = read_mesh(ball)
     held, more = tmp_path / "held.npz", tmp_path / "lh.more.npy"
     np.savez(held, vertices=mesh.vertices, faces=mesh.faces, height=mesh.vertices[:, 2])
@@ -623,7 +623,7 @@ def test_maps_are_columns_and_pictures(
         assert json.loads(run(capsys, *arguments)[1])["map"] == shown
 
 
-# A process of its own -------------------------------------------------------------------------
+# A separate process ---------------------------------------------------------------------------
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -641,7 +641,7 @@ def test_a_filter_is_written_as_a_formula(
     for column, t in enumerate(np.geomspace(0.1, 1.0, 3)):
         wanted = np.square(phi) @ (np.exp(-t * eigenvalues) * (eigenvalues > 1e-9))
         np.testing.assert_allclose(np.load(out)["features"][:, column], wanted, rtol=1e-6)
-    # a name that was meant as λ is a parameter: its value is stated
+    # `l`, meant as λ, is read as a parameter, and a message states its value.
     named = ("--kind", "filter", "--formula", "exp(-t*l)", "--count", 20, "-o", out)
     status, _, err = run(capsys, "features", ball, *named, "--set", "t=1")
     assert (status, "l = 2.15, from the spectrum" in err) == (0, True), err
@@ -682,7 +682,7 @@ def test_pieces_are_the_whole_but_for_their_seams(
     assert report["seam_vertices"] > 50
     here, there = np.load(parts)["features"], np.load(whole)["features"]
     differences = np.abs(here - there).max(axis=0) / np.abs(there).max(axis=0)
-    # what neighbours differ by is about what either is off
+    # Differences at seams are about as large as the errors.
     assert (differences <= 2.0 * np.array(report["seam_largest"]) + 1e-6).all()
     if "hks" in chosen:
         assert max(report["seam_largest"]) < 0.02, "heat has not seen the cut yet"
@@ -855,7 +855,7 @@ def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
     os.close(end)
     said = b""
     try:
-        while b" of 900" not in said:  # the bar is there: it computes
+        while b" of 900" not in said:  # The progress bar runs.
             assert select.select([terminal], [], [], 60)[0], said
             said += os.read(terminal, 4096)
         time.sleep(0.5)
@@ -880,7 +880,7 @@ def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
     assert "Traceback" not in text
     assert not (tmp_path / "out.npz").exists()
     assert not list(tmp_path.glob(".*"))
-    # No process of its group is left.
+    # No process of its group still runs.
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
 
@@ -889,7 +889,7 @@ def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
 def test_distances_are_written(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, measure: str
 ) -> None:
-    """Columns are those of the library, at vertices in the order in which they were named."""
+    """Columns equal those of the library, in the order of the options `--vertex`."""
     from meshmash_viewer.features.distances import distance_features
     from meshmash_viewer.laplacian import cotangent_laplacian
 

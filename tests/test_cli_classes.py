@@ -1,4 +1,4 @@
-"""The commands train and predict."""
+"""The commands `train` and `predict`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("read_here")
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with two labelled meshes, the second in another unit and order."""
+    """Write two labelled meshes, the second in another unit and order of vertices."""
     monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: tmp_path / "cache")
     monkeypatch.chdir(tmp_path)
     mesh = shapes.blob(2)

@@ -1,4 +1,4 @@
-"""The command condense, and classes of domains."""
+"""The command `condense`, and classes of domains."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ QUICK = (
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a mesh in two units, and one of small components alone."""
+    """Write a mesh in two units, and a mesh of small components alone."""
     monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: tmp_path / "cache")
     monkeypatch.chdir(tmp_path)
     mesh = shapes.blob(3)
@@ -122,14 +122,14 @@ def test_classes_of_domains_are_those_of_their_means(here: Path) -> None:
         np.testing.assert_allclose(chance[own], expected)
     assert np.isnan(chance[domains < 0]).all()
     assert (found.labels.values[domains < 0] == 0).all()
-    # the same columns in another order, among others
+    # Columns are found by name, in any order.
     order = [*range(7, -1, -1)]
     other = Features(features.values[:, order], tuple(columns.names[at] for at in order))
     again = mv.predict_classes(mesh, model, features=other, domains=domains)
     np.testing.assert_array_equal(again.labels.values, found.labels.values)
     with pytest.raises(InputError, match=r"no column 'log_hks.*', which the model was trained"):
         mv.predict_classes(mesh, model, features=Features(features.values, tuple("abcdefgh")))
-    # on the command line
+    # the same on the command line
     mv.write_classes("model.skops", model)
     Path("domains").mkdir()
     table = mv.aggregate_features(features, domains)

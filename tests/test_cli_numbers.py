@@ -1,4 +1,4 @@
-"""Numbers on the command line are read as in the window; units are converted to each mesh's."""
+"""Numbers on the command line, read as in the window and converted to the unit of each mesh."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def ball(tmp_path: Path) -> Path:
 
 
 def features(ball: Path, *options: str) -> tuple[int, list[str], np.ndarray]:
-    """Status, names of columns and eigenvalues."""
+    """Return status, names of columns and eigenvalues."""
     out = ball.with_name("out.npz")
     out.unlink(missing_ok=True)
     status = cli.main(["features", str(ball), "-o", str(out), *options])
@@ -62,7 +62,7 @@ def test_ways_to_write_one_option(
 
 
 def test_the_unit_is_that_of_each_mesh(ball: Path) -> None:
-    """The numbers of one file taken as nm and as µm: the same length is another number."""
+    """Options with units are converted to the unit of the mesh, here nm and µm for one file."""
     nm = features(ball, "--unit", "nm", "--wavelength", "500 nm", "--t-max", "1e6")
     um = features(ball, "--unit", "um", "--wavelength", "500 µm", "--t-max", "1e12 nm^2")
     np.testing.assert_allclose(nm[2], um[2], rtol=1e-12)

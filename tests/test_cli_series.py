@@ -47,7 +47,7 @@ def test_a_gallery_has_a_picture_a_column(
         sheet = np.asarray(image.convert("RGBA"))
     assert sheet.shape == (400, 600, 4)
     assert sheet[2, 590, 3] == 0
-    # six balls, apart from each other: two rows of three
+    # six separate balls: two rows of three
     opaque = sheet[..., 3] > 250
     long = lambda along: "".join("x" if many else " " for many in along).split()  # noqa: E731
     assert len([each for each in long(opaque.sum(axis=1) > 150) if len(each) > 80]) == 2
@@ -76,7 +76,7 @@ def test_a_gallery_of_every_kind_is_drawn(
 def gallery(
     capsys: pytest.CaptureFixture[str], ball: Path, out: Path, *options: object
 ) -> tuple[np.ndarray, dict[str, object]]:
-    """The pixels of a gallery, and its report."""
+    """Return the pixels of a gallery and its report."""
     common = ("--count", 30, "--size", "300x200", "-o", out, "--json")
     status, text, err = run(capsys, "gallery", ball, *common, *options)
     assert (status, err) == (0, "")
@@ -89,17 +89,17 @@ def gallery(
 def test_what_a_kind_is_asked_for_is_what_its_gallery_shows(
     capsys: pytest.CaptureFixture[str], ball: Path, sphere: Mesh, tmp_path: Path
 ) -> None:
-    """The parameters that `features` has for a kind change the pictures of that kind."""
+    """Parameters of a kind change the gallery as they change the columns of `features`."""
     out, depth = tmp_path / "sheet.png", tmp_path / "depth.npy"
     np.save(depth, sphere.vertices[:, 2])
     one = ("--columns", "0")
     pairs = [
-        # a time that is named is the column of a longer row of times
+        # The column of a time is the same in another range of times.
         (
             ("--kind", "hks", "--t-min", 0.5, "--t-max", 8, "--n-components", 5, "--columns", "2"),
             ("--kind", "hks", "--t-min", 2, "--t-max", 8, *one),
         ),
-        # a formula of one's own is the ready filter of the same values
+        # The first column of a range is that of the first value.
         (
             ("--kind", "filter", "--formula", "exp(-q*x)", "--set", "q=2:8", *one),
             ("--kind", "filter", "--formula", "exp(-2*x)", *one),
@@ -115,7 +115,7 @@ def test_what_a_kind_is_asked_for_is_what_its_gallery_shows(
             ("--kind", "map", "--map", depth, *one),
         ),
     ]  # fmt: skip
-    top = slice(60, None)  # below the captions, which name what was asked for
+    top = slice(60, None)  # below the captions, which differ
     for given, same in pairs:
         first, second = (gallery(capsys, ball, out, *each)[0] for each in (given, same))
         assert np.abs(first[top] - second[top]).mean() < 0.5, given
@@ -145,7 +145,7 @@ def test_what_no_eigenpairs_make_asks_for_none(
 
 
 def moving(path: Path) -> tuple[list[np.ndarray], float]:
-    """Frames and milliseconds of a movie."""
+    """Return the frames and the duration in ms of a movie."""
     with Image.open(path) as image:
         shown, length = [], 0.0
         for at in range(image.n_frames):
@@ -174,9 +174,9 @@ def test_a_sweep_shows_the_picture_of_each_column(
         field = ("--field", "eigenfunction", "--index", column)
         assert run(capsys, "render", ball, *options, *field, "-o", alone)[0] == 0
         wanted = np.asarray(Image.open(alone).convert("RGB")).astype(int)
-        low = (slice(60, None), slice(None))  # under the title, which `render` words otherwise
+        low = (slice(60, None), slice(None))  # below the title, which `render` words differently
         assert np.abs(shown[at][low] - wanted[low]).mean() < 0.5
-    # the frames of a film are as many as one likes, and two seconds of times are two
+    # `--seconds` and `--rate` set the number of frames and the duration.
     film = ("--kind", "hks", "--sweep", ":", "--seconds", 2, "--rate", 10)
     assert run(capsys, "movie", ball, *options, *film, "-o", tmp_path / "film.gif")[0] == 0
     shown, length = moving(tmp_path / "film.gif")

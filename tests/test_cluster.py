@@ -1,4 +1,4 @@
-"""Many meshes on a Dask scheduler, and runs that go on where they were cut off."""
+"""Many meshes on a Dask scheduler, and interrupted runs that are resumed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.split.stitcher import PieceError
 
 distributed = pytest.importorskip("distributed")
-#: A scheduler with workers in a process of its own, which says where.
+#: A separate process with a scheduler and workers, which prints its address.
 ALONE = """
 import distributed, sys
 if __name__ == "__main__":
@@ -42,7 +42,7 @@ if __name__ == "__main__":
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Two processes of one thread each, on the loopback address."""
+    """Start two processes of one thread each, on the loopback address."""
     cache = str(tmp_path_factory.mktemp("cache"))
     with distributed.LocalCluster(
         n_workers=2,
@@ -55,7 +55,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture
 def threads() -> Iterator[Any]:
-    """Two workers in this process, which start in no time."""
+    """Start two workers in the test's process, which is fast."""
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
     ) as made:
@@ -64,7 +64,7 @@ def threads() -> Iterator[Any]:
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Three meshes of different sizes, and a file that is none."""
+    """Write three meshes of different sizes, and a file without a mesh."""
     monkeypatch.chdir(tmp_path)
     for number in range(3):
         save(number)
@@ -82,7 +82,7 @@ def features(out: str, *more: str) -> int:
 
 
 def content(file: Path) -> dict[str, Any]:
-    """All of an NPZ file but when it was made, and by which path."""
+    """Return the content of an NPZ file except the date of its creation."""
     with np.load(file) as archive:
         arrays = {name: archive[name].tobytes() for name in archive.files if name != "meta"}
         about = json.loads(str(archive["meta"]))
@@ -154,7 +154,7 @@ def test_a_run_goes_on_where_it_was(capsys: pytest.CaptureFixture[str]) -> None:
     assert computed("--n-components", "5") == ["m0", "m1"]
     Path("out/m2.npz").write_bytes(b"cut off")
     assert computed("--n-components", "5") == ["m2"]
-    # values of a mask, which is a file that an option names
+    # Changed values in the mask file of an option require a new run.
     n = mv.read_mesh("m2.ply").n_vertices
     for shift, expected in ((0.0, ["m2"]), (0.0, []), (0.3, ["m2"])):
         np.savetxt("mask.csv", np.arange(n) / n + shift, header="mask", comments="")
@@ -195,7 +195,7 @@ def test_processes_of_this_machine_begin_with_the_compiled_kernels() -> None:
 @pytest.mark.slow
 def test_two_runs_at_once_write_one_manifest() -> None:
     made = "import meshmash_viewer.cli.manifest as it, sys, time; whole = it.written_whole\n"
-    # long enough after reading that the other run would write
+    # Wait after reading, long enough for the other run to write.
     made += "it.written_whole = lambda path: (time.sleep(0.05), whole(path))[1]\n"
     made += "from argparse import Namespace as N; from pathlib import Path as P\n"
     made += "names = [f'{sys.argv[1]}{i}' for i in range(9)]\n"
@@ -208,7 +208,7 @@ def test_two_runs_at_once_write_one_manifest() -> None:
     runs = [subprocess.Popen([*command, name], stdin=-1, stdout=-1, text=True) for name in "ab"]
     for run in runs:
         assert run.stdout is not None
-        run.stdout.readline()  # it is ready, too
+        run.stdout.readline()  # This run is ready, too.
     for run in runs:
         assert run.stdin is not None
         run.stdin.write("\n")
@@ -389,7 +389,7 @@ def test_segments_of_a_link_have_rows_of_their_own(
 
 
 def at_first(file: str, act: Callable[[], None]) -> threading.Thread:
-    """Act once there is a file."""
+    """Call `act` in a thread once a file matches."""
 
     def wait() -> None:
         while not list(Path().glob(file)):

@@ -14,7 +14,7 @@ def test_a_sphere_stays_a_sphere() -> None:
     assert 400 < len(coarse.representatives) < 1600
     small = Mesh(sphere.vertices[coarse.representatives], coarse.faces)
     assert abs(small.area / (4 * np.pi) - 1) < 0.03
-    # Faces keep their sense: nearly all of them look outwards.
+    # Faces keep their orientation: nearly all normals point outwards.
     a, b, c = (small.vertices[small.faces[:, k]] for k in range(3))
     outwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) > 0
     assert outwards.mean() > 0.98

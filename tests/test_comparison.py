@@ -1,4 +1,4 @@
-"""Two shapes compared: copies of one, and spectra that are known."""
+"""Comparison of two shapes: copies, and known spectra."""
 
 from __future__ import annotations
 
@@ -74,10 +74,10 @@ def test_swapped_and_flipped_eigenfunctions_are_told(blob: Mesh) -> None:
 @pytest.mark.slow
 def test_what_a_symmetry_hides_is_not_told() -> None:
     ball = shapes.icosphere(3)
-    long = Mesh(ball.vertices * [1.0, 1.7, 0.6], ball.faces)  # three mirrors
+    long = Mesh(ball.vertices * [1.0, 1.7, 0.6], ball.faces)  # three mirror planes
     first = pairs_of(long, 12)
     found = compare_shapes(first, first)
-    even = [  # functions that are the same on both sides of all mirrors
+    even = [  # functions symmetric under all three mirrors
         index
         for index, row in enumerate(first.rows[:12])
         if all(_is_even(long, row, axis) for axis in range(3))

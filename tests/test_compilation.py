@@ -1,4 +1,4 @@
-"""The place of compiled kernels, in interpreters of their own."""
+"""Cache folder of compiled kernels, tested in separate interpreters."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def place(patch: str) -> str:
 @pytest.mark.slow
 def test_numba_finds_its_own_place_where_it_can() -> None:
     assert place("").strip() == ""
-    # one of two places is enough
+    # One writable folder of two is enough.
     unwritable = "real = os.access; os.access = lambda path, mode: 'engine' not in str(path) and "
     assert place(f"{unwritable} real(path, mode)").strip() == ""
 
@@ -101,7 +101,7 @@ def test_without_a_compiler_the_command_ends_at_its_start(arguments: list[str]) 
     assert ended.returncode == 2
     assert ended.stderr.startswith(f"meshmash-viewer: {SENTENCE}")
     assert len(ended.stderr.splitlines()) == 1
-    # What needs no compiler is still there.
+    # Commands that need no compiler still work.
     ended = without_compiler("from meshmash_viewer.cli.main import main\nmain(['--help'])")
     assert ended.returncode == 0
     assert "usage" in ended.stdout

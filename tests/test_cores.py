@@ -1,4 +1,4 @@
-"""How many cores a computation may plan for."""
+"""Number of cores that a computation may use."""
 
 from __future__ import annotations
 

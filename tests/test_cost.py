@@ -1,7 +1,7 @@
-"""What a solve takes, counted and not timed: factors, blocks solved, looks at a basis.
+"""Cost of a solve, counted rather than timed: factors, block solves, Ritz problems.
 
-Faults in the plan of a solve, in what it knows beforehand and in its ways out of trouble mostly
-leave the eigenpairs as they are and cost time or memory: here they are seen.
+Faults in the plan of a solve, its initial estimates and its fallbacks mostly cost time or memory
+and leave the eigenpairs correct. These tests detect such faults.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from meshmash_viewer.spectral.engine import refinement
 from meshmash_viewer.spectral.engine.basis import KrylovBasis, RitzPairs
 from meshmash_viewer.spectral.engine.factorization import Factor
 
-#: What is counted: factors made, bases begun, blocks of eight solved for, passes over a whole
-#: basis, searches for what lies nearest the shift, Ritz problems, refinements.
+#: Counted calls: factorizations, new bases, solves of blocks of eight, passes over a whole basis,
+#: searches for the eigenvalues nearest the shift, Ritz problems, refinements.
 _COUNTED: dict[str, tuple[Any, str]] = {
     "factors": (Factor, "__init__"),
     "bases": (KrylovBasis, "__init__"),
@@ -34,12 +34,12 @@ _COUNTED: dict[str, tuple[Any, str]] = {
     "looks": (RitzPairs, "__init__"),
     "refined": (refinement, "_polish"),
 }
-#: So much more than was counted on one machine is borne with, since rounding differs between them;
-#: one more of what depends on when pairs have converged.
+#: Tolerated factor over the counts of one machine, as rounding differs between machines. Counts
+#: that depend on the moment of convergence may be larger by one.
 _MARGIN = 1.12
 _AT_THE_END = ("blocks", "passes", "searches", "looks")
 
-#: Pairs that an inverse is asked for beyond those wanted.
+#: Additional pairs requested from an inverse.
 _BESIDE = 6
 
 Ask: TypeAlias = Callable[[], Decomposition]
@@ -47,7 +47,7 @@ Ask: TypeAlias = Callable[[], Decomposition]
 
 @pytest.fixture
 def taken(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
-    """How often each has been called."""
+    """Count the calls of each counted function."""
     counts: Counter[str] = Counter()
 
     def counting(name: str, real: Callable[..., Any]) -> Callable[..., Any]:
@@ -74,7 +74,7 @@ def plate() -> Any:
 
 
 def twice() -> Any:
-    """Every eigenvalue is there twice."""
+    """Return a pencil with every eigenvalue twice."""
     return random_mesh(8, copies=2)
 
 
@@ -185,7 +185,7 @@ def test_what_a_given_inverse_has_found_is_counted_and_not_found_again(
     stiffness, mass = random_mesh(8)
     exact = dense((stiffness, mass))
     stiffness, exact = stiffness + lift * exact[1] * mass, exact + lift * exact[1]
-    # Below all, or between two.
+    # below all eigenvalues, or between two
     shift = -exact[1] if place < 0 else 0.5 * float(exact[place] + exact[place + 1])
     solver = splu(sp.csc_matrix(stiffness - shift * mass)).solve
     inverse = LinearOperator(stiffness.shape, matvec=solver, dtype=np.float64)

@@ -10,7 +10,7 @@ import meshmash_viewer as mv
 
 
 def torus(count: int, far: float = 2.0, near: float = 0.7) -> tuple[mv.Mesh, np.ndarray]:
-    """A torus of two radii, and the angle around its tube of each vertex."""
+    """Return a torus of two radii, and the angle of each vertex around its tube."""
     u, v = np.meshgrid(*(np.linspace(0.0, 2.0 * np.pi, n, False) for n in (2 * count, count)))
     u, v = u.ravel(), v.ravel()
     ring = far + near * np.cos(v)
@@ -70,7 +70,7 @@ def test_a_cylinder_is_curved_one_way_and_has_an_edge() -> None:
 
 
 def test_what_is_wrong_with_a_mesh_does_not_spread() -> None:
-    """A stray vertex has no curvature; a face without area is as good as none."""
+    """A stray vertex has no curvature; a face without area changes nothing."""
     mesh = shapes.icosphere(2)
     vertices = np.vstack([mesh.vertices, [9.0, 9.0, 9.0]])
     faces = np.vstack([mesh.faces, [0, 0, 1]])
@@ -90,7 +90,7 @@ def test_mean_curvature_says_that_faces_disagree(share: float) -> None:
     edges = mv.mesh_health(mesh).disagreeing_edges
     with pytest.warns(mv.MeshWarning, match=f"outside at {edges:,} edges.*by the repair orient_f"):
         mv.mean_curvature(mesh)
-    mv.gaussian_curvature(mesh)  # which has no sign to lose
+    mv.gaussian_curvature(mesh)  # independent of the orientation
     oriented = mv.repair_mesh(mesh, "orient_faces")
     np.testing.assert_allclose(mv.mean_curvature(oriented), 1.0, rtol=1e-2)
 
@@ -109,7 +109,7 @@ def test_mixed_areas_are_those_by_which_curvatures_divide() -> None:
     areas = mv.mixed_areas(mesh)
     assert areas.sum() == pytest.approx(mesh.area, rel=1e-12)
     assert (mv.gaussian_curvature(mesh) * areas).sum() == pytest.approx(0.0, abs=1e-9)
-    # of an equilateral triangle each corner has a third, and of a right one the right angle a half
+    # A corner of an equilateral triangle has a third of the area, a right angle a half.
     equilateral = [[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(0.75), 0]]
     np.testing.assert_allclose(mv.mixed_areas((equilateral, [[0, 1, 2]])), np.sqrt(3.0) / 12.0)
     right = [[0, 0, 0], [4, 0, 0], [0, 3, 0], [9, 9, 9]]
@@ -117,7 +117,7 @@ def test_mixed_areas_are_those_by_which_curvatures_divide() -> None:
     obtuse = [[0, 0, 0], [4, 0, 0], [-3, 1, 0]]
     np.testing.assert_allclose(mv.mixed_areas((obtuse, [[0, 1, 2]])), [1.0, 0.5, 0.5])
     acute = np.array([[0, 0, 0], [4, 0, 0], [1, 3, 0.0]])
-    centre = np.array([2.0, 1.0, 0.0])  # of the circle through its corners
+    centre = np.array([2.0, 1.0, 0.0])  # of the circumcircle
     cells = [
         sum(
             0.5

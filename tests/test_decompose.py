@@ -29,7 +29,7 @@ from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral import eigensolver
 from meshmash_viewer.spectral.eigensolver import solve
 
-#: Of the neuron, per nm²: some 150 pairs lie below it.
+#: Threshold per nm²: some 150 pairs of the neuron lie below.
 THRESHOLD = 1e-4
 
 
@@ -40,7 +40,7 @@ def matrices(neuron):
 
 @pytest.fixture(scope="module")
 def dense(neuron, matrices):
-    """All eigenpairs of the neuron from LAPACK, with rows for its referenced vertices only."""
+    """Return all eigenpairs of the neuron from LAPACK, with rows for referenced vertices only."""
     used = neuron.referenced
     stiffness, mass = matrices
     return eigh(stiffness.toarray()[np.ix_(used, used)], np.diag(mass.diagonal()[used]))
@@ -91,7 +91,7 @@ def test_heat_kernel_signature_of_the_sphere():
     degrees = np.arange(40)
     modes = (2 * degrees + 1) * np.exp(-np.outer(times, degrees * (degrees + 1)))
     expected = modes.sum(axis=1) / (4.0 * np.pi)
-    # the sphere looks the same from everywhere
+    # The kernel is the same at every vertex of the sphere.
     np.testing.assert_allclose(hks, np.broadcast_to(expected, hks.shape), rtol=0.02)
 
 
@@ -120,7 +120,7 @@ def test_eigenpairs_agree_with_the_dense_solution(neuron, matrices, dense):
         eigenvalues[components:], values[components:120], rtol=1e-8, atol=0.0
     )
     assert_m_orthonormal(eigenvectors, matrices[1])
-    # the subspace, whatever the basis within it: cut where there is a gap
+    # Compare subspaces, not bases, and cut the spectrum at a gap.
     gaps = np.diff(values[:121]) / values[1:121]
     cut = 60 + int(np.argmax(gaps[60:119])) + 1
     used = neuron.referenced
@@ -201,7 +201,7 @@ def test_the_threshold_is_exact(matrices, dense):
         found, _ = decompose_laplacian_by_bands(*matrices, middle)
         assert len(found) == index + 1
         assert found[-1] <= middle
-    # fewer pairs asked for than there are components, and a threshold at zero
+    # fewer pairs than components, and a threshold of zero
     assert len(decompose_laplacian_by_bands(*matrices, 0.0)[0]) == 6
     assert len(decompose_laplacian(*matrices, n_components=2)[0]) == 2
 
@@ -255,7 +255,7 @@ def test_the_unit_of_the_mesh_scales_the_result(neuron, scale, tolerance):
     values, vectors = decompose_mesh(neuron, 60)
     values_2, vectors_2 = decompose_mesh(scaled, 60)
     np.testing.assert_allclose(values_2 * scale**2, values, rtol=tolerance)
-    # Squares summed within multiplets do not depend on the basis there.
+    # Sums of squares within multiplets are independent of the basis.
     np.testing.assert_allclose(
         np.nansum(vectors_2**2, axis=1) * scale**2,
         np.nansum(vectors**2, axis=1),
@@ -406,7 +406,7 @@ def test_a_filter_sees_each_eigenvalue_once_in_one_dimension(neuron, matrices):
     def filter_(eigenvalues):
         assert eigenvalues.ndim == 1
         seen.append(eigenvalues.copy())
-        eigenvalues[:] = 0.0  # it may do what it likes with its copy
+        eigenvalues[:] = 0.0  # A filter may change its copy.
         return np.ones((3, len(eigenvalues)))
 
     with pytest.warns(TruncationWarning, match="neuron: 3 filters are not small"):
@@ -419,7 +419,7 @@ def test_a_filter_sees_each_eigenvalue_once_in_one_dimension(neuron, matrices):
 
 
 def test_filters_are_normalised_over_the_whole_spectrum(neuron):
-    """A filter that looks at all eigenvalues gets them all at once, whatever the bands."""
+    """A filter gets all eigenvalues in one call, whatever the band size."""
 
     def relative(eigenvalues):
         return (eigenvalues / eigenvalues.sum())[None]
@@ -467,7 +467,7 @@ def test_one_filter_needs_no_axis(neuron):
 
 
 def test_a_threshold_of_another_unit_is_explained(three_spheres):
-    """The documented 1e-8 on a mesh of size 1 leaves zero eigenvalues only."""
+    """On a mesh of size 1, only zero eigenvalues lie below the documented 1e-8."""
     with pytest.warns(
         ConstantFeaturesWarning, match="about 100 eigenpairs of this mesh lie below 34 per"
     ):
@@ -609,7 +609,7 @@ def test_names_order_and_defaults_are_the_documented_ones(name):
 
 def test_the_mollification_asked_for_is_the_one_of_the_operator() -> None:
     ball = shapes.icosphere(2)
-    mesh = Mesh(ball.vertices * [1.0, 1.0, 1e-3], ball.faces)  # slivers, or it would do nothing
+    mesh = Mesh(ball.vertices * [1.0, 1.0, 1e-3], ball.faces)  # slivers, to be mollified
     times = {"t_min": 0.4, "t_max": 1.0, "n_components": 3}
     operators = [cotangent_laplacian(mesh, robust=True, mollify_factor=f)[0] for f in (1e-5, 0.3)]
     assert abs(operators[0] - operators[1]).max() > 1e-3

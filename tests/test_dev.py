@@ -1,4 +1,4 @@
-"""The script of a clone: its commands, and that it asks for Linux's things on Linux alone."""
+"""The script `dev` of a clone: its commands, and features that exist on Linux alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orders of elimination: they save fill, with METIS and without."""
+"""Orders of elimination, which reduce fill with METIS and without."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytest.importorskip("pymetis")
 
 
 def grid(nx: int, ny: int) -> Any:
-    """Adjacency of a rectangular grid."""
+    """Return the adjacency of a rectangular grid."""
     chain = [sp.diags_array([np.ones(n - 1)] * 2, offsets=[-1, 1]) for n in (nx, ny)]
     graph = sp.kron(chain[0], sp.eye_array(ny)) + sp.kron(sp.eye_array(nx), chain[1])
     graph = sp.csr_array(graph)
@@ -29,7 +29,7 @@ def grid(nx: int, ny: int) -> Any:
 
 
 def fill(graph: Any, order: Any) -> int:
-    """Entries of the factor in that order."""
+    """Count the entries of the factor for an order of elimination."""
     from scipy.sparse.linalg import splu
 
     matrix = sp.csc_array(6.0 * sp.eye_array(graph.shape[0]) - graph)[order][:, order]
@@ -42,13 +42,13 @@ def fill(graph: Any, order: Any) -> int:
 
 def test_without_metis_the_pairs_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     matrices, exact = torus(45, 40, 1.0, 1.2)
-    assert exact[79] - exact[78] > 1.0  # 79 pairs end with a whole multiplet
+    assert exact[79] - exact[78] > 1.0  # The 79th pair ends a multiplet.
     with_metis = solve(*matrices, 79)
     monkeypatch.setitem(sys.modules, "pymetis", None)
     found = solve(*matrices, 79)
     check(found, exact[:79])
     np.testing.assert_allclose(found.eigenvalues, with_metis.eigenvalues, rtol=1e-11, atol=1e-9)
-    # Another order of elimination rounds differently: the same space, not the same bits.
+    # Another order of elimination rounds differently: the spaces agree, but not the bits.
     assert found.rows.tobytes() != with_metis.rows.tobytes()
     mass = matrices[1].diagonal()
     cosines = scipy.linalg.svdvals((found.rows * mass) @ with_metis.rows.T)

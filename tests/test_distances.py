@@ -34,14 +34,14 @@ MESHES = {"sphere": lambda: shapes.icosphere(2), "torus": torus}
 
 
 def matrices(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """The symmetric form M^-½ L M^-½, and M^-½."""
+    """Return M^-½ L M^-½ and the diagonal of M^-½."""
     L, M = cotangent_laplacian(mesh)
     half = 1.0 / np.sqrt(M.diagonal())
     return half[:, None] * L.toarray() * half, half
 
 
 def from_kernel(kernel: np.ndarray, vertex: int) -> np.ndarray:
-    """Distance in a space whose inner products are a kernel."""
+    """Return distances from a vertex for a kernel of inner products."""
     square = kernel[vertex, vertex] + np.diag(kernel) - 2.0 * kernel[vertex]
     return np.sqrt(np.maximum(square, 0.0))
 
@@ -113,7 +113,7 @@ def test_along_a_sphere(scale: float) -> None:
     wanted = scale * np.arccos(np.clip(mesh.vertices @ mesh.vertices[11], -1.0, 1.0))
     found = geodesic_distance(moved, 11)
     assert found[11] == 0.0
-    # the method smooths the cut locus at the antipode by about an edge
+    # The method smooths the cut locus at the antipode over about one edge.
     assert np.abs(found - wanted).max() < 0.012 * np.pi * scale
 
 

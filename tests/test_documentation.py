@@ -1,4 +1,4 @@
-"""What the pages say runs, leads somewhere, and names all that is public."""
+"""Documentation pages: examples run, links are valid, and all public names are listed."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ BLOCKS = [
     )
 ]
 
-#: Lines of pages and README for a shell; what a line says after two blanks is for its reader. The
-#: plug-in of the example is not installed here, and links lead to layers elsewhere.
+#: Shell commands of pages and README, without the remarks after two blanks. Commands for the
+#: example plug-in, which is not installed, and for remote layers are left out.
 COMMANDS = sorted({
     re.split(r"  +", line)[0]
     for page in [*PAGES, DOCS.parent / "README.md"]
@@ -44,7 +44,7 @@ COMMANDS = sorted({
 @pytest.mark.parametrize("block", BLOCKS)
 @pytest.mark.filterwarnings("default::meshmash_viewer.TruncationWarning")
 def test_python_of_a_page_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)  # some write files
+    monkeypatch.chdir(tmp_path)  # Some examples write files.
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     exec(compile(block, "page", "exec"), {"__name__": "page"})
 
@@ -64,7 +64,7 @@ def test_the_reference_names_all_that_is_public() -> None:
 
 @pytest.fixture(scope="module")
 def assumed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Names that the examples assume, as the reference says."""
+    """Return the names of the reference's first code block, which examples assume."""
     page = (DOCS / "reference.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
     with pytest.MonkeyPatch.context() as patched:
@@ -87,7 +87,7 @@ def test_every_public_name_has_an_example_that_runs(name: str, assumed: dict[str
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the pages call neurons, bunnies and hemispheres: balls."""
+    """Write balls under the file names of the pages."""
     folder = tmp_path_factory.mktemp("meshes")
     balls = {"neuron.ply": 4, "neuron.obj": 4, "bunny.obj": 4, "shape.ply": 4, "huge.ply": 6}
     for name, level in balls.items():

@@ -1,4 +1,4 @@
-"""Domains: means over them, their graph, and the pipeline that finds them."""
+"""Domains: mean features, their graph, and the pipeline that finds domains."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from meshmash_viewer.split.partition import edge_graph
 from meshmash_viewer.surface.decimation import decimated
 
 pytest.importorskip("fast_simplification")
-#: Cut into several pieces, and fast.
+#: Options for several pieces and a short run.
 QUICK: dict[str, Any] = {
     "max_vertex_threshold": 900, "t_min": 1e5, "t_max": 2e6, "max_eigenvalue": 2e-6,
     "n_components": 6,
@@ -48,7 +48,7 @@ def found(sample: Mesh) -> mv.CondensedHKS:
 
 @pytest.fixture(scope="module")
 def patches(sphere: Mesh) -> np.ndarray:
-    """Domains 0 to 4 of a sphere, with some vertices in none."""
+    """Return domains 0 to 4 of a sphere, with some vertices in no domain."""
     labels = np.digitize(sphere.vertices[:, 2], [-0.6, -0.2, 0.2, 0.6]).astype(np.int64)
     labels[sphere.vertices[:, 0] > 0.9] = -1
     return labels
@@ -138,7 +138,7 @@ def test_sums_of_the_graph_are_those_of_the_mesh(found: mv.CondensedHKS) -> None
     assert nodes["area"].sum() == pytest.approx(found.simple_mesh.area, rel=1e-12)
     assert nodes["n_vertices"].sum() == found.simple_mesh.n_vertices
     assert (nodes["component_area"] == nodes["component_area"][0]).all()
-    # the same lengths with the domains in the opposite order
+    # Domains in the opposite order give the same lengths.
     reversed_ = found.n_domains - 1 - found.simple_labels
     again = mv.condense_mesh_to_graph(found.simple_mesh, reversed_)[1]
     back = {
@@ -208,7 +208,7 @@ def test_the_result_has_the_fields_of_meshmash_and_two_more(found: mv.CondensedH
     assert len(stitcher) > 2
     np.testing.assert_array_equal(labels, simple_labels[mapping])
     assert set(np.unique(labels)) == set(range(found.n_domains))
-    # numbered by their lowest vertex
+    # Domains are numbered by their lowest vertex.
     first = np.unique(simple_labels, return_index=True)[1]
     assert (np.diff(first) > 0).all()
     for domain in range(found.n_domains):
@@ -262,9 +262,9 @@ def test_the_columns_say_what_is_missing(sample: Mesh) -> None:
     assert found.truncation.columns == tuple(f"hks_{at}" for at in range(6))
     assert found.truncation.flagged.tolist() == np.flatnonzero(weyl > 0.02).tolist()
     assert found.remarks[0] == found.truncation.sentence()
-    # cuts change only columns that are marked
+    # Cuts change only columns that are flagged.
     assert set(np.flatnonzero(found.seams > 0.01)) <= set(found.truncation.flagged.tolist())
-    # of the defaults, which the documentation names
+    # shares at the default options, stated in the documentation
     shares = np.exp(-1e-5 * np.geomspace(5e4, 2e7, 32))
     assert (int((shares > 0.01).sum()), round(shares[0], 2)) == (12, 0.61)
 

@@ -27,7 +27,7 @@ N_POINTS = 800
 
 
 def ring(n: int, length: float) -> Any:
-    """Second difference on a circle of n points."""
+    """Return second differences on a circle of n points."""
     step = length / n
     shape = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
     matrix = sp.lil_array(shape)
@@ -36,7 +36,7 @@ def ring(n: int, length: float) -> Any:
 
 
 def torus(nx: int, ny: int, a: float, b: float) -> tuple[Matrices, npt.NDArray[np.float64]]:
-    """Flat torus a x b by finite differences: (L, M) and all its exact eigenvalues, sorted."""
+    """Return (L, M) of a flat torus a x b by finite differences, and all exact eigenvalues."""
     cell = a * b / (nx * ny)
     pencil = sp.kron(ring(nx, a), sp.eye_array(ny)) + sp.kron(sp.eye_array(nx), ring(ny, b))
     one = (2 * nx / a * np.sin(np.pi * np.arange(nx) / nx)) ** 2
@@ -46,7 +46,7 @@ def torus(nx: int, ny: int, a: float, b: float) -> tuple[Matrices, npt.NDArray[n
 
 
 def random_mesh(seed: int, copies: int = 1) -> Matrices:
-    """Irregular weighted graph Laplacian with uneven masses, in several components."""
+    """Return an irregular weighted graph Laplacian with uneven masses, in several components."""
     rng = np.random.default_rng(seed)
     blocks, masses = [], []
     for _ in range(copies):
@@ -65,7 +65,7 @@ def random_mesh(seed: int, copies: int = 1) -> Matrices:
 
 
 def dense(matrices: Matrices) -> npt.NDArray[np.float64]:
-    """All eigenvalues, sorted, from a dense matrix for each connected component."""
+    """Return all eigenvalues, sorted, from a dense matrix for each connected component."""
     stiffness, mass = sp.csr_array(matrices[0]), matrices[1].diagonal()
     n_components, component = connected_components(stiffness)
     values = []
@@ -78,7 +78,7 @@ def dense(matrices: Matrices) -> npt.NDArray[np.float64]:
 
 
 def check(decomposition: Decomposition, exact: npt.NDArray[np.float64]) -> None:
-    """Eigenvalues, residuals, orthonormality and certificate, all at once."""
+    """Check eigenvalues, residuals, orthonormality and certificate."""
     assert decomposition.complete
     floor = 1e-9 * exact[exact > 1e-9 * exact[-1]][:1].sum()
     np.testing.assert_allclose(decomposition.eigenvalues, exact, rtol=1e-9, atol=floor)
@@ -98,7 +98,7 @@ def test_threshold_counts_first_and_keeps_exactly_what_is_below() -> None:
     matrices, exact = torus(60, 50, 3.0, 2.0)
     for threshold in (exact[20] * 1.001, exact[101], exact[0]):
         decomposition = solve(*matrices, max_eigenvalue=float(threshold))
-        # The closed form is itself rounded: the threshold is exactly on a multiple eigenvalue.
+        # Allow for rounding of the closed form: thresholds equal a multiple eigenvalue.
         check(decomposition, exact[exact <= threshold * (1 + 1e-12)])
         assert (decomposition.eigenvalues <= threshold).all()
 
@@ -119,7 +119,7 @@ def test_many_components_have_an_exact_null_space() -> None:
     decomposition = solve(*matrices, 60)
     check(decomposition, np.concatenate([np.zeros(5), dense(matrices)[5:60]]))
     assert (decomposition.eigenvalues[:5] == 0.0).all()
-    fewer = solve(*matrices, 3)  # less than the null space
+    fewer = solve(*matrices, 3)  # fewer pairs than the null space
     check(fewer, np.zeros(3))
 
 
@@ -185,7 +185,7 @@ def test_every_sparse_kind_and_a_mass_vector_are_taken() -> None:
     reference = solve(stiffness, mass, 10).eigenvalues
     for kind in (sp.csr_matrix, sp.coo_matrix, sp.csc_array, sp.lil_array):
         np.testing.assert_array_equal(solve(kind(stiffness), kind(mass), 10).eigenvalues, reference)
-    # Entries in two parts, as they are put together face by face.
+    # Entries stored in two parts, as in assembly face by face.
     csr = sp.csr_array(stiffness)
     halves = np.repeat(0.5 * csr.data, 2), np.repeat(csr.indices, 2), 2 * csr.indptr
     in_parts = solve(sp.csr_array(halves, shape=csr.shape), mass, 10).eigenvalues
@@ -216,7 +216,7 @@ def test_known_pairs_are_kept_and_only_the_rest_is_found() -> None:
 
 @pytest.mark.parametrize("kept", slow_but([9], [1, 9, 20, 31, 70]))
 def test_what_is_known_is_not_touched(kept: int) -> None:
-    # every eigenvalue twice: some known pairs end between two equal ones
+    # Every eigenvalue is double: some known pairs end between two equal eigenvalues.
     matrices = random_mesh(8, copies=2)
     exact = dense(matrices)
     exact[:2] = 0.0
@@ -270,7 +270,7 @@ def test_pairs_arrive_in_order_and_final() -> None:
         assert len(pairs) > sum(starts)
         assert np.isfinite(rows[0][: len(pairs)]).all()
         starts.append(len(pairs) - sum(starts))
-        pairs.eigenvalues[:] = pairs.residuals[:] = -1.0  # they are the receiver's own
+        pairs.eigenvalues[:] = pairs.residuals[:] = -1.0  # The receiver may change its arrays.
 
     reports: list[Progress] = []
     decomposition = solve(
@@ -395,8 +395,8 @@ def test_proof_is_one_line_and_memory_grows_with_pairs() -> None:
     assert "30 pairs · complete (" in proof
     assert "\n" not in proof
     assert estimate_memory(10_000, 70_000, 300) > estimate_memory(10_000, 70_000, 100) > 0
-    # All pairs of few vertices come from a dense matrix and its eigenvectors, those of many
-    # small components from dense matrices of their own.
+    # A small pencil needs a dense matrix and its eigenvectors. Many small components need one dense
+    # matrix each.
     assert estimate_memory(650, 4_500, 10) > 2 * 8 * 650**2
     assert estimate_memory(100_000, 700_000, 100_000, n_null=99_900) < 100_000**2 * 8.1
     many = estimate_memory(10_000, 70_000, 100, n_null=64)
@@ -444,13 +444,13 @@ def test_rows_in_float32_take_smaller_slices_and_less_memory() -> None:
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_what_memory_held_before_is_not_read(dtype: type) -> None:
     stiffness, mass = torus(30, 26, 1.0, 1.2)[0]
-    # Two vertices of no face, whose entries nobody computes.
+    # Two vertices of no face, whose entries are not computed.
     stiffness = sp.block_diag([stiffness, sp.csc_array((2, 2))]).tocsc()
     masses = np.append(mass.diagonal() if hasattr(mass, "diagonal") else mass, [0.0, 0.0])
 
     def allocate(k: int, n: int, n_kept: int) -> np.ndarray:
         rows = np.empty((k, n), dtype=dtype)
-        # Signalling NaN: to convert one is an invalid operation, which warns.
+        # Converting a signalling NaN is an invalid operation, which warns.
         rows.view(np.uint32)[:] = 0x7F800001
         return rows
 

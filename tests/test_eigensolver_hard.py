@@ -1,4 +1,4 @@
-"""The eigensolver where others lose pairs: multiplets, clusters, slivers, killed workers."""
+"""The eigensolver in difficult cases: multiplets, clusters, slivers, killed workers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 
 
 def icosphere(subdivisions: int) -> Matrices:
-    """Cotangent Laplacian and lumped mass of the unit icosphere."""
+    """Return the cotangent Laplacian and lumped mass of the unit icosphere."""
     import robust_laplacian
     import trimesh
 
@@ -38,7 +38,7 @@ def icosphere(subdivisions: int) -> Matrices:
 
 
 def strip(n: int, split: float) -> Matrices:
-    """Two long chains whose eigenvalues differ by `split`, relatively: pairs next to pairs."""
+    """Return two long chains whose eigenvalues differ relatively by `split`."""
     chain = sp.diags_array([-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
     chain = sp.lil_array(chain)
     chain[0, 0] = chain[n - 1, n - 1] = 1.0
@@ -48,18 +48,18 @@ def strip(n: int, split: float) -> Matrices:
 
 def test_multiplets_of_the_sphere_at_slice_borders_are_whole() -> None:
     matrices = icosphere(4)
-    decomposition = solve(*matrices, 15**2)  # degrees 0 to 14, up to 29 of a kind
+    decomposition = solve(*matrices, 15**2)  # degrees 0 to 14, multiplicity up to 29
     assert decomposition.complete
     assert decomposition.orthonormality < 1e-10
     degree = np.repeat(np.arange(15), 2 * np.arange(15) + 1)
     exact = degree * (degree + 1.0)
-    # Linear elements bring an error of order λ² h², never enough to swap two degrees.
+    # Linear elements have errors of order λ² h², too small to swap two degrees.
     np.testing.assert_allclose(decomposition.eigenvalues[1:], exact[1:], rtol=0.08)
 
 
 @pytest.mark.parametrize(
     ("copies", "k"),
-    # Within the fivefold eigenvalue, 150 copies of it; within the threefold, 600 copies.
+    # k ends within 150 copies of the fivefold eigenvalue, or 600 copies of the threefold.
     [(30, 170), pytest.param(200, 700, marks=pytest.mark.slow)],
 )
 def test_many_equal_spheres(copies: int, k: int) -> None:
@@ -77,7 +77,7 @@ def test_many_equal_spheres(copies: int, k: int) -> None:
     residuals = np.linalg.norm(defects, axis=0) / np.linalg.norm(image, axis=0)
     residuals[copies:] /= decomposition.eigenvalues[copies:]
     assert residuals.max() < 1e-9
-    # Where rows were taken off one another after they were measured, a bound is told.
+    # Rows orthogonalized after the measurement have a bound as their residual.
     assert np.all(decomposition.residuals > 0.9 * residuals - 1e-12)
     assert decomposition.residuals.max() < 3e-9
 
@@ -151,7 +151,7 @@ def test_bits_do_not_depend_on_the_number_of_workers() -> None:
 
 
 def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interval]]:
-    """The problem in elimination order, and its slices between two counts."""
+    """Return the pencil in elimination order, and its slices between two counts."""
     ordered = order_pencil(reduce_pencil(*matrices))
     plan = SpectrumPlan(ordered, np.zeros(1, dtype=np.uint8), lambda pairs: [pairs / 2] * 2)
     ends = plan.find(low, low + 5), plan.find(high, high + 5)
@@ -160,7 +160,7 @@ def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interva
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
 def test_residuals_high_in_the_spectrum_are_small_against_their_slice(tolerance: float) -> None:
-    # Not only against λ: vectors of two slices are orthogonal to residual over distance.
+    # Eigenvectors of two slices are orthogonal only up to residual over distance of slices.
     ordered, intervals = slice_of(torus(50, 40, 1.0, 1.3)[0], 1000, 1060)
     interval = intervals[0]
     pairs = find_pairs(ordered, interval, tolerance, np.zeros(1, dtype=np.uint8))
@@ -181,7 +181,7 @@ def test_leaving_slices_ends_their_threads() -> None:
 @pytest.mark.slow
 def test_cancel_at_random_moments_leaves_nothing_behind() -> None:
     matrices = random_mesh(22, copies=3)
-    solve(*matrices, 200)  # everything that stays loaded is loaded
+    solve(*matrices, 200)  # Start threads before counting them.
     rng = np.random.default_rng(0)
     threads = threading.active_count()
     children = len(psutil.Process().children(recursive=True))
@@ -194,7 +194,7 @@ def test_cancel_at_random_moments_leaves_nothing_behind() -> None:
             cancelled += 1
     assert cancelled > 10
     gc.collect()
-    # joblib's thread pool may take a moment to end.
+    # joblib's thread pool may need a moment to end.
     for _ in range(200):
         if threading.active_count() <= threads:
             break
@@ -227,7 +227,7 @@ def test_terminated_parent_leaves_no_process() -> None:
 
 
 def exactness(decomposition: Decomposition, matrices: Matrices) -> npt.NDArray[np.float64]:
-    """Relative errors of the eigenvalues against the dense solution."""
+    """Return the relative errors of the eigenvalues against the dense solution."""
     exact = dense(matrices)[: decomposition.n_components]
     some = exact > 1e-9 * exact[-1]
     return np.asarray(np.abs(decomposition.eigenvalues[some] / exact[some] - 1.0))

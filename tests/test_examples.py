@@ -1,4 +1,4 @@
-"""The examples run, and make what their page says."""
+"""Example scripts, which write the files that their page names."""
 
 from __future__ import annotations
 
@@ -37,5 +37,5 @@ def test_an_example_makes_what_its_page_says(name: str, tmp_path: Path) -> None:
     wanted = set(re.findall(r"`(.*?)`", ROWS[name]))
     made = {path.name for path in tmp_path.iterdir() if path.stat().st_size > 1000}
     assert wanted <= made
-    # notes of how a table was made lie beside it
+    # A JSON file next to a table has its options.
     assert {each for each in made - wanted if not each.endswith(".json")} == set()

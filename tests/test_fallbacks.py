@@ -1,4 +1,4 @@
-"""Safety nets of the eigensolver: what is given wrong must not make a result wrong."""
+"""Fallbacks of the eigensolver: wrong input from the caller must not give wrong results."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_an_iteration_that_is_left_does_not_run_on() -> None:
     def on_pairs(pairs: Eigenpairs) -> None:
         found.append(len(pairs))
 
-    # In float32 slices hold 50 pairs: there are ten, of which at most the next few have begun.
+    # In float32 a slice has 50 pairs. Of the ten slices, only the next few may have begun.
     batches = iterate(*matrices, 500, dtype=np.float32, n_jobs=1, on_pairs=on_pairs)
     next(batches)
     first = next(batches)

@@ -1,4 +1,4 @@
-"""Places of faults, and what repairs would change."""
+"""Places of faults, and changes that repairs would make."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from meshmash_viewer.vertex_map import VertexMap
 
 
 def faulty() -> Mesh:
-    """A large ball with a hole and one face twice, a small ball, two loose vertices."""
+    """Return a large ball with a hole and a duplicate face, a small ball, two loose vertices."""
     large, small = shapes.icosphere(2), shapes.icosphere(1)
     faces = [large.faces[1:], large.faces[40:41], small.faces + large.n_vertices]
     vertices = [large.vertices, 0.2 * small.vertices + 2.0, [[5.0] * 3, [6.0] * 3]]

@@ -101,7 +101,7 @@ def test_one_name_a_column():
 def test_a_component_is_remarked_on_where_its_features_are_out_of_proportion(three_spheres):
     labels, values = three_spheres.component_labels, np.ones((three_spheres.n_vertices, 2))
     assert Features(values, ("a", "b")).remarks(three_spheres) == []
-    values[np.flatnonzero(labels == 0)[0], 1] = 1e9  # within the largest it may be what it is
+    values[np.flatnonzero(labels == 0)[0], 1] = 1e9  # in the largest component
     assert Features(values, ("a", "b")).remarks(three_spheres) == []
     values[labels == 2, 1] = 1e7
     (remark,) = Features(values, ("a", "b")).remarks(three_spheres)

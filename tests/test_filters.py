@@ -1,4 +1,4 @@
-"""Filter banks: their shapes, sums and scales."""
+"""Filter banks: shapes, sums and scales."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ def test_bsplines_sum_to_one_on_the_range_and_vanish_outside(e_min, e_max, n_com
 def test_bsplines_are_cubic_and_uniform():
     bases = construct_bspline_basis(0.0, 1.0, 12)
     assert all(basis.k == 3 for basis in bases)
-    # 12 - 3 equal spans: inside, every basis is a shift of the next
+    # 12 - 3 equal spans: each inner basis function is a shift of the next.
     at = np.linspace(0.0, 4.0 / 9.0, 50)
     for index in range(3, 8):
         shift = (index - 3) / 9.0
         np.testing.assert_allclose(bases[index](at + shift), bases[3](at), atol=1e-12)
-    # cubic between the knots, where the fourth difference vanishes, and not below cubic
+    # Cubic between knots: the fourth difference vanishes, the third does not.
     piece = bases[5](np.linspace(3.0 / 9.0, 4.0 / 9.0, 9))
     assert np.abs(np.diff(piece, 4)).max() < 1e-12
     assert np.abs(np.diff(piece, 3)).min() > 1e-6
-    # and smooth across one: the second difference goes with the square of the step
+    # Smooth across a knot: the second difference scales with the square of the step.
     for step in (1e-3, 1e-4):
         around = bases[5](4.0 / 9.0 + step * np.array([-1.0, 0.0, 1.0]))
         assert abs(np.diff(around, 2)[0]) < 500.0 * step**2
@@ -68,7 +68,7 @@ def test_bsplines_are_ordered_and_reach_both_ends():
     coefficients = bank(np.linspace(0.0, 2.0, 301))
     assert (np.diff(coefficients.argmax(axis=1)) > 0).all()
     assert bank([0.0])[:, 0] == pytest.approx(np.eye(9)[0], abs=1e-12)
-    for end in (2.0, 2.0 * (1.0 + 1e-12)):  # also if rounding exceeds it
+    for end in (2.0, 2.0 * (1.0 + 1e-12)):  # also if rounding exceeds the end
         assert bank([end])[:, 0] == pytest.approx(np.eye(9)[8], abs=1e-12)
     assert not bank([2.0 * (1.0 + 1e-8)]).any()
     assert (np.diff(bank.parameters) > 0.0).all()
@@ -154,7 +154,7 @@ def test_a_spectrum_of_zeros_has_no_scale():
             first_nonzero_eigenvalue(nothing)
         with pytest.raises(InputError, match="All eigenvalues are zero"):
             hks_times(nothing)
-        # but every time gives the same coefficients
+        # Every time gives the same coefficients.
         assert (get_hks_filter(n_scales=4)(nothing) == np.ones((4, len(nothing)))).all()
 
 
@@ -203,7 +203,7 @@ def test_wave_kernel_bands_are_normalised_gaussians_in_log_energy():
     centres = np.log(bank.parameters)
     step = centres[1] - centres[0]
     np.testing.assert_allclose(np.diff(centres), step)
-    # two deviations, each of seven steps, inside the range
+    # Centres begin two deviations, of seven steps each, inside the range.
     np.testing.assert_allclose(centres[0] - 14.0 * step, np.log(SPECTRUM[1]))
     np.testing.assert_allclose(centres[-1] + 14.0 * step, np.log(SPECTRUM[-1]))
     positive = SPECTRUM[1:]
@@ -260,7 +260,7 @@ def test_a_width_of_bands_is_positive_and_finite(width):
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 12])
 def test_bands_are_centred_so_that_they_reproduce_the_eigenvalue(count):
-    # Splines of degree one and more do, weighed by their Greville points (Marsden 1970).
+    # Splines of degree one and more, weighted by Greville points, reproduce x (Marsden 1970).
     bank = bspline_bank(2.0, 7.0, count)
     values = np.linspace(2.0, 7.0, 41)
     np.testing.assert_allclose(bank.parameters @ bank(values), values, rtol=1e-12)
@@ -269,7 +269,7 @@ def test_bands_are_centred_so_that_they_reproduce_the_eigenvalue(count):
 
 @pytest.mark.parametrize("scale", [2.0**-20, 2.0**20])
 def test_the_parameter_of_a_column_has_the_power_of_the_unit_that_is_stated(scale):
-    """Lengths times a scale: eigenvalues are divided by its square."""
+    """Parameters scale with their stated power if eigenvalues are divided by ``scale**2``."""
 
     def banks(unit):
         spectrum, high = SPECTRUM / unit**2, SPECTRUM[-1] / unit**2
@@ -289,7 +289,7 @@ def test_the_parameter_of_a_column_has_the_power_of_the_unit_that_is_stated(scal
 
 
 def _gaussian_bands(spectrum, energies, sigma):
-    """The formula of the paper: normalised Gaussians in log λ over the eigenvalues above zero."""
+    """Return the paper's normalised Gaussians in log λ over the eigenvalues above zero."""
     values = np.zeros((len(energies), len(spectrum)))
     logs = np.log(spectrum[1:])
     values[:, 1:] = np.exp(-((energies[:, None] - logs) ** 2) / (2.0 * sigma**2))

@@ -1,4 +1,4 @@
-"""Filters that are written as formulas."""
+"""Filters written as formulas."""
 
 from __future__ import annotations
 

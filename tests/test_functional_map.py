@@ -1,4 +1,4 @@
-"""Functional maps and ZoomOut: copies of a shape, whose true correspondence is known."""
+"""Functional maps and ZoomOut on copies of a shape with known correspondence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def pairs_of(mesh: mv.Mesh, count: int = 60) -> mv.Decomposition:
 
 
 def with_noise(mesh: mv.Mesh, noise: float, seed: int = 5) -> mv.Mesh:
-    """Shift the vertices at random, by a share of the mean edge length."""
+    """Return a mesh with random vertex shifts, relative to the mean edge length."""
     edge = np.linalg.norm(mesh.vertices[mesh.faces[:, 0]] - mesh.vertices[mesh.faces[:, 1]], axis=1)
     shifts = np.random.default_rng(seed).standard_normal(mesh.vertices.shape)
     return mv.Mesh(mesh.vertices + noise * edge.mean() * shifts, mesh.faces)
@@ -48,7 +48,7 @@ def test_the_matches_back_are_those_of_the_inverse_map() -> None:
     copy, there = shapes.moved_copy(mv.Mesh(mesh.vertices * [1.0, 1.15, 0.9], mesh.faces))
     first, second = pairs_of(mesh, 40), pairs_of(copy, 40)
     found = mv.compare_shapes(first, second, refine=True)
-    back = found.back.indices[there]  # of the copy of each vertex
+    back = found.back.indices[there]  # match of the copy of each vertex
     away = np.linalg.norm(mesh.vertices[back] - mesh.vertices, axis=1) / np.sqrt(mesh.area)
     assert away.mean() < 0.03
 
@@ -77,7 +77,7 @@ def test_a_landmark_distinguishes_the_sides_of_a_symmetric_shape() -> None:
 def found_with(
     mesh: mv.Mesh, copy: mv.Mesh, count: int = 40, functions: int = 15
 ) -> mv.FunctionalMap:
-    """The map from a mesh to another, that of vertices by both meshes."""
+    """Return the refined map between two meshes, with vertices matched by position."""
     first, second = pairs_of(mesh, count), pairs_of(copy, count)
     start = mv.functional_map(first, second, n_functions=functions, meshes=(mesh, copy))
     return mv.zoomout(first, second, start, meshes=(mesh, copy))
@@ -97,7 +97,7 @@ def test_a_noisy_copy_of_a_symmetric_shape_is_matched_by_its_orientation(seed: i
     away = np.linalg.norm(moved - copy.vertices[there], axis=1) / np.sqrt(copy.area)
     np.testing.assert_allclose(found.matches.scores, away, atol=0.01)
     assert away.max() < 0.02
-    # by the eigenpairs alone left and right are not distinguished
+    # Eigenpairs alone do not distinguish left from right.
     first, second = pairs_of(SYMMETRIC, 40), pairs_of(copy, 40)
     blind = mv.zoomout(first, second, mv.functional_map(first, second, n_functions=20))
     assert np.mean(blind.matches.indices == there) < 0.9
@@ -109,7 +109,7 @@ def test_the_orientation_alone_distinguishes_left_and_right() -> None:
     first, second = pairs_of(SYMMETRIC, 40), pairs_of(copy, 40)
     start = mv.functional_map(first, second, n_functions=15, meshes=(SYMMETRIC, copy))
     found = mv.zoomout(first, second, start)
-    assert found.rigid is None  # nothing is matched by position
+    assert found.rigid is None  # no match by position
     places = SYMMETRIC.vertices[np.argsort(there)[found.matches.indices]]
     away = np.linalg.norm(places - SYMMETRIC.vertices, axis=1) / np.sqrt(SYMMETRIC.area)
     assert away.mean() < 0.03
@@ -119,7 +119,7 @@ def test_a_mirror_image_of_a_symmetric_shape_is_matched_with_its_orientation() -
     mirrored = mv.Mesh(SYMMETRIC.vertices * [-1.0, 1.0, 1.0], SYMMETRIC.faces[:, ::-1])
     copy, there = shapes.moved_copy(with_noise(mirrored, 0.05))
     found = found_with(SYMMETRIC, copy)
-    flipped = KDTree(SYMMETRIC.vertices).query(mirrored.vertices)[1]  # of the other side
+    flipped = KDTree(SYMMETRIC.vertices).query(mirrored.vertices)[1]  # the mirrored vertex
     assert not found.mirrored
     assert np.mean(found.matches.indices == there[flipped]) >= 0.99
 
@@ -156,7 +156,7 @@ def test_a_noisy_copy_of_the_cow_is_matched() -> None:
 
 def test_a_noisy_copy_of_a_faulty_dendrite_is_matched() -> None:
     mesh = shapes.neuron(debris=0)
-    copy, there = shapes.moved_copy(with_noise(mesh, 0.03))  # some edges are as short
+    copy, there = shapes.moved_copy(with_noise(mesh, 0.03))  # The noise is as large as some edges.
     found, used = found_with(mesh, copy).matches.indices, pairs_of(mesh, 40).mass > 0.0
     assert np.mean(found[used] == there[used]) >= 0.99
     assert (found[~used] == -1).all()
@@ -205,10 +205,10 @@ def test_maps_of_compared_shapes_are_carried_both_ways() -> None:
 
 
 def test_a_copy_with_noise_of_a_fifth_of_an_edge_is_matched_by_position() -> None:
-    """The functional map alone matches 37 % of the vertices, and so leads to a wrong fit first.
+    """A rigid fit after refinement matches a copy with noise of 0.2 edges.
 
-    Its root mean square distance is 0.39 edges: that of points anywhere on the surface from the
-    vertices is √5 / 6 = 0.37. It is refused, and the fit from the refined map is the copy.
+    The functional map matches 37 % of the vertices. Its fit is rejected: the root mean square
+    distance is 0.39 edges, and that of random points on the surface √5 / 6 = 0.37.
     """
     copy, there = shapes.moved_copy(with_noise(ODD, 0.12))
     found = found_with(ODD, copy)

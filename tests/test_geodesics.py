@@ -1,4 +1,4 @@
-"""Distances within a radius: on a plane, a sphere, around a slit; and lassos of known shapes."""
+"""Distances within a radius on a plane, a sphere and around a slit, and selections by lasso."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_a_polygon_takes_what_is_inside_to_a_pixel() -> None:
     turned = np.roll(triangle, -1, axis=0) - triangle
     away = points[:, None] - triangle
     cross = turned[:, 0] * away[..., 1] - turned[:, 1] * away[..., 0]
-    depth = (cross / np.linalg.norm(turned, axis=1)).min(axis=1)  # in pixels, inside positive
+    depth = (cross / np.linalg.norm(turned, axis=1)).min(axis=1)  # in pixels, positive inside
     inside = within_polygon(points, triangle)
     sure = np.abs(depth) > 1.0
     assert np.array_equal(inside[sure], depth[sure] > 0.0)
@@ -80,7 +80,7 @@ def test_only_the_front_of_a_ball_is_visible() -> None:
 
 @pytest.mark.parametrize("subdivisions", [0, 4])
 def test_a_ball_behind_another_is_hidden(subdivisions: int) -> None:
-    """Also behind one of few large faces, whose corners are far apart."""
+    """The front ball may have few large faces, with corners far apart."""
     back, front = shapes.icosphere(4), shapes.icosphere(subdivisions, radius=2.0)
     both = Mesh(
         np.concatenate([back.vertices, front.vertices + np.array([0.0, 0.0, 6.0])]),

@@ -1,6 +1,6 @@
-"""Hard eigenproblems from seeds, and those that once went wrong (see `hard_spectra`).
+"""Hard eigenproblems from seeds, and problems once solved wrongly (see `hard_spectra`).
 
-`./dev bench hard` solves any number of them, and any single one again.
+`./dev bench hard` solves any number of problems, or repeats a single problem.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from shapes import icosphere
 
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
-#: The first so many problems are solved at every change, all of them in the whole run.
+#: Problems solved at every change, problems solved in a full run, and problems per test.
 _QUICK, _PROBLEMS, _CHUNK = 50, 300, 10
-#: Of a longer series of examples, each third is enough here.
+#: Number of examples in a series above which only every third is solved.
 _MANY = 20
 
 
 def complaint(verdict: Verdict) -> str:
-    """What is wrong, or a refusal for which no reason is known; nothing if all is well."""
+    """Return the error, or the unjustified refusal, of a verdict; else an empty string."""
     if verdict.state == "right" or verdict.needed:
         return ""
     name = f"./dev bench hard --only {verdict.problem.seed}: " if verdict.problem.seed >= 0 else ""
@@ -84,18 +84,18 @@ def test_example(name: str) -> None:
     assert not list(filter(None, complaints))
 
 
-# The judge itself ------------------------------------------------------------------------------
+# The judge -------------------------------------------------------------------------------------
 
 Spoil = Callable[[Decomposition], Decomposition]
 
 
 def sphere_problem() -> Problem:
-    """Multiple eigenvalues: 1, 3, 5, 3 + 4, ... of them."""
+    """Return a problem with multiplicities 1, 3, 5, 3 + 4, ..."""
     return Problem("sphere", "icosphere of 162", *matrices_of(icosphere(2)))
 
 
 def shifted_problem() -> Problem:
-    """The lowest eigenvalue is 1e-6."""
+    """Return a problem with lowest eigenvalue 1e-6."""
     stiffness = graph_laplacian(120, grid_edges(10, 12)) + 1e-6 * sp.eye_array(120)
     return Problem("shifted", "grid + 1e-6 M", sp.csr_array(stiffness), np.ones(120))
 
@@ -103,7 +103,7 @@ def shifted_problem() -> Problem:
 def spoilt(
     monkeypatch: pytest.MonkeyPatch, problem: Problem, request: Request, spoil: Spoil
 ) -> Verdict:
-    """The verdict on answers that have been tampered with."""
+    """Return the verdict on an answer changed by `spoil`."""
 
     def solve_and_spoil(*given: Any, **options: Any) -> Decomposition:
         return spoil(solve(*given, **options))
@@ -113,7 +113,7 @@ def spoilt(
 
 
 def without(found: Decomposition, i: int) -> Decomposition:
-    """An answer that has lost a pair."""
+    """Return an answer without pair i."""
     return replace(
         found,
         eigenvalues=np.delete(found.eigenvalues, i),
@@ -135,7 +135,7 @@ def with_row(found: Decomposition, i: int, row: Any) -> Decomposition:
 
 
 def doubled(found: Decomposition) -> Decomposition:
-    """An answer that has one pair in place of the next."""
+    """Return an answer with a copy of pair 4 in place of pair 5."""
     return with_row(with_eigenvalue(found, 5, float(found.eigenvalues[4])), 5, found.rows[4])
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a mesh, counted, and mended."""
+"""Faults of a mesh: counts and repairs."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def test_the_boundary_of_a_rectangle():
 def test_each_fault_is_counted(neuron):
     health = mesh_health(neuron)
     assert health.n_components == 6
-    # The hole opens 4 edges, the shared edge closes on 4 faces, the flat face has 3 edges of
-    # which one lies on the trunk.
+    # The hole has 4 boundary edges and the shared edge 4 faces. One of the 3 edges of the flat face
+    # lies on the trunk.
     assert health.nonmanifold_edges > 0
     assert health.boundary_edges > 0
     assert health.degenerate_faces == 1
@@ -70,14 +70,14 @@ def test_edges_agree_with_counting_by_hand(neuron):
 
 
 def _spread(mesh, rng):
-    """Largest change of L, relative to its largest entry, when faces are put into other orders."""
+    """Return the largest relative change of L under permutations of the faces."""
     stiffness, _ = cotangent_laplacian(mesh, robust=True)
     orders = (Mesh(mesh.vertices, rng.permutation(mesh.faces)) for _ in range(8))
     others = (cotangent_laplacian(other, robust=True)[0] for other in orders)
     return max(abs(other - stiffness).max() for other in others) / abs(stiffness).max()
 
 
-#: Faces around the edge 01: their third corners.
+#: Third corners of the faces around the edge 01.
 _AROUND = {
     "three directions": ([2, 3, 4], 0),
     "two opposite directions": ([2, 3, 5], 0),
@@ -132,7 +132,7 @@ def test_a_needle_is_flat_in_any_unit():
         assert mesh_health(mesh).degenerate_faces == 1
 
 
-#: Two triangles side by side and one apart, with three faces that are no triangles among them.
+#: Two adjacent triangles, a separate triangle, and three degenerate faces.
 SPOILED = Mesh(
     [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 5, 5], [9, 0, 0], [9, 1, 0], [8, 1, 0]],
     [[4, 4, 0], [0, 1, 2], [2, 2, 2], [0, 2, 3], [1, 3, 1], [5, 6, 7], [1, 2, 0]],
@@ -162,7 +162,7 @@ def test_faults_are_counted_where_some_faces_have_a_corner_twice():
     assert (health.degenerate_faces, health.duplicate_faces) == (3, 1)
     assert (health.unreferenced_vertices, health.n_components) == (1, 2)
     assert health.largest_component == 4
-    # The diagonal has three faces, the four sides of the square one or two, the other three one.
+    # The diagonal has three faces, each side of the square one or two, the other edges one.
     assert (health.boundary_edges, health.nonmanifold_edges) == (5, 1)
 
 
@@ -204,7 +204,7 @@ def test_each_repair_leaves_nothing_of_what_it_counts(neuron, name):
     assert repair.count(mesh_health(mended)) == 0
     assert mended.unit == "nm"
     assert mended.name == neuron.name
-    # and what was whole is left as it was
+    # A second repair changes nothing.
     assert REPAIRS[name].apply(mended).content_hash == mended.content_hash
 
 
@@ -225,7 +225,7 @@ def test_a_repair_that_would_leave_nothing_is_refused():
 
 
 def test_a_flat_face_far_from_the_origin_is_still_flat():
-    # Rounding of the coordinates gives it a height of some 1e-11.
+    # Rounding of the coordinates gives the face a height of about 1e-11.
     vertices = np.array([[0.1, 0.2, 0.3], [100.7, 30.1, 5.9], [0.0, 0, 0], [3.0, 50, 7]])
     vertices[2] = 0.3 * vertices[0] + 0.7 * vertices[1]
     far = np.array([250_000.0, 180_000.0, 90_000.0])
@@ -264,7 +264,7 @@ def test_the_sample_neurons_are_one_closed_surface_in_nm(name: str) -> None:
 
 
 def _split(mesh: Mesh, chunk: np.ndarray) -> Mesh:
-    """Chunks with vertices of their own, as a surface that was stored in parts."""
+    """Return a mesh whose chunks share no vertices, as of a surface stored in chunks."""
     vertices, faces, start = [], [], 0
     for each in np.unique(chunk):
         part = mesh.faces[chunk == each]
@@ -329,7 +329,7 @@ def _box(shift: float) -> Mesh:
 
 
 PLANE = shapes.rectangle(5, 5, 4.0, 4.0)
-#: A square on its side, whose lower edge lies within `PLANE`.
+#: A vertical square whose lower edge lies within `PLANE`.
 WALL = Mesh(PLANE.vertices[:, [0, 2, 1]] + [0.0, 2.0, 0.0], PLANE.faces)
 TOUCHING = {
     "balls at one vertex": _both(
@@ -361,7 +361,7 @@ def test_sheets_that_touch_stay_apart(mesh):
 
 
 def test_two_chunked_sheets_that_touch_are_two():
-    """Each has a seam at the same place: its own halves are joined, and not to the other's."""
+    """Seams of two sheets at one place: chunks are joined within each sheet only."""
     ball = shapes.icosphere(3)
     other = _moved(ball, *2.0 * ball.vertices[0])
     both = _both(_split(ball, _octants(ball)), _split(other, _octants(other)))
@@ -411,7 +411,7 @@ def test_a_closed_surface_looks_outwards(share: float, shift: float):
     mesh = _turned(_moved(ball, shift, -shift, shift), which)
     health = mesh_health(mesh)
     assert health.disagreeing_edges == _disagreeing_by_hand(mesh)
-    # all faces turned agree as well: what looks inwards as a whole may be meant to
+    # Faces that are all reversed agree, too: a whole mesh may face inwards by intent.
     expected = int(which.sum()) if 0 < which.sum() < ball.n_faces else 0
     assert health.reversed_faces == expected
     oriented = repair_mesh(mesh, "orient_faces")
@@ -432,7 +432,7 @@ def test_on_an_open_surface_the_larger_area_stays(share: float):
 
 
 def _strip(count: int, twists: int) -> Mesh:
-    """A ring of squares of a width; with an odd number of half twists it has one side only."""
+    """Return a ring of squares, which has one side only if `twists` is odd."""
     angle = 2.0 * np.pi * np.arange(count) / count
     half = 0.3 * np.array([-1.0, 1.0])[:, None]
     lean = 0.5 * twists * angle
@@ -452,7 +452,7 @@ def test_a_surface_with_one_side_has_no_direction():
     assert health.disagreeing_edges > 0
     assert health.reversed_faces == 0
     assert repair_mesh(strip, "orient_faces") == strip
-    # and does not keep others from being oriented
+    # Other components are still oriented.
     ring = _strip(24, 2)
     both = _both(strip, _moved(_turned(ring, np.arange(ring.n_faces) < 5), 5.0, 0.0, 0.0))
     assert mesh_health(both).reversed_faces == 5
@@ -461,7 +461,7 @@ def test_a_surface_with_one_side_has_no_direction():
 
 
 def test_directions_do_not_cross_edges_of_many_faces():
-    """Three half planes at one edge agree on nothing, whichever way they are turned."""
+    """Three half planes at one edge have no disagreeing edge, whatever their orientation."""
     mesh = repair_mesh(TOUCHING["three sheets at one edge"], "merge_coincident_vertices")
     for way in range(8):
         which = np.repeat([way & 1, way & 2, way & 4], PLANE.n_faces) > 0
@@ -484,5 +484,5 @@ def test_directions_of_a_million_faces_take_seconds():
     began = time.process_time()
     oriented = repair_mesh(mesh, "orient_faces")
     assert _volume(oriented) == pytest.approx(_volume(ball))
-    # 82,000 faces here, of which a twelfth of a second was measured
+    # 82,000 faces took 1/12 s when measured.
     assert time.process_time() - began < 2.0

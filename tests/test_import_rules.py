@@ -1,4 +1,4 @@
-"""The house has one direction: numerics, fields, io, model, app; only the render knows VTK."""
+"""Import rules: one direction numerics, fields, io, model, app; VTK in the render only."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MODULES = {
 WINDOW_LIBRARIES = {"PySide6", "pyqtgraph", "pyvista", "pyvistaqt", "superqt", "vtk", "vtkmodules"}
 VTK = {"pyvista", "pyvistaqt", "vtk", "vtkmodules"}
 
-#: What each layer may import besides itself.
+#: Layers that each layer may import besides itself.
 ALLOWED = {
     "numerics": set(),
     "fields": {"numerics"},
@@ -36,26 +36,26 @@ ALLOWED = {
     "app": {"numerics", "fields", "io", "model"},
     "cli": {"numerics", "fields", "io", "model", "app"},
 }
-#: Modules outside app/ that touch VTK, inside functions: a conversion, a reader, a writer.
+#: Modules outside app/ that import VTK inside functions: conversion, reader, writer.
 VTK_OUTSIDE_APP = {
     "meshmash_viewer.mesh",
     "meshmash_viewer.triangulation",
     "meshmash_viewer.io.formats.vtk",
     "meshmash_viewer.io.writers",
 }
-#: The folder of the window that touches VTK: the render, and pictures without a window.
+#: Folder in app/ that imports VTK: the render, and pictures without a window.
 VTK_INSIDE_APP = ("view",)
 
-#: Who knows a family besides its file, its tab and the table, and why.
+#: Modules that may name a family, besides its own, its tab and the table, and why.
 KNOW_A_FAMILY = {
-    "meshmash_viewer.app.opening": {"map"},  # the word, in what it says was kept
-    "meshmash_viewer.app.panels.pair_panel": {"eigenfunction"},  # which of them correspond
-    "meshmash_viewer.app.plots.spectrum_views": {"eigenfunction"},  # whose eigenvalues it draws
-    "meshmash_viewer.app.tabs.map_tab": {"filter"},  # what a map is passed through
-    "meshmash_viewer.app.tabs.parameters": {"filter"},  # whose parameters two tabs have
-    "meshmash_viewer.app.tabs.pin_tabs": {"distance", "similarity"},  # which refer to a pin
-    "meshmash_viewer.app.tabs.spectral_tabs": {"eigenfunction", "filter"},  # which it is about
-    "meshmash_viewer.app.tabs": {  # which have more controls than a form
+    "meshmash_viewer.app.opening": {"map"},  # key of kept maps
+    "meshmash_viewer.app.panels.pair_panel": {"eigenfunction"},  # shows corresponding pairs
+    "meshmash_viewer.app.plots.spectrum_views": {"eigenfunction"},  # draws eigenvalues
+    "meshmash_viewer.app.tabs.map_tab": {"filter"},  # filters a map
+    "meshmash_viewer.app.tabs.parameters": {"filter"},  # parameters in two tabs
+    "meshmash_viewer.app.tabs.pin_tabs": {"distance", "similarity"},  # measured from a pin
+    "meshmash_viewer.app.tabs.spectral_tabs": {"eigenfunction", "filter"},  # tabs of both
+    "meshmash_viewer.app.tabs": {  # tabs with more than a form
         "eigenfunction",
         "filter",
         "similarity",
@@ -63,12 +63,12 @@ KNOW_A_FAMILY = {
         "map",
     },
     "meshmash_viewer.model.document": {"eigenfunction", "similarity"},  # flips, measures from a pin
-    "meshmash_viewer.io.formats.brain": {"map"},  # the word, for one without a name
-    "meshmash_viewer.model.maps": {"map"},  # shows a new one
-    "meshmash_viewer.fields.maps": {"filter", "band"},  # likewise, and a view of that name
-    "meshmash_viewer.fields.similarity": {"hks"},  # in which it measures before one chooses
+    "meshmash_viewer.io.formats.brain": {"map"},  # name of a nameless map
+    "meshmash_viewer.model.maps": {"map"},  # shows a new map
+    "meshmash_viewer.fields.maps": {"filter", "band"},  # views with these names
+    "meshmash_viewer.fields.similarity": {"hks"},  # default features
 }
-#: The kinds that commands take by default or whose options they add to.
+#: Kinds that commands use by default or extend with options.
 NAMED_BY_THE_COMMAND_LINE = {"hks", "map", "wks"}
 
 
@@ -86,7 +86,7 @@ def parsed(module: str) -> ast.Module:
 
 @cache
 def imports(module: str, top_level_only: bool = False) -> frozenset[str]:
-    """Full names of the modules that a module imports; those inside functions too, unless told."""
+    """Return full names of all imported modules, by default also of imports inside functions."""
     tree = parsed(module)
     package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
     found = set()
@@ -116,7 +116,7 @@ def roots(names: Iterable[str]) -> set[str]:
 
 
 def loaded_by(code: str) -> set[str]:
-    """Modules that a fresh interpreter has loaded after running some code."""
+    """Return the modules that a new interpreter has loaded after running some code."""
     script = f"{code}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
     run = subprocess.run(
         [sys.executable, "-W", "error::SyntaxWarning", "-c", script],
@@ -136,7 +136,7 @@ def test_nothing_outside_app_loads_the_window_libraries() -> None:
 
 
 def test_importing_the_package_costs_nothing() -> None:
-    # Its public names are loaded when they are first used; a clock would only tell of the machine.
+    # Public names are loaded at first use. Times would depend on the machine.
     loaded = roots(loaded_by("import meshmash_viewer"))
     heavy = {"joblib", "matplotlib", "nibabel", "numpy", "pandas", "pyarrow", "pymetis", "scipy"}
     heavy |= {"robust_laplacian", "trimesh", "tqdm", "psygnal"}
@@ -163,7 +163,7 @@ def test_imports_go_one_way() -> None:
 
 
 def test_no_module_needs_itself() -> None:
-    # imports inside functions, and those for annotations, count
+    # Imports inside functions and for annotations count.
     needs = {module: imports(module) - {module} for module in MODULES}
     TopologicalSorter(needs).prepare()
 
@@ -196,7 +196,7 @@ def test_panels_know_the_model_and_not_one_another() -> None:
 
 
 def test_a_family_is_known_by_its_file_its_tab_and_the_table() -> None:
-    """Whoever else needs something of it asks all of them, by a method of `Family`."""
+    """Other modules use the methods of `Family` and name no family."""
     for (name, family), module in product(FAMILIES.items(), MODULES):
         own = {family.__module__, "meshmash_viewer.fields.table"}
         said = {name, *([family.export] if family.counted else [])}
@@ -213,7 +213,7 @@ def test_a_family_is_known_by_its_file_its_tab_and_the_table() -> None:
 
 @cache
 def names_in(module: str) -> frozenset[str]:
-    """Texts that a module knows, but for the nouns that it counts."""
+    """Return the string constants of a module except arguments of `counted`."""
     nodes = list(ast.walk(parsed(module)))
     nouns = [
         argument

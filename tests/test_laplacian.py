@@ -1,4 +1,4 @@
-"""The operators against the properties that define them."""
+"""Operators and their defining properties."""
 
 from __future__ import annotations
 
@@ -112,12 +112,12 @@ def test_without_ambiguous_edges_the_order_of_vertices_and_faces_changes_roundin
 
 
 def _joined(first, second):
-    """Both meshes in one, as arrays."""
+    """Return the arrays of both meshes in one."""
     vertices = np.concatenate([first[0], second[0]])
     return vertices, np.concatenate([first[1], second[1] + len(first[0])])
 
 
-#: What is done to vertices and faces of a mesh, with a generator of random numbers.
+#: Changes of the vertices and faces of a mesh, given a random generator.
 ARRAYS = {
     "as they are": lambda v, f, rng: (v, f),
     "faces in another order": lambda v, f, rng: (v, rng.permutation(f)),
@@ -145,7 +145,7 @@ ARRAYS = {
 @pytest.mark.parametrize("change", ARRAYS.values(), ids=ARRAYS)
 def test_robust_is_the_operator_of_the_library_for_the_same_arrays(rng, change):
     ball, waist = shapes.icosphere(2), shapes.icosphere(1, radius=0.8)
-    # three sheets share the edges of one face, and two of them one more vertex
+    # Three sheets share the edges of one face, and two of the sheets another vertex.
     vertices, faces = _joined((ball.vertices, ball.faces), (waist.vertices, waist.faces))
     faces[faces == faces[-1, 0]] = 11
     faces = np.append(faces, [[*ball.faces[0, :2], 170], [*ball.faces[0, :2], 180]], 0)
@@ -181,7 +181,7 @@ def test_robust_takes_every_fault(neuron):
         eigvals_only=True,
         subset_by_index=[0, 7],
     )
-    # positive semi-definite, with one zero a component
+    # Positive semidefinite, with one zero for each component.
     assert np.abs(values[:6]).max() < 1e-9 * values[6]
     assert values[6] > 0.0
 
@@ -199,7 +199,7 @@ def test_plain_refuses_faces_without_area_and_names_one(neuron):
         cotangent_laplacian(neuron)
     flat = neuron.faces[-1].tolist()
     assert str(flat) in str(caught.value)
-    # areas need no cotangents
+    # Areas need no cotangents.
     assert area_matrix(neuron).diagonal().sum() == pytest.approx(neuron.area)
 
 

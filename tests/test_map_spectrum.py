@@ -1,4 +1,4 @@
-"""The spectrum of a map: Parseval, eigenfunctions, and the scale of waves."""
+"""Spectrum of a map: Parseval, eigenfunctions and wavelengths."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_an_eigenfunction_has_one_line(every_pair, index: int) -> None:
 
 
 def test_the_mean_is_not_what_varies(every_pair) -> None:
-    """A thickness is mostly its mean; what pairs say of the rest is another number."""
+    """Ten pairs have almost all of a map with a large mean, but half of its variation."""
     f = 10.0 + every_pair.eigenvectors[:, 5] + every_pair.eigenvectors[:, 50]
     found = mv.map_spectrum(every_pair, f)
     assert found.share(10) > 0.99
@@ -93,7 +93,7 @@ def test_the_dominant_band_is_that_of_the_stronger_wave(every_pair) -> None:
     found = mv.map_spectrum(every_pair, 7.0 + long + short)
     wanted = np.where(np.abs(long) > np.abs(short), *(np.searchsorted(edges, values[[2, 60]]) - 1))
     assert 0.2 < np.mean(wanted == wanted.max()) < 0.8
-    clear = np.maximum(np.abs(long), np.abs(short)) > 1e-9  # both may vanish at a vertex
+    clear = np.maximum(np.abs(long), np.abs(short)) > 1e-9  # not where both vanish
     bands = mv.dominant_bands(found, every_pair.rows)
     np.testing.assert_array_equal(bands[clear], wanted[clear])
     going_on = mv.dominant_bands(found, every_pair.rows, cancel=lambda: False)

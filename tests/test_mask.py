@@ -1,4 +1,4 @@
-"""Solving on some vertices of a mesh only: equal to the mesh of their faces alone."""
+"""Solves on a mask of vertices, equal to solves on the mesh of the faces within the mask."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COUNT = 12
 
 
 def masks() -> list[tuple[str, mv.Mesh, np.ndarray]]:
-    """Return meshes with masks: a half, a band, several parts, loose vertices, random ones."""
+    """Return meshes with masks: a half, a band, several parts, loose or random vertices."""
     blob = shapes.blob(2)
     x, _, z = blob.vertices.T
     torus = trimesh.creation.torus(2.0, 0.7, major_sections=24, minor_sections=12)

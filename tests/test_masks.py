@@ -1,4 +1,4 @@
-"""Masks of vertices on a plane and a sphere, where the truth is known."""
+"""Masks of vertices on a plane and a sphere, with known results."""
 
 from __future__ import annotations
 

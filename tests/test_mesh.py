@@ -1,4 +1,4 @@
-"""The mesh: what it accepts, what it refuses, and what it says of itself."""
+"""The mesh: valid input, refused input, and properties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Without a package the program works as far as it can, and else says what to install."""
+"""Missing optional packages: the rest works, and messages name the package to install."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tiers import slow
 from meshmash_viewer.model.notices import failure_of
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Run by every interpreter that sees it, those that the program starts included.
+#: Start-up code of every interpreter with this folder in its path, also of child processes.
 BLOCK = """
 import os, sys
 from importlib import machinery
@@ -48,7 +48,7 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
         **os.environ,
         "BLOCKED": blocked,
         "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]),
-        "PATH": str(folder),  # no ffmpeg of the system's
+        "PATH": str(folder),  # hides the system's ffmpeg
         "QT_QPA_PLATFORM": "offscreen",
     }
     return subprocess.run(

@@ -1,4 +1,4 @@
-"""Every index is that of the file, whatever was repaired, and results fit the whole file."""
+"""Indices refer to vertices of the file after any repair, and results fit the whole file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LARGEST, MERGE, DROP = (
 
 
 def seamed() -> Mesh:
-    """A small ball, loose vertices, a larger ball whose halves do not share their vertices."""
+    """Return a small ball, loose vertices, and a larger ball of halves without common vertices."""
     small, large = shapes.icosphere(1), shapes.icosphere(2)
     upper = large.vertices[large.faces].mean(axis=1)[:, 2] > 0.0
     faces = large.faces.copy()
@@ -101,7 +101,7 @@ def test_merged_vertices_have_one_value_on_the_whole_file(raw: Mesh) -> None:
     np.testing.assert_array_equal(first, again)
     np.testing.assert_array_equal(first, values)
     assert np.isnan(whole[:45]).all()
-    assert np.isnan(mesh.on_file(np.arange(mesh.n_vertices))[:45]).all()  # of whole numbers, too
+    assert np.isnan(mesh.on_file(np.arange(mesh.n_vertices))[:45]).all()  # also of integers
     assert raw.on_file(values) is values
 
 
@@ -130,7 +130,7 @@ def exported(mesh: Mesh) -> Features:
 
 
 def rows_of(path: Path) -> Any:
-    """Indices and values of the rows of a file, by the libraries that know its format."""
+    """Return indices and values of the rows of a file, read by the libraries of its format."""
     match path.suffix:
         case ".csv" | ".parquet":
             read = pyarrow.csv.read_csv if path.suffix == ".csv" else pyarrow.parquet.read_table
@@ -178,7 +178,7 @@ def test_rows_of_every_format_have_the_indices_of_the_file(
     indices, columns = rows_of(path)
     np.testing.assert_allclose(raw.vertices[indices].T, columns, rtol=1e-6, atol=1e-6)
 
-    # on the whole file a row is a vertex of it
+    # On the whole file, each row is a vertex of the file.
     write_features(path, exported(repaired).on_file(repaired), raw)
     indices, columns = rows_of(path)
     assert indices is None or list(indices) == list(range(raw.n_vertices))
@@ -186,7 +186,7 @@ def test_rows_of_every_format_have_the_indices_of_the_file(
         values = np.array(columns, dtype=float)
         there = ~np.isnan(values[0])
         np.testing.assert_allclose(raw.vertices[there].T, values[:, there], rtol=1e-6)
-        assert there.sum() > repaired.n_vertices  # merged ones are two there
+        assert there.sum() > repaired.n_vertices  # merged vertices are two rows
 
 
 @pytest.mark.usefixtures("read_here")

@@ -1,4 +1,4 @@
-"""What is given away: source archive and wheel, installed where the checkout is not seen."""
+"""Distributed packages: source archive and wheel, installed away from the checkout."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The source archive, and the wheel made of what it holds."""
+    """Build the source archive, and the wheel from its content."""
     pytest.importorskip("setuptools", "77", reason="older ones cannot build it")
     folder = tmp_path_factory.mktemp("packages")
-    checkout = folder / "checkout"  # a copy: building leaves folders behind
+    checkout = folder / "checkout"  # a copy, since builds leave folders
     shutil.copytree(
         ROOT,
         checkout,
@@ -67,7 +67,7 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 @pytest.fixture(scope="module")
 def installed(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The scripts of an environment with the wheel, and what it needs by way of a path."""
+    """Install the wheel in a new environment, with dependencies by path; return its scripts."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, symlinks=os.name != "nt")
     scripts = folder / ("Scripts" if os.name == "nt" else "bin")
@@ -75,7 +75,7 @@ def installed(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFact
     place = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder)
     pip = (sys.executable, "-m", "pip", "--python", python, "install", "--quiet")
     run(*pip, "--no-deps", "--no-index", archives[1], cwd=folder)
-    # a line of this file is a folder: other environments' editable installs are not followed
+    # Folders in a .pth file add packages, but not the editable installs of other environments.
     needed = [path for path in sys.path if path.endswith("-packages")]
     Path(place.strip(), "needed.pth").write_text("\n".join(needed), encoding="utf-8")
     return scripts

@@ -47,12 +47,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("**/[xy].obj", "deep/er/y.obj deep/x.obj"),
         ("deep/**/*.obj", "deep/er/y.obj deep/x.obj"),
         ("scan *.obj", "scan [1].obj"),
-        # names that hold such characters, as Windows and browsers give copies
+        # names with such characters, which Windows and browsers give to copies
         ("scan [1].obj", "scan [1].obj"),
         ("copy [2]/*.obj", "copy [2]/z.obj"),
         ("copy [2]/z.obj", "copy [2]/z.obj"),
         ("copy */z.obj", "copy 2/z.obj,copy [2]/z.obj"),
-        # names without any are not looked for
+        # names without patterns, never searched for
         ("none.obj", "none.obj"),
         ("deep/none.obj", "deep/none.obj"),
     ],

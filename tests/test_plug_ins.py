@@ -1,4 +1,4 @@
-"""Plug-ins by entry points: the example installed, and packages that cannot be used."""
+"""Plug-ins by entry points: the installed example, and unusable packages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from meshmash_viewer.mesh import Mesh
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "plugin"
-#: Entry points of a package that nothing good can come of, and what is said of each.
+#: Invalid entry points of a package, with a part of the message for each.
 BROKEN = {
     "fields": {
         "hks": ("broken:no", "the name is taken"),
@@ -28,7 +28,7 @@ BROKEN = {
     },
     "readers": {".ply": ("math:floor", "the name is taken"), "end": ("math:floor", "lower-case")},
 }
-#: One that is found out when it is used.
+#: An entry point that fails only when it is used.
 LATE = {"writers": {".end": ("broken.ending:gone", "leaving")}}
 
 
@@ -36,7 +36,7 @@ LATE = {"writers": {".end": ("broken.ending:gone", "leaving")}}
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("setuptools", "77", reason="older ones cannot build it")
     folder = tmp_path_factory.mktemp("good")
-    shutil.copytree(EXAMPLE, folder / "source")  # building leaves folders behind
+    shutil.copytree(EXAMPLE, folder / "source")  # a copy, since builds leave folders
     pip = (sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps")
     place = ("--no-build-isolation", "--target", folder / "packages", folder / "source")
     subprocess.run([*pip, *place], check=True, capture_output=True)
@@ -92,7 +92,7 @@ def test_a_plug_in_reads_computes_and_writes(good: Path, tmp_path: Path) -> None
     assert (done.returncode, done.stderr) == (0, "")
     values = np.loadtxt(tmp_path / "out.tsv", skiprows=1)
     assert values.shape == (ball.n_vertices, 5)
-    # on a sphere all vertices are alike, and 2 d + 1 pairs have the eigenvalue d (d + 1)
+    # On a sphere all vertices are equivalent, and d (d + 1) has multiplicity 2 d + 1.
     degrees = np.arange(6.0)
     scaled = degrees * (degrees + 1.0) / np.geomspace(2.0, 30.0, 5)[:, np.newaxis]
     wanted = (scaled * np.exp(1.0 - scaled)) @ (2.0 * degrees + 1.0) / (4.0 * np.pi)

@@ -1,4 +1,4 @@
-"""Points such as synapses: nearest vertices by brute force, exact sums, and every bad input."""
+"""Points such as synapses: nearest vertices by brute force, exact sums, and bad input."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UP = BALL.vertices[:, 2] > 0.0
 
 
 def synapses(n: int = 300, seed: int = 0) -> pandas.DataFrame:
-    """Points around a sphere, some farther from it, with an identifier beyond 53 bits."""
+    """Return points around a sphere, some far from it, with identifiers of more than 53 bits."""
     rng = np.random.default_rng(seed)
     places = rng.normal(size=(n, 3))
     places *= rng.uniform(3000.0, 5500.0, n)[:, None] / np.linalg.norm(places, axis=1)[:, None]
@@ -83,7 +83,7 @@ def test_vertices_are_those_of_the_file_after_a_repair() -> None:
     found = mv.project_points(repaired, table)
     np.testing.assert_array_equal(mesh.vertices[0], stray[0])
     assert found.near.any()
-    whole = mv.project_points(mesh, table)  # in which the stray vertex is never the nearest
+    whole = mv.project_points(mesh, table)  # The stray vertex is never the nearest.
     np.testing.assert_array_equal(found.file_vertices, whole.vertices)
     assert whole.vertices.min() != 0
 
@@ -111,7 +111,7 @@ def test_sums_and_counts_of_regions_and_labels_are_exact() -> None:
     left = found.n_near - regions["points"].sum()
     assert left > 0
     assert any(each.startswith(f"{left:,} points in no region") for each in regions.remarks)
-    domains = np.arange(BALL.n_vertices) % 7 - 1  # -1 is a number like others
+    domains = np.arange(BALL.n_vertices) % 7 - 1  # -1 is a domain like others
     columns = found.per_label(domains)
     np.testing.assert_array_equal(
         columns["points"], np.bincount(domains[found.vertices[found.near]] + 1, minlength=7)
@@ -256,7 +256,7 @@ def test_points_in_voxels_are_refused_with_their_likely_size() -> None:
     np.testing.assert_array_equal(found.vertices, np.arange(100))
     in_microns = mv.project_points(FAR, mv.Points(FAR.vertices[:9] / 1000.0, unit="µm"))
     np.testing.assert_array_equal(in_microns.vertices, np.arange(9))
-    mixed = np.vstack([places, FAR.vertices[:30]])  # most of them are far: said, not refused
+    mixed = np.vstack([places, FAR.vertices[:30]])  # most are far: a remark, no error
     (remark,) = mv.project_points(FAR, mixed).remarks
     assert remark.startswith("100 of 130 points lie outside the box of the mesh, and in 4 × 4 × 40")
 

@@ -14,7 +14,7 @@ from meshmash_viewer.spectral.preview import expected_error, preview_eigenpairs
 
 
 def captured(mesh: Mesh, preview: Eigenpairs, n_exact: int) -> np.ndarray:
-    """Share of each previewed function that lies in the span of the exact ones."""
+    """Return the norm of each previewed function's projection on the exact eigenfunctions."""
     _, mass = cotangent_laplacian(mesh, robust=True)
     used = mesh.referenced
     exact = spectrum_of(mesh, n_exact).rows[:, used] * mass.diagonal()[used]
@@ -41,7 +41,7 @@ def test_rectangle_has_neumann_eigenvalues() -> None:
 
 
 def test_thin_branches_are_chains_of_cells() -> None:
-    # a tube much thinner than a cell is long is a segment
+    # A tube much thinner than the length of a cell is a segment.
     path = np.linspace([0.0, 0.0, 0.0], [100.0, 0.0, 0.0], 2000)
     mesh = Mesh(*shapes.tube(path, np.full((len(path), 1), 0.3), around=6))
     preview = preview_eigenpairs(mesh, 8, n_cells=200)
@@ -80,7 +80,7 @@ def test_unit_makes_no_difference(rectangle: Mesh) -> None:
 def test_faces_without_area_and_a_component_at_one_place_take_no_part(rectangle: Mesh) -> None:
     n = rectangle.n_vertices
     vertices = np.concatenate([rectangle.vertices, np.full((3, 3), 5.0)])
-    # Of three vertices, or of two, that lie far from each other, on one side of the rectangle.
+    # Faces of three or two distant vertices on one side of the rectangle.
     side = np.flatnonzero(rectangle.vertices[:, 0] == rectangle.vertices[:, 0].min())
     first, middle, last = side[0], side[len(side) // 2], side[-1]
     more = [[first, middle, last], [first, last, last], [n, n + 1, n + 2]]
@@ -95,7 +95,7 @@ def test_it_can_be_given_up_and_says_how_good_it_is(
     sphere: Mesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(preview_module, "solve", None)  # it is not come to
+        patch.setattr(preview_module, "solve", None)  # must not be called
         with pytest.raises(Cancelled):
             preview_eigenpairs(sphere, 5, cancel=lambda: True)
     assert expected_error(5000, 50) < expected_error(2000, 50) < 0.1

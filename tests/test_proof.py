@@ -1,4 +1,4 @@
-"""What is said of eigenpairs: proven where it is, measured always, refused in a sentence."""
+"""Certificates of eigenpairs: proofs, measured residuals, and refusals with a message."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def path_graph(n: int, periodic: bool) -> Any:
 
 
 def grid(rows: int, columns: int, periodic: bool = False) -> Any:
-    """Laplacian of a grid graph, with integer eigenvalues where it is periodic in 4 and 6."""
+    """Return the Laplacian of a grid graph; a periodic grid of 4 × 6 has integer eigenvalues."""
     across = sp.kron(path_graph(rows, periodic), sp.eye_array(columns))
     return sp.csr_array(across + sp.kron(sp.eye_array(rows), path_graph(columns, periodic)))
 
@@ -44,7 +44,7 @@ def with_edge(laplacian: Any, weight: float, i: int = 5, j: int = 6) -> Any:
 
 
 def icosahedra(copies: int) -> tuple[Any, Any]:
-    """Icosahedra, each a little larger than the one before."""
+    """Return matrices of icosahedra of slightly increasing size."""
     one = shapes.icosphere(0)
     scales = 1.0 + 0.03 * np.arange(copies)
     vertices = np.concatenate(
@@ -144,7 +144,7 @@ def test_no_zero_where_there_is_none(lift: float, weight: float) -> None:
     residual = np.linalg.norm(lifted @ row - result.eigenvalues[0] * row) / (
         result.eigenvalues[0] * np.linalg.norm(row)
     )
-    # Measured here in float64, whose rounding is that of the stiffest product.
+    # Rounding of the measurement in float64, from the stiffest product.
     rounding = 1e-15 * (8.0 + weight) / lift
     np.testing.assert_allclose(result.residuals[0], residual, rtol=0.5, atol=rounding)
     assert result.complete == (result.residuals.max() <= 1e-6)
@@ -165,7 +165,7 @@ def test_null_residuals_are_measured() -> None:
     spacing = 4.0 * np.pi / mass.diagonal().sum()
     for row, residual in zip(result.rows[:3], result.residuals[:3], strict=True):
         true = np.linalg.norm(stiffness @ row) / np.linalg.norm(mass @ row) / spacing
-        # The unit of the solver is the power of two next to the spacing.
+        # The solver uses the power of two next to the spacing as its unit.
         np.testing.assert_allclose(residual, true, rtol=0.5, atol=1e-14)
 
 
@@ -174,7 +174,7 @@ def test_only_the_null_vectors_asked_for_are_made() -> None:
     rng = np.random.default_rng(0)
     soup = rng.normal(size=(3 * n_triangles, 3)), np.arange(3 * n_triangles).reshape(-1, 3)
     matrices = cotangent_laplacian(soup)
-    solve(*matrices, 10)  # compiles
+    solve(*matrices, 10)  # compile first
     tracemalloc.start()
     result = solve(*matrices, 10)
     peak = tracemalloc.get_traced_memory()[1]
@@ -196,7 +196,7 @@ def test_vertices_that_only_mass_holds_are_zeros_of_their_own() -> None:
     assert not alone.eigenvalues.any()
 
 
-# What is refused -----------------------------------------------------------------------------
+# Refusals ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [20, pytest.param(40, marks=pytest.mark.slow)])
@@ -210,7 +210,7 @@ def test_extremes_are_refused_in_a_sentence() -> None:
         solve(grid(30, 30), np.full(900, 1e-310), 5)
     with pytest.raises(InputError, match="range of floating-point"):
         solve(1e20 * grid(30, 30), np.where(np.arange(900) == 7, 1e-300, 1.0), 5)
-    # Beside an edge of 1e16 float64 has no digits left for the others.
+    # With an edge of weight 1e16, float64 has no digits left for other edges.
     assert not solve(with_edge(grid(30, 30), 1e16), np.ones(900), 5).complete
     with pytest.raises(InputError, match="not symmetric"):
         solve(grid(30, 30) + sp.coo_array(([1e-4], ([0], [1])), shape=(900, 900)), np.ones(900), 5)
@@ -257,7 +257,7 @@ def test_a_given_inverse_finds_the_pairs_and_a_poor_one_loses_none(
         return np.asarray(factor.solve(column))
 
     good = LinearOperator((n, n), matvec=apply, dtype=np.float64)
-    with monkeypatch.context() as alone:  # no other way is gone besides
+    with monkeypatch.context() as alone:  # prevent all other methods
         for name in ("_dense", "_sliced"):
             alone.setattr(Computation, name, None)
         result = solve(laplacian, np.ones(n), 12, sigma=sigma, op_inv=good)
@@ -269,7 +269,7 @@ def test_a_given_inverse_finds_the_pairs_and_a_poor_one_loses_none(
 
     def blind(column: np.ndarray) -> np.ndarray:
         answer = np.asarray(factor.solve(column))
-        return answer - low @ (low.T @ answer)  # as if these three were not there
+        return answer - low @ (low.T @ answer)  # hides these three eigenvectors
 
     poor = LinearOperator((n, n), matvec=blind, dtype=np.float64)
     result = solve(laplacian, np.ones(n), 12, sigma=sigma, op_inv=poor)

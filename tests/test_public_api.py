@@ -1,4 +1,4 @@
-"""The package as a table of contents: complete, lazy and light."""
+"""Public names of the package: complete, and imported lazily."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers are read as people write them, and never as another number."""
+"""Numbers in many notations, never read as a different number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rays against meshes whose hits are known, or found face by face."""
+"""Rays with known hits, or with hits found face by face."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from meshmash_viewer.surface.rays import Plane, RayTarget, curve_order
 
 def _face_by_face(
     mesh: Mesh, start: np.ndarray, end: np.ndarray
-) -> tuple[float, int]:  # share of the way and face; infinite and -1 for none
+) -> tuple[float, int]:  # fraction of the segment and face; infinite and -1 for none
     a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
     way = np.broadcast_to(start - end, a.shape)
     system = np.stack([way, b - a, c - a], axis=2)

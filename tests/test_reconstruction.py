@@ -1,4 +1,4 @@
-"""Meshes rebuilt from their lowest eigenfunctions by the command line, and meshes as files."""
+"""Meshes rebuilt from their lowest eigenfunctions on the command line, and written meshes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_sphere_is_its_first_four_eigenfunctions(
 ) -> None:
     out = tmp_path / "smooth.obj"
     report = rebuilt(capsys, str(ball), "--count", "4", "-o", str(out))
-    # of 642 vertices; the areas of an icosphere's vertices differ by a tenth
+    # 642 vertices, whose areas differ by a tenth
     radii = np.linalg.norm(read_mesh(out).vertices, axis=1)
     np.testing.assert_allclose(radii, 1.0, atol=0.01)
     assert report["n_eigenpairs"] == 4

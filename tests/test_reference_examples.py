@@ -1,8 +1,8 @@
-"""The examples of the documentation of the functions, each run as it is written there.
+"""Examples of the documentation of the functions, run as written there.
 
-Names of the package are ours. The mesh is such that the documented eigenvalues (1e-10 to 1e-7)
-lie in its spectrum; times, which do not go with these eigenvalues there, are fitted. Projections
-are weighed by M, which the documents leave out. Plots are reduced to the data they would show.
+Only the name of the package is changed. The spectrum of the mesh contains the documented
+eigenvalues (1e-10 to 1e-7). Documented times do not fit these eigenvalues and are replaced.
+Projections are weighted by M, which the documents omit. Plots are reduced to their data.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from meshmash_viewer.mesh import as_mesh
 
 @pytest.fixture(scope="module")
 def mesh():
-    """A non-manifold neuron in several pieces, large enough for eigenvalues below 1e-8."""
+    """Return a non-manifold neuron in several pieces, large enough for eigenvalues below 1e-8."""
     neuron = shapes.neuron()
     for name in ("drop_degenerate_faces", "drop_unreferenced_vertices"):
         neuron = REPAIRS[name].apply(neuron)
@@ -36,7 +36,7 @@ def matrices(mesh):
 
 @pytest.fixture(scope="module")
 def count(matrices):
-    """How many eigenpairs lie at or below 1e-8, by a dense solution."""
+    """Return the number of eigenpairs up to 1e-8, by a dense solution."""
     from scipy.linalg import eigh
 
     values = eigh(matrices[0].toarray(), matrices[1].toarray(), eigvals_only=True)
@@ -177,7 +177,7 @@ def test_mesh_filtering(mesh, matrices):
 
     assert error(evecs @ (evecs.T @ (M @ vertices))) < error(smoothed_vertices)
     assert error(smoothed_vertices) < error(np.zeros_like(vertices))
-    # without M the shape is lost: off by more than the size of the mesh's own coordinates
+    # Without M the shape is lost: the error exceeds the size of the coordinates.
     assert error(evecs[:, :k] @ (evecs[:, :k].T @ vertices)) > 2.0 * error(smoothed_vertices)
 
 
@@ -295,7 +295,7 @@ def test_the_same_patterns_as_ready_banks(mesh):
 
     for bank in (low_pass_bank(1e-9), band_pass_bank(1e-10, 1e-9)):
         assert spectral_geometry_filter(mesh, filter=bank).shape == (n_vertices(mesh), 1)
-    # exp(-1e8 λ) is still a third at the documented threshold of 1e-8
+    # exp(-1e8 λ) is still 0.37 at the documented threshold of 1e-8
     with pytest.warns(TruncationWarning, match="gaussian_s=1.00e.08"):
         pyramid = spectral_geometry_filter(
             mesh, filter=gaussian_pyramid_bank(np.geomspace(1e8, 1e10, 8))
@@ -357,7 +357,7 @@ def test_geometry_vectors_of_a_wider_range(mesh):
 
 # Heat kernel signature ---------------------------------------------------------------------------
 
-#: Documented as 1e-6 and 1e-3; with eigenvalues up to 1e-8 heat moves between these.
+#: Documented as 1e-6 and 1e-3; for eigenvalues up to 1e-8, heat spreads between these times.
 T_MIN, T_MAX = 1e9, 1e12
 
 
@@ -377,7 +377,7 @@ def test_hks_basic_usage(mesh):
     )
     assert hks.shape == (n_vertices(mesh), 32)
     local_hks, global_hks = hks[:, 0], hks[:, -1]
-    # heat concentrates first and spreads later
+    # Heat is concentrated first and spreads later.
     trunk = as_mesh(mesh).component_labels == 0
     assert local_hks[trunk].std() > 3.0 * global_hks[trunk].std()
     assert (np.diff(hks, axis=1) <= 0.0).all()
@@ -456,7 +456,7 @@ def test_shape_matching(mesh, rng):
     assert (correspondences == np.arange(len(hks1)))[trunk].mean() > 0.99
     match_scores = np.min(distances, axis=1)
     confident_matches = match_scores < np.percentile(match_scores, 10)
-    # On a turned copy scores are rounding, and equal ones may lie on either side of the percentile.
+    # Scores of a rotated copy are rounding: equal scores may lie on both sides of the percentile.
     assert confident_matches.sum() <= len(hks1) // 10 + 1
 
     ours = match_features(hks1, hks2)
@@ -488,12 +488,12 @@ def test_splitting_large_meshes(mesh):
     assert hks.shape == (n_vertices(mesh), 32)
     assert np.isfinite(hks).all()
 
-    # Times chosen on each piece differ from piece to piece; given ones compare to the whole.
+    # Default times differ between pieces; given times make pieces comparable to the whole.
     hks = stitcher.apply(
         lambda m: compute_hks(m, max_eigenvalue=1e-8, n_components=32, t_min=T_MIN, t_max=T_MAX),
     )
     whole = compute_hks(mesh, max_eigenvalue=1e-8, n_components=32, t_min=T_MIN, t_max=T_MAX)
-    # at short times pieces know as much as the whole
+    # At short times, pieces give the features of the whole.
     error = np.abs(hks[:, 0] - whole[:, 0]) / whole[:, 0]
     assert np.median(error) < 0.1
 

@@ -1,4 +1,4 @@
-"""Regions: areas and volumes in closed form, necks of known radius, eigenvalues of submeshes."""
+"""Regions: areas and volumes in closed form, known radii of necks, submesh eigenvalues."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("read_here")
 
 
 def revolved(z: np.ndarray, radius: np.ndarray, around: int = 48) -> trimesh.Trimesh:
-    """Closed surface of revolution about x, turned and moved away from the origin."""
+    """Return a closed surface of revolution about the x axis."""
     path = np.stack([z, np.zeros_like(z), np.zeros_like(z)], axis=1)
     vertices, faces = shapes.tube(path, np.repeat(radius[:, None], around, axis=1), around)
     return trimesh.Trimesh(vertices, faces, process=False)
@@ -35,7 +35,7 @@ def turned(mesh: trimesh.Trimesh, seed: int = 1) -> trimesh.Trimesh:
 
 
 def dumbbell(rings: int = 161, around: int = 48) -> trimesh.Trimesh:
-    """Two bulbs, joined where x is 0 by a neck of radius 0.2."""
+    """Return two bulbs, joined at x = 0 by a neck of radius 0.2."""
     x = np.linspace(-2.0, 2.0, rings)
     radius = (0.2 + 0.8 * np.sin(np.pi * x / 4.0) ** 2) * np.sqrt(1.0 - (np.abs(x) / 2.05) ** 6)
     return revolved(x, radius, around)
@@ -43,7 +43,7 @@ def dumbbell(rings: int = 161, around: int = 48) -> trimesh.Trimesh:
 
 SPHERE = trimesh.creation.icosphere(5)
 TORUS = trimesh.creation.torus(2.0, 0.7, major_sections=96, minor_sections=48)
-#: A cylinder of length 3 and radius 0.5 between half spheres.
+#: A cylinder of length 3 and radius 0.5 between hemispheres.
 END = 0.5 * np.sin(np.linspace(0.02, np.pi / 2, 24))
 CAPSULE = revolved(
     np.concatenate([-1.5 - np.sqrt(0.25 - END**2), np.linspace(-1.45, 1.45, 59),
@@ -57,7 +57,7 @@ def test_areas_on_both_sides_of_a_plane(height: float) -> None:
     expected = {
         "sphere": (SPHERE, 2.0 * np.pi * np.array([1.0 - height, 1.0 + height])),
         "capsule": (CAPSULE, np.pi * np.array([2.0 - height, 2.0 + height])),
-        # the areas where cos u > height / 2 of the circle of the tube's middle, nearly
+        # The plane x = 0 halves the torus.
         "torus": (TORUS, 2.0 * np.pi**2 * 0.7 * 2.0 * np.ones(2)),
     }
     for name, (mesh, areas) in expected.items():
@@ -65,7 +65,7 @@ def test_areas_on_both_sides_of_a_plane(height: float) -> None:
         table = mv.regions(mesh, np.where(mesh.vertices[:, 0] > level, 1, 2), neck=False)
         np.testing.assert_allclose(table["area"], areas, rtol=0.02, err_msg=name)
         assert table["area"].sum() == pytest.approx(mesh.area, rel=1e-12)
-        # what is closed by fans is the solid, but for the faces between both
+        # Regions closed by fans fill the solid except near the faces between both regions.
         bound = areas.max() * 2.0 * np.linalg.norm(np.ptp(mesh.triangles, axis=1), axis=1).max()
         assert mesh.volume - bound < table["volume"].sum() <= mesh.volume
 
@@ -78,7 +78,7 @@ def test_volumes_of_closed_parts() -> None:
     labels = np.repeat([1, 2, 1, 3], [len(mesh.vertices) for mesh in moved])
     table = mv.regions(whole, labels)
     assert table["label"].tolist() == ["1", "1", "2", "3"]
-    assert table["part"].tolist() == [1, 2, 1, 1]  # the largest first
+    assert table["part"].tolist() == [1, 2, 1, 1]  # largest part first
     order = [0, 2, 1, 3]
     expected = [
         turned(each, seed) for seed, each in enumerate((TORUS, CAPSULE, SPHERE, dumbbell()))
@@ -86,21 +86,21 @@ def test_volumes_of_closed_parts() -> None:
     np.testing.assert_allclose(table["volume"], [expected[i].volume for i in order], rtol=1e-9)
     np.testing.assert_allclose(table["area"], [expected[i].area for i in order], rtol=1e-9)
     assert table["loops"].tolist() == [0] * 4
-    assert np.isnan(table["neck_width"]).all()  # none joins a rest
-    assert table["extent"][2] == pytest.approx(4.0, rel=1e-3)  # of the capsule, in any direction
+    assert np.isnan(table["neck_width"]).all()  # no neck to other vertices
+    assert table["extent"][2] == pytest.approx(4.0, rel=1e-3)  # of the rotated capsule
     inward = mv.regions((SPHERE.vertices, SPHERE.faces[:, ::-1]), np.ones(len(SPHERE.vertices)))
     assert inward["volume"][0] == pytest.approx(-SPHERE.volume, rel=1e-9)
 
 
 def test_a_flat_region_has_no_volume() -> None:
-    """Rounding would give one of 1e-17 or so."""
+    """The volume is exactly 0, not 1e-17 from rounding."""
     corners = [[0, 0, 0], [3, 0, 0.3], [3, 7, 0.4], [0, 7, 0.1]]
     flat = turned(trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).subdivide().subdivide())
     assert mv.regions(flat, np.ones(len(flat.vertices), bool))["volume"].tolist() == [0.0]
 
 
 def test_fans_close_a_cut_exactly_where_it_is_flat() -> None:
-    """A part of the cylinder between two rings is a prism."""
+    """The part of a cylinder between two rings is a prism."""
     capsule = turned(CAPSULE)
     table = mv.regions(capsule, np.abs(CAPSULE.vertices[:, 0]) < 1.01)
     polygon = 0.5 * 48 * 0.25 * np.sin(2.0 * np.pi / 48)
@@ -119,7 +119,7 @@ def test_the_neck_of_a_dumbbell(cut: float, rings: int, around: int) -> None:
 
 
 def test_several_necks_and_both_sides() -> None:
-    """Two bulbs with the neck between them labelled on its own; and in another unit."""
+    """Two bulbs with a separate label for the neck between them, in nm and without a unit."""
     shape = dumbbell()
     x = shape.vertices[:, 0]
     labels = np.select([x > 0.3, x < -0.3], [1, 1], 2)
@@ -127,7 +127,7 @@ def test_several_necks_and_both_sides() -> None:
     assert table["part"].tolist() == [1, 2, 1]
     assert table["loops"].tolist() == [1, 1, 2]
     radius = 0.2 + 0.8 * np.sin(np.pi * 0.3 / 4.0) ** 2
-    # a bulb ends where its label does; the tube between joins them at both ends
+    # A bulb ends at the border of its label; the neck joins a bulb at each end.
     np.testing.assert_allclose(table["neck_width"][:2], 16384.0 * np.pi * radius, rtol=0.05)
     assert 1.9 < table["neck_width"][2] / (16384.0 * np.pi * 0.2) < 2.4
     plain = mv.regions(shape, labels, lambda2=True)
@@ -156,11 +156,11 @@ def test_lambda2_is_that_of_the_submesh() -> None:
 
 
 def test_vertices_in_no_region_are_counted() -> None:
-    """Faces that share a vertex are one region; what is in no whole face is in none."""
+    """Faces that share a vertex are one region; vertices in no whole face belong to no region."""
     ball = shapes.icosphere(2)
     around = ball.faces[(ball.faces == 0).any(axis=1)]
     labels = np.zeros(ball.n_vertices, dtype=int)
-    labels[around[:2].ravel()] = 1  # two faces that meet in vertex 0
+    labels[around[:2].ravel()] = 1  # two faces with common vertex 0
     far = np.argsort(np.linalg.norm(ball.vertices + ball.vertices[0], axis=1))
     labels[far[0]] = 1
     named = mv.VertexMap("spots", labels, (mv.Label(1, "spot", "#4477aa"),))
@@ -190,7 +190,7 @@ def test_a_map_of_the_mesh_keeps_its_name_in_the_table() -> None:
 
 
 def test_whole_labels_have_one_row_each() -> None:
-    """Two caps of a ball, and the ring between them less a vertex that is not labelled."""
+    """`whole` gives one row for two caps of a ball, and one for the ring between them."""
     ball = shapes.icosphere(3)
     z = ball.vertices[:, 2]
     values = np.where(np.abs(z) > 0.5, 4, 7)

@@ -1,4 +1,4 @@
-"""Results of a repaired mesh by the numbers of its file: exports, the command line, scripts."""
+"""Results of a repaired mesh, numbered as its file: exports, the command line, scripts."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def save(mesh: Mesh, path: Path) -> Path:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """A small ball of 42 vertices, two loose ones, and a larger ball of 162."""
+    """Write a small ball of 42 vertices, two loose vertices, and a larger ball of 162."""
     small, large = shapes.icosphere(1), shapes.icosphere(2)
     vertices = np.concatenate([small.vertices + 9.0, [[4.0, 4.0, 4.0]] * 2, large.vertices])
     faces = np.concatenate([small.faces, large.faces + 44])
@@ -131,7 +131,7 @@ def test_pieces_eigenpairs_and_matches_come_to_the_whole_mesh(path: Path, tmp_pa
     with np.load(out) as archive:
         match = archive["features"][:, 0]
     assert np.isnan(match[:44]).all()
-    # of the second mesh too, by the index in the file
+    # Indices of the second mesh also refer to its file.
     np.testing.assert_array_equal(match[44:], np.arange(44, 206))
 
 
@@ -176,7 +176,7 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
     raw = mv.read_mesh(path, "8 nm")
     mesh = mv.repair_mesh(raw, LARGEST)
     decompose(mesh, operator, Target("count", 12), listener)
-    # as it was read before the voxels were given
+    # the mesh as read, without a voxel size
     numbers = mv.read_mesh(path)
     for family, n in ((EXPORTS["hks"].exported(3), 3), (EXPORTS["eigenpairs"].exported(), 12)):
         out = tmp_path / "out.npz"
@@ -218,6 +218,6 @@ def test_repairs_are_made_again_on_the_numbers_that_they_were_made_on(
     assert changed.remark.startswith("balls.npz has changed since it was repaired")
     assert "Drop unreferenced vertices, Keep the largest component" in changed.remark
     assert changed.mesh.n_vertices == 206
-    asked = ReadJob(path, repairs=(LARGEST, "polish", DROP)).run(listener)  # as a session does
+    asked = ReadJob(path, repairs=(LARGEST, "polish", DROP)).run(listener)  # from a session
     assert (asked.repairs, asked.unasked, asked.mesh.n_vertices) == ((LARGEST,), False, 162)
     assert asked.remark.startswith("polish was not made again. There is no repair 'polish'")

@@ -1,4 +1,4 @@
-"""Meshes of many components of one kind, whose eigenvalues are multiple hundreds of times."""
+"""Meshes of many equal components, with multiplicities of several hundred."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from meshmash_viewer.spectral.eigensolver import solve
 
 
 def _joined(*meshes):
-    """All meshes in one, in rows of thirty, apart from each other."""
+    """Return all meshes in one, separated, in rows of thirty."""
     starts = np.cumsum([0, *(each.n_vertices for each in meshes)])
     places = [[4.0 * (i % 30), 4.0 * (i // 30), 0.0] for i in range(len(meshes))]
     vertices = [each.vertices + place for each, place in zip(meshes, places, strict=True)]
@@ -25,7 +25,7 @@ def _joined(*meshes):
 
 
 def _truth(meshes):
-    """All eigenvalues, from the dense matrices of each component."""
+    """Return all eigenvalues, from the dense matrices of each component."""
     found = []
     for mesh in meshes:
         stiffness, mass = cotangent_laplacian(mesh)
@@ -34,7 +34,7 @@ def _truth(meshes):
 
 
 def _checked(pairs, stiffness, mass):
-    """Pairs whose residuals, orthonormality and certificate are sound."""
+    """Check residuals, orthonormality and certificate, and return the eigenvalues."""
     weighted = pairs.rows * mass.diagonal()
     defect = stiffness @ pairs.rows.T - weighted.T * pairs.eigenvalues
     sizes = np.maximum(pairs.eigenvalues, 1e-2 * pairs.eigenvalues[-1])
@@ -90,7 +90,7 @@ def test_pairs_of_many_components_of_one_kind(rng, kind):
 
 @pytest.mark.slow
 def test_more_copies_than_pairs_are_no_hindrance():
-    # The fourth to sixth eigenvalue of each are equal: 3,600 where 100 of them are needed.
+    # A component has a triple eigenvalue: 3,600 copies, of which 100 are requested.
     stiffness, mass = cotangent_laplacian(_joined(*[TETRAHEDRON] * 1200))
     pairs = solve(stiffness, mass, 1300)
     assert (pairs.n_components, pairs.complete) == (1300, True)

@@ -1,4 +1,4 @@
-"""Rayleigh–Ritz pairs: rotation, orthonormality, quotients and residuals by their definitions."""
+"""Rayleigh–Ritz pairs: rotation, orthonormality, quotients and residuals by definition."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples that come with the package."""
+"""Samples included in the package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparing shapes by spectra and features."""
+"""Comparison of shapes by spectra and features."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from meshmash_viewer.spectral.eigensolver import solve
 
 @pytest.fixture(scope="module")
 def whole_neuron(neuron):
-    """Every eigenpair of the neuron."""
+    """Return all eigenpairs of the neuron."""
     return solve(*cotangent_laplacian(neuron, robust=True), neuron.n_vertices)
 
 
@@ -69,7 +69,7 @@ def test_the_best_approximation_is_the_one_weighed_by_area(neuron, whole_neuron)
     ours = spectral_coefficients(whole_neuron.eigenvectors[:, :40], whole_neuron.mass, function)
     np.testing.assert_allclose(ours, best, atol=1e-8 * np.abs(best).max())
     unweighted = basis.T @ function[used]
-    assert np.abs(unweighted / np.linalg.norm(best)).max() < 0.1  # what the copied formula gives
+    assert np.abs(unweighted / np.linalg.norm(best)).max() < 0.1  # without M
 
 
 def test_low_pass_with_all_pairs_is_the_mesh(neuron, whole_neuron):
@@ -148,7 +148,7 @@ def test_matching_finds_the_permutation(neuron, rng):
     ours, theirs = compute_hks(neuron, **arguments), compute_hks(other, **arguments)
     matches = match_features(ours, theirs)
     used = neuron.referenced
-    # Specks are equal by construction, so the trunk and branch are what can be told apart.
+    # Small components are equal, so only vertices of trunk and branch can be matched.
     trunk = neuron.component_labels == 0
     right = order[matches.indices[trunk]] == np.flatnonzero(trunk)
     assert right.mean() > 0.99

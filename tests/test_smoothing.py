@@ -1,4 +1,4 @@
-"""Maps through a filter of the spectrum, against the dense product."""
+"""Spectral filters of maps, compared with the dense product."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_vertices_without_a_value_have_no_weight(pairs: Decomposition, missing: 
     with pytest.warns(MissingValuesWarning, match=f"{len(gaps)} of {n:,} vertices .* no weight"):
         found = filter_map(pairs, holed, low)
     np.testing.assert_allclose(found[:, [0, 2]], 7.0)
-    # interpolated: far nearer to what is missing than the mean is
+    # Interpolated values are far nearer to the missing values than the mean.
     assert np.abs(found[:, 1] - wave).max() < 0.1 * np.abs(wave - 2.0).max()
     with pytest.warns(MissingValuesWarning):
         coefficients = spectral_coefficients(pairs.eigenvectors, pairs.mass, holed)

@@ -1,4 +1,4 @@
-"""Where eigenvalues are counted, and how often the matrix is factored for that."""
+"""Shifts at which eigenvalues are counted, and the number of factorizations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SIZES = partial(slice_sizes, 100_000)
 
 
 class Spectrum:
-    """Stands for a pencil in elimination order, with a count that grows like a power."""
+    """Stand-in for a pencil in elimination order; the count grows like a power of the shift."""
 
     def __init__(self, n_null: int, scale: float, power: float) -> None:
         self.n_null, self.scale, self.power = n_null, scale, power
@@ -32,7 +32,7 @@ class Spectrum:
         self.counted: list[float] = []
 
     def factor(self, shift: float, _nudge: float, _stop: Any) -> Any:
-        """What is counted at a shift."""
+        """Return a factor with the count below a shift."""
         self.counted.append(shift)
         count = self.n_null + int(self.scale * shift**self.power)
         return SimpleNamespace(shift=shift, count_below=count, blur=0.0)
@@ -119,12 +119,12 @@ def test_no_factor_is_made_twice(monkeypatch: pytest.MonkeyPatch, n_jobs: int) -
     monkeypatch.setattr(kind, "__init__", note)
     found = solve(*torus(60, 50, 1.0, 1.3)[0], 120, n_jobs=n_jobs)
     assert found.complete
-    # One at a time keeps the first slice's factor only: two would be memory that it spares.
+    # One job keeps the factor of the first slice only, to save memory.
     assert len(shifts) - len(set(shifts)) <= 2 - n_jobs
 
 
 class Listed:
-    """Stands for a pencil in elimination order whose eigenvalues are listed."""
+    """Stand-in for a pencil in elimination order with listed eigenvalues."""
 
     def __init__(self, values: npt.NDArray[np.float64], n_null: int, blur: float = 0.0) -> None:
         self.values, self.blur = values, blur
@@ -138,20 +138,20 @@ class Listed:
         return int(np.searchsorted(self.values, value))
 
     def factor_at(self, shift: float, _stop: Any) -> Any:
-        """A factor, or None on an eigenvalue."""
+        """Return a factor, or None if the shift is an eigenvalue."""
         self.made.append(shift)
         if np.abs(self.values - shift).min() <= 1e-12 * shift:
             return None
         return SimpleNamespace(shift=shift, count_below=self.below(shift), blur=self.blur)
 
     def factor(self, shift: float, nudge: float, stop: Any) -> Any:
-        """A factor at the shift or a little aside."""
+        """Return a factor at the shift or next to it."""
         moved = (shift + move * nudge for move in (0.0, 1e-6, -1e-6, 1e-3))
         return next(filter(None, (self.factor_at(place, stop) for place in moved)))
 
 
 def listed(seed: int, blur: float = 0.0) -> Listed:
-    """Some zeros, then single eigenvalues and copies of up to forty, about as many as values."""
+    """Return zeros, then eigenvalues of multiplicity 1 to 40 with a mean spacing of 1."""
     random = np.random.default_rng(seed)
     n_null = int(random.integers(1, 5))
     copies = random.choice([1, 1, 1, 2, 5, 40], size=250)
@@ -160,7 +160,7 @@ def listed(seed: int, blur: float = 0.0) -> Listed:
 
 
 def assert_clear(spectrum: Listed, plan: SpectrumPlan, border: float) -> None:
-    """The count at a border is right, and no eigenvalue is so near that it is in doubt."""
+    """Check the count at a border, and that no eigenvalue is too near for a certain count."""
     assert plan.count(border) == spectrum.below(border)
     distance = np.abs(spectrum.values[spectrum.pencil.n_null :] - border).min()
     assert distance > plan._clearance[border] > 0.0
@@ -183,10 +183,10 @@ def test_a_border_is_settled_beside_an_eigenvalue_and_nowhere_else(seed: int, bl
                 n_made = len(spectrum.made)
                 assert plan.settle(border) == border
                 assert len(spectrum.made) == n_made, "settled once"
-                # Farther out than the gap is wide nothing is counted but where it ends.
+                # At most two counts lie beyond the border.
                 behind = [place for place in spectrum.made if not outward * (border - place) > 0.0]
                 assert len(behind) <= 2
-        # A place with room to both sides stays where it is, and two counts prove it.
+        # A border with room on both sides is not moved, and two counts prove it.
         clear = 0.5 * (eigenvalue + spectrum.values[spectrum.values > eigenvalue][0])
         spectrum.made.clear()
         plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
@@ -216,11 +216,11 @@ def test_slices_share_out_the_spectrum(seed: int, settled: bool, n_jobs: int) ->
         assert interval.n_expected == spectrum.below(interval.high) - first > 0
         assert interval.low < interval.shift <= interval.high
         if before is not None:
-            # What the count below leaves in doubt is looked at from both sides.
+            # Both slices search the interval in which the count of the border is uncertain.
             overlap = before.high - interval.low
             assert overlap == pytest.approx(0.5 * before.clearance, rel=1e-3)
         first += interval.n_expected
-    # Most of them where a multiple eigenvalue leaves no place for a border.
+    # Most counts are at multiple eigenvalues, which leave no place for a border.
     assert len(spectrum.made) <= (60 if settled else 48)
 
 

@@ -29,7 +29,7 @@ def coordinates(piece: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 
 
 def heat_kernel(piece: Any, times: np.ndarray) -> np.ndarray:
-    """Diagonal of the heat kernel from all eigenpairs, dense."""
+    """Return the diagonal of the heat kernel from all dense eigenpairs."""
     stiffness, mass = cotangent_laplacian(piece)
     root = np.sqrt(mass.diagonal())
     values, vectors = scipy.linalg.eigh(stiffness.toarray() / np.outer(root, root))
@@ -61,7 +61,7 @@ def test_pieces_are_small_and_the_identity_is_exact(
 def test_pieces_are_as_few_as_the_threshold_allows(fine_sphere: Mesh) -> None:
     stitcher = MeshStitcher(fine_sphere, n_jobs=1)
     stitcher.split_mesh(640, overlap=0.1)
-    # 2562 vertices; an overlap on a surface this round costs less than half of a piece.
+    # 2562 vertices; on a sphere, the overlap takes less than half of a piece.
     assert 2562 / 640 < len(stitcher.pieces) < 2 * 2.5 * 2562 / 640
 
 
@@ -73,7 +73,7 @@ def test_an_overlap_that_would_fill_a_piece_becomes_narrower(
     stitcher.split_mesh(300, overlap=overlap)
     sizes = [len(piece) for piece in stitcher.pieces]
     assert max(sizes) <= 300
-    # A core is halved as long as it is more than a quarter of a piece, and no further.
+    # A core is halved only while it is larger than a quarter of a piece.
     assert len(sizes) <= fine_sphere.n_vertices / (0.125 * 300)
     assert min(sizes) == 300
 
@@ -121,7 +121,7 @@ def test_heat_kernel_at_short_times_is_that_of_the_whole() -> None:
     stitcher.split_mesh(400, overlap=0.2)
     assert len(stitcher.pieces) > 2
     width = 0.2 * np.sqrt(mesh.area * 400 / mesh.n_vertices)
-    # Heat has gone about 2√t; what returns from a cut at `width` fades as exp(-width²/t).
+    # Heat spreads over about 2√t; reflections at a cut at `width` decay as exp(-width²/t).
     times = np.array([0.01, 0.04]) * width**2
     whole = heat_kernel(mesh, times)
     found = stitcher.apply(lambda piece: heat_kernel(piece, times))
@@ -131,7 +131,7 @@ def test_heat_kernel_at_short_times_is_that_of_the_whole() -> None:
 
 
 def test_vertices_at_one_place_are_neighbours_still() -> None:
-    # Two halves of a strip, sewn by faces whose corners coincide: an edge without length.
+    # Two halves of a strip, joined by faces with coincident corners and edges of length zero.
     flat = shapes.rectangle(9, 5)
     seam = np.isclose(flat.vertices[:, 0], np.unique(flat.vertices[:, 0])[4])
     a, b = np.flatnonzero(seam)[:2]
@@ -144,7 +144,7 @@ def test_vertices_at_one_place_are_neighbours_still() -> None:
     sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     edges = np.unique(sides, axis=0)
     assert graph.nnz == 2 * len(edges)
-    # The deepest of all, beside a cut far away: what lies beyond the seam is reached across it.
+    # Vertices beyond the seam are reached across it, so depths are finite.
     members = np.flatnonzero(vertices[:, 0] > vertices[:, 0].min() + 1e-9)
     assert np.isfinite(interior_depth(graph, members)).all()
 
@@ -167,7 +167,7 @@ def test_a_long_tube_is_cut_across() -> None:
     total = sum(len(piece) for piece in stitcher.pieces)
     assert total < 1.5 * mesh.n_vertices
     for piece in stitcher.pieces:
-        # One run along the tube: no ring of vertices is missing from between two others.
+        # A piece is contiguous along the tube: no ring of vertices is missing within it.
         along = np.sort(mesh.vertices[piece, 0])
         assert np.diff(along).max() < 1.0
 
@@ -197,7 +197,7 @@ def test_parallel_gives_what_serial_gives(fine_sphere: Mesh) -> None:
     stitcher = MeshStitcher(fine_sphere, n_jobs=2)
     stitcher.split_mesh(800)
     shift = 3.0
-    # A lambda with a closure goes to the workers; so does one that writes into its arguments.
+    # Workers receive a lambda with a closure that also writes into its argument.
     found = stitcher.apply(lambda piece: np.add(piece[0], shift, out=piece[0]))
     np.testing.assert_array_equal(found, fine_sphere.vertices + shift)
 
@@ -247,7 +247,7 @@ def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
         return compute_hks(piece, max_eigenvalue=300.0, t_min=0.02, t_max=0.2, n_components=3)
 
     def planned(_: Any) -> int:
-        """Slices that are computed at a time, where nobody says how many."""
+        """Return the default number of slices computed at once."""
         from meshmash_viewer.spectral.cost import core_count
 
         return core_count()
@@ -257,7 +257,7 @@ def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
         stitcher = MeshStitcher(fine_sphere, n_jobs=n_jobs)
         stitcher.split_mesh(1500)
         assert len(stitcher.pieces) > 1
-        # Defined here, so that workers get their code and need not import this file.
+        # Local functions are sent with their code, so workers need not import this file.
         assert set(stitcher.apply(planned, stitch=False)) == {cpu_count() if n_jobs == 1 else 1}
         found[n_jobs] = stitcher.apply(signature)
     np.testing.assert_allclose(found[2], found[1], rtol=1e-9)
@@ -275,7 +275,7 @@ def test_one_and_two_dimensions_and_types(sphere: Mesh, neuron: Mesh) -> None:
 
     assert not neuron.referenced.all()
     stitcher = MeshStitcher(neuron, n_jobs=1)
-    # What holds nowhere is neither 0 nor True.
+    # Vertices without a value get NaN, neither 0 nor True.
     for dtype in (np.int32, np.uint8, np.bool_, np.float32, np.complex64):
         marked = stitcher.apply(lambda piece, dtype=dtype: np.ones(len(piece[0]), dtype=dtype))
         np.testing.assert_array_equal(np.isnan(marked), ~neuron.referenced)
@@ -397,7 +397,7 @@ def test_an_overlap_in_units_of_length_is_kept_whole(fine_sphere: Mesh, scale: f
     for number, piece in enumerate(stitcher.pieces):
         depth = interior_depth(graph, piece)
         owned = stitcher.submesh_mapping[piece] == number
-        # between two cores the overlap of both is between the vertex and either cut
+        # The whole overlap lies between a core and the cut of its piece.
         assert depth[owned].min() > 0.3 * scale - longest
     assert max(map(len, stitcher.pieces)) > 300, "the overlap comes on top"
     assert np.bincount(stitcher.submesh_mapping).max() < 600
@@ -410,7 +410,7 @@ def test_the_overlap_may_be_limited_in_vertices(fine_sphere: Mesh) -> None:
     limited = stitcher.split_mesh(300, overlap_distance=0.5, max_overlap_neighbors=150)
     assert max(map(len, limited.pieces)) <= 450 < widest
     np.testing.assert_array_equal(limited.apply(coordinates), fine_sphere.vertices)
-    # those next to a core are always in its piece
+    # Neighbours of a core are always in its piece.
     one_ring = stitcher.split_mesh(300, overlap_distance=0.5, max_overlap_neighbors=0)
     np.testing.assert_array_equal(one_ring.apply(coordinates), fine_sphere.vertices)
     (whole,) = stitcher.split_mesh(None)
@@ -503,7 +503,7 @@ def test_verbose_says_how_it_goes(fine_sphere: Mesh, capfd: pytest.CaptureFixtur
 
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_the_first_pair_left_out_is_that_of_the_whole(three_spheres: Mesh, n_jobs: int) -> None:
-    """That of a piece is larger: 1 over its area, not over that of the component."""
+    """Its share is 1 / area of the component, which is less than 1 / area of a piece."""
     options = {"max_eigenvalue": 400.0, "drop_first": True}
     times = {"t_min": 0.02, "t_max": 0.05, "n_components": 3}
     stitcher = MeshStitcher(three_spheres, n_jobs=n_jobs).split_mesh(60, t_max=0.05)
@@ -536,13 +536,13 @@ def test_the_overlap_follows_the_time_of_the_function_that_is_applied(neuron: Me
     largest = int(np.bincount(neuron.component_labels[neuron.referenced]).max())
     size = largest // 3
     assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size)) < 0.01
-    # a width that was asked for is kept, and its effect is said
+    # A requested overlap is kept, and a warning states its effect.
     with pytest.warns(TruncationWarning, match=r"columns \(.*1\) differ by .* where pieces meet"):
         assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size, overlap=0.0)) > 0.01
 
 
 def small_features() -> PieceFeatures:
-    """Two columns of HKS."""
+    """Return two columns of HKS."""
     bank = heat_kernel_bank(np.array([0.02, 0.05]))
     return PieceFeatures(OperatorOptions(), 300.0, bank, drop_first=False)
 
@@ -596,7 +596,7 @@ def test_a_failure_of_the_caller_starts_no_further_piece(sphere: Mesh) -> None:
 
 
 def test_the_graph_of_edges_has_each_edge_once(three_spheres: Mesh) -> None:
-    faces = np.concatenate([three_spheres.faces, [[0, 0, 200]]])  # no triangle, so no edge
+    faces = np.concatenate([three_spheres.faces, [[0, 0, 200]]])  # degenerate, so no edge
     mesh = Mesh(three_spheres.vertices, faces)
     graph = edge_graph(mesh)
     pairs = three_spheres.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""A vertex that no face uses, however far away, changes nothing of what is computed or drawn."""
+"""Vertices of no face, however far away, which must not change results or pictures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from meshmash_viewer.surface.rays import RayTarget
 
 FAR = [1e6, 1e30, 1e100, 1e300, float(np.finfo(np.float64).max)]
 BALL = shapes.icosphere(3, 2.0)
-#: With a flat face, a needle, and a vertex that is used by a face with a corner twice alone.
+#: A ball with two more faces, one almost without area.
 FAULTY = Mesh(
     np.concatenate([BALL.vertices, [[2.5, 0, 0], [3, 0, 0], [3.5, 1e-14, 0], [4, 0, 1]]]),
     np.concatenate([BALL.faces, [[642, 643, 644], [642, 643, 645]]]),
@@ -32,7 +32,7 @@ FAULTY = Mesh(
 
 
 def strayed(mesh: Mesh, far: float) -> Mesh:
-    """The same with vertices of no face, one of them of a face that is none."""
+    """Return a mesh with three more vertices, two of no face and one of a degenerate face."""
     more = far * np.array([[1.0, -1, 0.5], [-1, -1, -1], [0, 0, 1]])
     n = mesh.n_vertices
     faces = np.concatenate([mesh.faces, [[0, 0, n]]])
@@ -121,7 +121,7 @@ def test_not_the_brush(far: float) -> None:
 def test_no_file(ending: str, far: float, tmp_path: Path) -> None:
     path = tmp_path / f"ball{ending}"
     write_mesh(path, replace(strayed(BALL, far), name="ball"))
-    found = mv.read_mesh(path, unit="1000 nm")  # by which the largest float cannot be multiplied
+    found = mv.read_mesh(path, unit="1000 nm")  # overflows for the largest float
     assert mesh_health(found).n_components == 1
     assert found.area == pytest.approx(BALL.area * 1e6, rel=1e-5)
     np.testing.assert_allclose(found.bounds, BALL.bounds * 1e3, rtol=1e-6)

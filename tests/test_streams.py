@@ -1,4 +1,4 @@
-"""Output in every encoding, through pipes that close, and without streams at all."""
+"""Output in every encoding, into closed pipes, and without streams."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from meshmash_viewer.cli.parser import COMMANDS
 from meshmash_viewer.cli.streams import SPELLED, answer, prepare_streams, say
 from meshmash_viewer.progress import Progress, ProgressBar
 
-#: Of terminals and redirected output: POSIX, DOS, Windows in several countries, mainframes.
+#: Encodings of terminals and redirected output: POSIX, DOS, Windows, mainframes.
 ENCODINGS = (
     *("ascii", "cp437", "cp850", "cp1252", "latin-1", "iso8859-15", "utf-8", "utf-16", "cp1250"),
     *("cp1251", "cp1253", "koi8-r", "cp932", "gbk", "cp949", "big5", "iso2022_jp", "mac_roman"),
@@ -41,7 +41,7 @@ def ball(tmp_path: Path) -> Path:
 def redirected(
     monkeypatch: pytest.MonkeyPatch, encoding: str, *arguments: object
 ) -> tuple[int, str, str]:
-    """Status, output and messages of a command whose streams have an encoding, as Python's own."""
+    """Run a command with streams of an encoding; return status, output and messages."""
     streams = {}
     for name, errors in (("stdout", "strict"), ("stderr", "backslashreplace")):
         streams[name] = io.TextIOWrapper(io.BytesIO(), encoding, errors)
@@ -73,7 +73,7 @@ def spelled(text: str, encoding: str = "ascii") -> str:
         ("‖Lφ−λMφ‖", "||L phi-lambda M phi||"),
         ("½ “a” – ’b’ → ∞ ± 2°", "1/2 \"a\" - 'b' -> inf +- 2 deg"),
         ("Café, Straße, Dvořák, Ø", "Cafe, Strasse, Dvorak, O"),
-        ("cafe\N{COMBINING ACUTE ACCENT}", "cafe"),  # as macOS writes the names of files
+        ("cafe\N{COMBINING ACUTE ACCENT}", "cafe"),  # as in file names of macOS
         ("12\N{NARROW NO-BREAK SPACE}345", "12 345"),
         ("神経 κάτω", r"\u795e\u7d4c \u03ba\u03ac\u03c4\u03c9"),
         ("🙂 \ud800", r"\U0001f642 \ud800"),
@@ -166,7 +166,7 @@ def test_bars_and_warnings_are_readable(encoding: str, monkeypatch: pytest.Monke
 
 @pytest.mark.slow
 def test_a_real_process_with_redirected_output(ball: Path) -> None:
-    """Where Python itself chooses the error handlers of the streams."""
+    """Python chooses the error handlers of real streams."""
     environment = {name: text for name, text in os.environ.items() if name != "PYTHONUNBUFFERED"}
     done = subprocess.run(
         [sys.executable, "-m", "meshmash_viewer", "info", str(ball), str(ball.with_name("π.ply"))],
@@ -179,14 +179,14 @@ def test_a_real_process_with_redirected_output(ball: Path) -> None:
     assert b"pi.ply does not exist" in done.stderr
 
 
-# Streams that are not there, or go -----------------------------------------------------------
+# Missing and closed streams ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("missing", [("stdout",), ("stderr",), ("stdout", "stderr")])
 def test_without_streams_the_work_is_done(
     missing: tuple[str, ...], ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As ``pythonw`` has it, which starts programs without a console."""
+    """``pythonw`` starts programs without streams."""
     for name in missing:
         monkeypatch.setattr(sys, name, None)
     out = tmp_path / "out.npz"
@@ -213,7 +213,7 @@ def test_a_bar_without_a_stream_draws_nothing(monkeypatch: pytest.MonkeyPatch) -
 
 
 class Gone(io.StringIO):
-    """A stream into a pipe that nothing reads any more, as an operating system puts it."""
+    """Stream into a closed pipe, with the error number of an operating system."""
 
     def __init__(self, number: int, at: str) -> None:
         super().__init__()
@@ -266,7 +266,7 @@ def test_a_full_disk_is_said(
 def test_invalid_names_are_no_closed_pipe(
     ball: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Windows answers EINVAL to ``a|b.ply`` as well; only without a name is it of a pipe."""
+    """EINVAL with a file name, as for ``a|b.ply`` on Windows, is not taken for a closed pipe."""
 
     def refuse(path: Path, *_: object, **__: object) -> None:
         raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path))
@@ -277,7 +277,7 @@ def test_invalid_names_are_no_closed_pipe(
 
 
 def test_a_reader_that_has_seen_enough(ball: Path) -> None:
-    """Help, which is still in the buffer when the program ends."""
+    """Help is still in the buffer when the program ends."""
     environment = {name: text for name, text in os.environ.items() if name != "PYTHONUNBUFFERED"}
     command = [sys.executable, "-m", "meshmash_viewer", "--help"]
     with subprocess.Popen(
@@ -300,7 +300,7 @@ def test_streams_closed_by_the_shell(closed: tuple[int, ...], ball: Path, tmp_pa
         [sys.executable, "-c", code, *command, "-o", str(out)], capture_output=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, b"")
-    with np.load(out) as written:  # nothing that was printed has gone into it
+    with np.load(out) as written:  # no printed text is in the file
         assert written["features"].shape == (162, 32)
 
 

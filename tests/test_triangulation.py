@@ -1,4 +1,4 @@
-"""Polygons become triangles of the right area, the same ones everywhere."""
+"""Triangulation of polygons: correct areas, and the same triangles everywhere."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def circle(radii: list[float], turns: float = 1.0) -> Points:
 
 
 def spiral(side: int) -> Points:
-    """The outline of a band of width 1 that winds inwards."""
+    """Return the outline of a band of width 1 that winds inwards."""
     t = np.linspace(0, 4 * np.pi, side)
     outer = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(t + 2, t, strict=True)]
     inner = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(t + 1, t, strict=True)]
@@ -35,7 +35,7 @@ def spiral(side: int) -> Points:
 L: Points = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
 SQUARES: Points = [(0, 0), (3, 0), (3, 3), (0, 3), (1, 1), (1, 2), (2, 2), (2, 1)]
 
-#: Corners in the plane, the order in which they are connected, and the area.
+#: Corners in the plane, the order of their connection, and the area.
 SIMPLE: dict[str, tuple[Points, list[int], float]] = {
     "L": (L, [*range(6)], 3.0),
     "star": (circle([1, 0.4] * 5), [*range(10)], 5 * 0.4 * np.sin(np.pi / 5)),
@@ -91,7 +91,7 @@ def cut(points: np.ndarray, *polygons: list[int]) -> np.ndarray:
 
 
 def placed(points: Points, scale: float = 1.0, offset: float = 0.0) -> np.ndarray:
-    """Corners in a plane that is none of the axes'."""
+    """Return the corners in an oblique plane."""
     axes, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
     return scale * (np.asarray(points, dtype=float) @ axes[:2]) + offset
 
@@ -275,12 +275,12 @@ WRITERS: dict[str, Callable[[Path, np.ndarray, Polygons], None]] = {
 @pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("file", WRITERS)
 def test_readers_and_library_agree(file: str, tmp_path: Path) -> None:
-    """Two polygons that share an edge, each from every corner."""
+    """Two polygons share an edge; each starts at any corner."""
     flat = [*L, (4, 0), (4, 1), (3, 1), (3, 3), (1, 3)]
     points = placed(flat)
     first, second = [*range(6)], [1, 6, 7, 8, 9, 10, 4, 3, 2]
     if file.startswith("rows"):
-        first, second = first, [2, 1, 6, 7, 8, 3]  # as many corners
+        first, second = first, [2, 1, 6, 7, 8, 3]  # equally many corners
     wanted = as_mesh(polydata(points, [first, second]))
     assert wanted.area == pytest.approx(vector_area(points[first]) + vector_area(points[second]))
     for start in range(6):

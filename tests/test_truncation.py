@@ -1,4 +1,4 @@
-"""What a truncated sum leaves out: the bound and the estimate against full dense spectra."""
+"""Truncation errors of sums: bound and estimate, compared with full dense spectra."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SHARES = (0.05, 0.2, 0.6)
 
 
 def whole_spectrum(mesh) -> Decomposition:
-    """All pairs, by a dense solution that shares nothing with the package's own."""
+    """Return all pairs, by a dense solution independent of the package's solver."""
     stiffness, mass = cotangent_laplacian(mesh, robust=True)
     diagonal = mass.diagonal()
     used = np.flatnonzero(diagonal)
@@ -63,13 +63,13 @@ def lowest(whole: Decomposition, count: int, dtype=np.float64) -> Decomposition:
 
 @pytest.fixture(scope="module")
 def wholes(sphere, rectangle, neuron) -> dict[str, Decomposition]:
-    """Round with multiplets, flat with a boundary, and dirty with unreferenced vertices."""
+    """Return full spectra of a sphere, a rectangle with boundary and a faulty neuron."""
     meshes = {"sphere": sphere, "rectangle": rectangle, "neuron": neuron}
     return {name: whole_spectrum(mesh) for name, mesh in meshes.items()}
 
 
 def banks_at(eigenvalues: np.ndarray) -> dict[str, FilterBank]:
-    """Filters of every kind that reach beyond the last eigenvalue."""
+    """Return filters of every kind that reach beyond the last eigenvalue."""
     last = float(eigenvalues[-1])
     return {
         "hks": heat_kernel_bank(np.geomspace(0.3, 9.0, 8) / last),
@@ -92,7 +92,7 @@ def estimates_and_errors(whole: Decomposition, count: int, bank: FilterBank):
     return features, estimate[used], bound[used], error
 
 
-# The two of them against the truth ---------------------------------------------------------------
+# Bound and estimate against the truth ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("share", SHARES)
@@ -122,7 +122,7 @@ def test_the_estimate_meets_the_median_error_of_heat_and_steps(wholes, name, sha
 
 
 def test_the_law_ends_where_the_mesh_does(wholes):
-    # of 60 % of the pairs the plain law, 1 / 4πt exp(-λt), expects far more than there is
+    # With 60 % of the pairs, the law 1 / 4πt exp(-λt) alone far exceeds the true rest.
     whole = wholes["neuron"]
     count = int(0.6 * whole.n_components)
     time = 0.6 / whole.eigenvalues[count - 1]
@@ -193,7 +193,7 @@ def test_a_pair_dropped_on_purpose_is_not_missing(wholes):
 
 
 def test_copies_of_the_last_eigenvalue_may_be_left_out(wholes):
-    # the icosahedron's symmetry makes these two equal; a band that ends there holds both
+    # These two are equal by symmetry; a band that ends at one of them contains both.
     whole = wholes["sphere"]
     count = 11
     ends = whole.eigenvalues[count - 1 : count + 1]
@@ -225,7 +225,7 @@ def test_what_is_missing_begins_where_the_count_ends(told):
     missing = 1.0 / mass.diagonal() - (pairs.rows**2).sum(axis=0)
     _, bound = features.truncation_at_vertices()
     np.testing.assert_allclose(bound[:, 0], math.exp(-0.1 * end) * missing, rtol=1e-9)
-    # Fewer of them end at their last.
+    # A subset of pairs is known up to its last eigenvalue.
     some = dataclasses.replace(pairs, eigenvalues=pairs.eigenvalues[:9], rows=pairs.rows[:9])
     known_to = truncated_features(some, heat_kernel_bank([0.1])).truncation.known_to
     assert known_to == pytest.approx(pairs.eigenvalues[8], rel=1e-6)
@@ -254,7 +254,7 @@ def test_pairs_around_a_shift_have_none_either(sphere):
     assert compute_features(pairs, heat_kernel_bank([0.1])).truncation is None
 
 
-# What the filters say of themselves --------------------------------------------------------------
+# Properties of the filters -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("start", [0.0, 0.7, 2.0, 5.9, 6.1, 40.0])
@@ -285,25 +285,25 @@ def test_the_mean_over_the_surface_needs_no_eigenvectors(wholes):
         shares = mean_shares(bank, part.eigenvalues, area, whole.n_components)
         np.testing.assert_allclose(shares, missing / (missing + there), atol=0.03)
         assert (mean_shares(bank, whole.eigenvalues, area, whole.n_components) == 0.0).all()
-        # Where it is known that no more pairs lie below a value, less may be missing.
+        # Less is missing if no more pairs lie below a known value.
         known = mean_shares(
             bank, part.eigenvalues, area, whole.n_components, 1.3 * part.eigenvalues[-1]
         )
         assert (known <= shares + 1e-15).all()
         assert (known < shares).any()
-        # Of any other callable nothing is known beyond.
+        # Nothing is known of other callables beyond the last eigenvalue.
         bare = dataclasses.replace(bank, response=lambda x, bank=bank: bank.response(x))
         assert (mean_shares(bare, part.eigenvalues, area, whole.n_components) == 0.0).all()
 
 
 def test_required_eigenvalues_and_resolved_times():
     assert resolved_time(required_eigenvalue(7.0)) == pytest.approx(7.0)
-    # exp(-λ t) of 1 / 4πt is missing, a little less than 1 %
+    # The missing share is exp(-λ t), slightly less than 1 %.
     assert 0.005 < math.exp(-required_eigenvalue(7.0) * 7.0) < 0.01
     assert resolved_time(0.0) == math.inf
 
 
-# As many pairs as it takes -----------------------------------------------------------------------
+# As many pairs as necessary ----------------------------------------------------------------------
 
 
 def test_a_column_that_misses_much_is_said(sphere):
@@ -342,7 +342,7 @@ def test_count_and_wavelength_take_the_place_of_the_threshold(sphere):
     np.testing.assert_allclose(
         counted, compute_geometry_vectors(sphere, top, 6, count="auto"), rtol=1e-6, atol=1e-9
     )
-    # more than there are: all
+    # More pairs than exist: all pairs.
     assert compute_hks(shapes.icosphere(1), count=10**6).shape == (42, 32)
 
 
@@ -353,7 +353,7 @@ def test_auto_takes_as_many_pairs_as_the_shortest_time_needs(sphere, wholes):
         features = compute_hks(sphere, t_min=0.03, t_max=1.0, n_components=5, count="auto")
     expected = truncated_features(wholes["sphere"], heat_kernel_bank(times)).values
     np.testing.assert_allclose(np.median(features / expected, axis=0), 1.0, atol=0.02)
-    assert not np.allclose(features, expected, rtol=1e-6)  # not all pairs, only those it takes
+    assert not np.allclose(features, expected, rtol=1e-6)  # only the necessary pairs
 
 
 def test_auto_takes_all_pairs_at_most_and_says_where_the_mesh_ends():
@@ -427,14 +427,14 @@ def test_of_all_pairs_nothing_is_missing_whatever_the_filters(drop_first: bool) 
         low_pass_bank(10.0 * top),
         band_pass_bank(0.5 * top, 2.0 * top),
     ):
-        found = compute_features(pairs, bank, drop_first=drop_first)  # a warning is an error
+        found = compute_features(pairs, bank, drop_first=drop_first)  # warnings are errors
         assert found.missing == ""
         estimate, bound = found.truncation_at_vertices()
         assert (estimate.max(), bound.max(), found.truncation.flagged.size) == (0.0, 0.0, 0)
 
 
 def _said(mesh, filter_, **how):
-    """What is said of features: the truncation warnings of a call."""
+    """Return the truncation warnings of a call."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         spectral_geometry_filter(mesh, filter_, 40.0, drop_first=False, **how)
@@ -454,7 +454,7 @@ def test_the_hks_filter_warns_as_compute_hks_does(sphere, time):
     assert caught == [] or caught[0].filename == __file__
 
 
-#: Functions of the eigenvalue, all of those below 40, and what is said of them.
+#: Filter functions for all eigenvalues below 40, with a part of the expected warning.
 OPEN_ENDS = {
     "all": (np.ones_like, "1 filter is not small"),
     "slow decay": (lambda x: np.exp(-0.1 * x), "up to 1.9 %"),
@@ -478,7 +478,7 @@ def test_any_filter_that_is_not_small_at_the_last_eigenvalue_is_said(sphere, fil
     said = _said(sphere, filter_)
     assert len(said) == bool(wanted)
     assert wanted in plain_text("".join(said))
-    # with all pairs nothing lies beyond
+    # All pairs of a small mesh leave nothing out.
     small = shapes.icosphere(1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,4 +1,4 @@
-"""Weyl's law and the three ways to say how much of a spectrum is wanted."""
+"""Weyl's law and the three ways to request a part of a spectrum."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_each_function_undoes_the_other():
     assert weyl_count(3.0, weyl_eigenvalue(3.0, 70)) == pytest.approx(70)
     assert wavelength(wavelength_eigenvalue(250.0)) == pytest.approx(250.0)
     assert wavelength(0.0) == math.inf
-    # a standing wave on a rectangle's side: cos(2 π x / a) has wavelength a
+    # standing wave on a side of a rectangle: cos(2 π x / a) has wavelength a
     assert wavelength(math.pi**2 * (2 / 1.5) ** 2) == pytest.approx(1.5)
 
 
