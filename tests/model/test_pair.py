@@ -488,6 +488,43 @@ def test_a_map_that_comes_later_is_shown_on_both() -> None:
     assert pair.second.display[OwnMaps].chosen == "late"
 
 
+def test_labels_carried_again_replace_those_carried_before(
+    pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
+) -> None:
+    there, first, second = meshes[2], pair.first, pair.second
+    height = first.mesh.vertices[:, 2]
+    labels = mv.Label(1, "upper", "#aa0000"), mv.Label(2, "lower", "#00aa00")
+    given = VertexMap("parts", np.where(height > 0.0, 1, 2), labels)
+    second.maps.add(second.mesh, [VertexMap("own", np.arange(len(there)))])
+    first.maps.add(first.mesh, [given])
+    pair.carry_maps()
+    moved = replace(given, values=np.where(height > 0.3, 1, 2))
+    first.maps.change("labels", moved)
+    first.maps.add(first.mesh, [VertexMap("height", height)])
+
+    def carried(labels: VertexMap, *others: str) -> None:
+        """Check the maps of the second mesh and `Pair.carried` against the labels."""
+        names = [each.name for each in second.mesh.maps]
+        assert sorted(names) == sorted(["own", "match score", "parts", *others])
+        found = second.mesh.map_named("parts")
+        np.testing.assert_array_equal(found.values[there], labels.values)
+        assert found.labels == labels.labels
+        known = {id(each) for each in pair.carried}
+        assert [each.name for each in second.mesh.maps if id(each) not in known] == ["own"]
+
+    carried(given)
+    before = pair.carried
+    pair.carry_maps()
+    carried(moved, "height")
+    assert "Replaced 2 maps" in second.notices.last.text
+    assert len(pair.carried) == len(before) + 3  # kept after an undo of the replacement
+    first.history.undo()
+    carried(given)
+    pair.carry_maps()
+    carried(moved, "height")
+    np.testing.assert_array_equal(second.mesh.map_named("height").values[there], height)
+
+
 def test_the_first_click_of_two_on_the_second_is_taken_back(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
 ) -> None:
