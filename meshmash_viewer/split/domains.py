@@ -77,13 +77,10 @@ def _clustered(values: FloatArray, graph: Any, threshold: float) -> IntArray:
 
 def _numbered(labels: IntArray) -> IntArray:
     """Number labels from 0 by their lowest vertex; -1 is unchanged."""
-    used = np.flatnonzero(labels >= 0)
+    numbered, used = labels.copy(), labels >= 0
     _, first, place = np.unique(labels[used], return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    result = np.full(len(labels), -1, dtype=np.int64)
-    result[used] = rank[place]
-    return result
+    numbered[used] = np.argsort(np.argsort(first))[place]
+    return numbered
 
 
 def _joined(values: FloatArray, graph: Graph, labels: IntArray, threshold: float) -> IntArray:

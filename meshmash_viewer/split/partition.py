@@ -10,8 +10,6 @@ Both halves are connected: the half of a contains the shortest path from a to ea
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,9 +17,10 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from meshmash_viewer.arrays import FloatArray, IntArray, blocks
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.edges import edges_of, side_codes
 
 Graph: TypeAlias = "sparse.csr_array[Any]"
 
@@ -32,8 +31,6 @@ _SAMPLES = 8
 #: Smallest share of a piece to which cores are bisected to make room for the overlap. Where the
 #: mesh is so dense that the overlap alone fills the piece, the overlap is narrower instead.
 _SMALLEST_CORE = 0.25
-#: Edges measured at a time.
-_EDGES = 65536
 
 
 class Piece(tuple[FloatArray, IntArray]):
@@ -45,40 +42,17 @@ class Piece(tuple[FloatArray, IntArray]):
 
     first: FloatArray
 
-    @classmethod
-    def of(cls, vertices: FloatArray, faces: IntArray, first: FloatArray) -> Piece:
-        """Create a piece from its arrays."""
-        piece = cls((vertices, faces))
-        piece.first = first
-        return piece
-
 
 def edge_graph(mesh: Mesh) -> Graph:
     """Build the symmetric graph of edge lengths, shape (n, n), in the unit of `mesh`.
 
     Edges of zero length get a tiny positive length, because a stored zero is not an edge.
     """
-    n, faces = mesh.n_vertices, mesh.proper_faces
-    sides = np.empty((3, len(faces)), dtype=np.int64)
-    for side, key in enumerate(sides):
-        a, b = faces[:, side], faces[:, side - 1]
-        np.minimum(a, b, out=key)
-        key *= n
-        key += np.maximum(a, b)
-    # Equivalent to np.unique, which takes ten times as long here.
-    keys = sides.ravel()
-    keys.sort()
-    keys = keys[np.append(True, keys[1:] != keys[:-1])]
-    del sides
-    starts = np.searchsorted(keys, np.arange(n + 1) * n).astype(np.int32)
-    lengths, ends = np.empty(len(keys)), np.empty(len(keys), dtype=np.int32)
-    for part in blocks(len(keys), _EDGES):
-        a, b = np.divmod(keys[part], n)
-        lengths[part] = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
-        ends[part] = b
-    del keys  # free its memory before the graph takes twice as much
+    n = mesh.n_vertices
+    ends = np.divmod(edges_of(side_codes(mesh.proper_faces, n)).keys, n)
+    lengths = np.linalg.norm(mesh.vertices[ends[0]] - mesh.vertices[ends[1]], axis=1)
     np.maximum(lengths, 1e-9 * lengths.max(initial=0.0), out=lengths)
-    half = sparse.csr_array((lengths, ends, starts), shape=(n, n))
+    half = sparse.csr_array((lengths, ends), shape=(n, n))
     return sparse.csr_array(half + half.T)
 
 
@@ -96,54 +70,54 @@ def interior_depth(graph: Graph, members: IntArray) -> FloatArray:
 
 
 def overlapping_pieces(
-    graph: Graph, labels: IntArray, max_size: int, width: float
+    graph: Graph,
+    labels: IntArray,
+    size: int,
+    width: float,
+    *,
+    most: int | None = None,
+    whole: bool = False,
 ) -> list[IntArray]:
-    """Cut a graph from `edge_graph` into overlapping pieces of at most `max_size` sorted vertices.
+    """Cut a graph from `edge_graph` into cores of at most `size` vertices, and widen each.
 
-    `labels` are the connected components of vertices, -1 for vertices in no piece. The `width` of
-    the overlap, in the unit of the graph, is reduced where the piece would be too large; the
-    overlap always contains all neighbours of the core. Components that fit are not cut; small
-    components share a piece. `InputError` is raised if a vertex has too many neighbours.
+    A piece is a core and the vertices within `width`, in the unit of the graph; at most the `most`
+    nearest, but always all neighbours of the core. If `whole`, `size` is the maximum of the piece
+    with its overlap, and the width is reduced where the piece would be too large. `InputError` is
+    then raised if a vertex has too many neighbours.
+
+    `labels` are the connected components of vertices, -1 for vertices in no piece. Components that
+    fit are not cut; small components share a piece. Vertices of a piece are sorted.
     """
     degrees = np.diff(graph.indptr)
-    if degrees.max(initial=0) + 1 > max_size:
+    if whole and degrees.max(initial=0) + 1 > size:
         vertex = int(degrees.argmax())
         raise InputError(
-            f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {max_size} vertices "
+            f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {size} vertices "
             f"can hold it: give a max_vertex_threshold above {degrees[vertex]}."
         )
-
-    def cut(local: Graph, cells: _Cells) -> list[IntArray]:
-        # a trial without overlap estimates the size of cores whose overlap fits
-        trial = cells.unions(0.9 * max_size)
-        trial = trial[:: max(1, len(trial) // _SAMPLES)]
-        reached = [np.isfinite(_distances(local, core, width)).sum() for core in trial]
-        sizes = np.stack([[*map(len, trial)], reached], axis=1)
-        cores = cells.unions(_fitting_core(sizes, max_size))
-        return _widened(local, cores, partial(_within, local, max_size=max_size, width=width))
-
-    return _pieces(graph, labels, max_size, cut)
-
-
-def widened_cores(
-    graph: Graph, labels: IntArray, core_size: int, width: float, most: int | None = None
-) -> list[IntArray]:
-    """Cut a graph into cores of at most `core_size` vertices, and widen each by `width`.
-
-    See `overlapping_pieces`. Only the `most` nearest vertices are added to a core, but always all
-    its neighbours.
-    """
-
-    def cut(local: Graph, cells: _Cells) -> list[IntArray]:
-        def widen(core: IntArray) -> IntArray | None:
-            if len(core) > core_size:
-                return None
+    sizes = np.bincount(labels[labels >= 0])
+    order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
+    components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
+    pieces = _grouped([each for each in components if len(each) <= size], size)
+    for component in components:
+        if len(component) <= size:
+            continue
+        local = _subgraph(graph, component)
+        cells = _Cells(local, _CELLS_PER_PIECE * len(component) // size)
+        waiting = cells.unions(_fitting_core(local, cells, size, width) if whole else size)[::-1]
+        while waiting:
+            core = waiting.pop()
             distances = _reached(local, core, width)
-            return _nearest(distances, None if most is None else len(core) + most)
-
-        return _widened(local, cells.unions(core_size), widen)
-
-    return _pieces(graph, labels, core_size, cut)
+            # an overlap that fills the piece is narrowed only around small cores
+            crowded = whole and np.isfinite(distances).sum() > size and (
+                len(core) > max(_SMALLEST_CORE * size, 1) or (distances == 0.0).sum() > size
+            )  # fmt: skip
+            if len(core) > size or crowded:
+                waiting += reversed(_parted(_subgraph(local, core), core, np.ones(len(core)), 0.5))
+            else:
+                limit = size if whole else None if most is None else len(core) + most
+                pieces.append(component[_nearest(distances, limit)])
+    return pieces
 
 
 def owned_pieces(
@@ -157,19 +131,17 @@ def owned_pieces(
     """
     piece_of = np.full(mesh.n_vertices, -1)
     deepest = np.full(mesh.n_vertices, -1.0)
-    faces_of_mesh = mesh.proper_faces
-    corners = faces_of_mesh.ravel().astype(np.int32)
-    starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
+    all_faces = mesh.proper_faces
+    corners, starts = all_faces.ravel(), np.arange(0, all_faces.size + 1, 3)
     faces_at = sparse.csr_array(
         (np.ones(len(corners), dtype=np.int8), corners, starts),
-        shape=(len(faces_of_mesh), mesh.n_vertices),
+        shape=(len(all_faces), mesh.n_vertices),
     ).tocsc()
-    del corners, starts
     kept = []
     for number, piece in enumerate(pieces):
         depth = interior_depth(graph, piece)
         met, n_corners = np.unique(faces_at[:, piece].indices, return_counts=True)
-        faces = np.searchsorted(piece, faces_of_mesh[met[n_corners == 3]])
+        faces = np.searchsorted(piece, all_faces[met[n_corners == 3]])
         # remove vertices all of whose faces were cut off
         used, faces = np.unique(faces, return_inverse=True)
         piece, depth, faces = piece[used], depth[used], faces.reshape(-1, 3).astype(np.int32)
@@ -182,50 +154,6 @@ def owned_pieces(
         numbers, owners = numbers[1:], owners - 1
     chosen = [kept[number] for number in numbers]
     return tuple(piece for piece, _ in chosen), [faces for _, faces in chosen], owners
-
-
-def _pieces(
-    graph: Graph, labels: IntArray, size: int, cut: Callable[[Graph, _Cells], list[IntArray]]
-) -> list[IntArray]:
-    """Group components of at most `size` vertices, and cut larger components."""
-    sizes = np.bincount(labels[labels >= 0])
-    order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
-    components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
-    pieces = _grouped([each for each in components if len(each) <= size], size)
-    for component in components:
-        if len(component) > size:
-            local = _subgraph(graph, component)
-            cells = _Cells(local, _CELLS_PER_PIECE * len(component) // size)
-            pieces += [component[piece] for piece in cut(local, cells)]
-    return pieces
-
-
-def _widened(
-    graph: Graph, cores: list[IntArray], widen: Callable[[IntArray], IntArray | None]
-) -> list[IntArray]:
-    """Widen cores; cores for which `widen` returns None are bisected first."""
-    pieces, waiting = [], cores[::-1]
-    while waiting:
-        core = waiting.pop()
-        piece = widen(core)
-        if piece is None:
-            weights = np.ones(len(core))
-            waiting += reversed(_parted(_subgraph(graph, core), core, weights, 0.5))
-        else:
-            pieces.append(piece)
-    return pieces
-
-
-def _within(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
-    """Return the core and vertices within `width`; None if the core has to be bisected first."""
-    if len(core) > max_size:
-        return None
-    distances = _reached(graph, core, width)
-    if np.isfinite(distances).sum() > max_size and (
-        len(core) > max(_SMALLEST_CORE * max_size, 1) or (distances == 0.0).sum() > max_size
-    ):
-        return None
-    return _nearest(distances, max_size)
 
 
 def _nearest(distances: FloatArray, most: int | None) -> IntArray:
@@ -252,15 +180,18 @@ def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
     return [np.sort(np.concatenate(group)) for group in groups]
 
 
-def _fitting_core(sizes: IntArray, max_size: int) -> float:
-    """Estimate the size of cores that fill a piece with overlap.
+def _fitting_core(graph: Graph, cells: _Cells, size: int, width: float) -> float:
+    """Estimate the size of cores that fill pieces of `size` vertices with their overlap.
 
-    `sizes`, shape (s, 2), are of cores without and with overlap. The rim of a disc of size c is
-    proportional to √c, so the overlap adds the same amount to √c for all sizes.
+    The rim of a disc of size c is proportional to √c, so the overlap adds the same amount to √c for
+    all sizes. It is measured on some large cores.
     """
-    rim = np.diff(np.sqrt(sizes), axis=1)
-    core = np.clip(0.96 * np.sqrt(max_size) - rim, 0.0, None) ** 2
-    return max(float(np.quantile(core, 0.25)), _SMALLEST_CORE * max_size, 1.0)
+    trial = cells.unions(0.9 * size)
+    trial = trial[:: max(1, len(trial) // _SAMPLES)]
+    reached = [np.isfinite(_distances(graph, core, width)).sum() for core in trial]
+    rim = np.sqrt(reached) - np.sqrt([*map(len, trial)])
+    core = np.clip(0.96 * np.sqrt(size) - rim, 0.0, None) ** 2
+    return max(float(np.quantile(core, 0.25)), _SMALLEST_CORE * size, 1.0)
 
 
 class _Cells:
@@ -283,12 +214,11 @@ class _Cells:
         a, b = tails[crossing], graph.indices[crossing]
         # distance of two cells: between their seeds, over the shortest crossing edge
         length = distances[a] + graph.data[crossing] + distances[b]
-        by_pair = np.lexsort((length, cell[b], cell[a]))
-        keys = (cell[a] * np.int64(n_cells) + cell[b])[by_pair]
+        order = np.argsort(length, kind="stable")
+        keys = (cell[a] * np.int64(n_cells) + cell[b])[order]
         keys, first = np.unique(keys, return_index=True)
-        half = sparse.coo_array(
-            (length[by_pair][first], np.divmod(keys, n_cells)), shape=(n_cells, n_cells)
-        )
+        ends = np.divmod(keys, n_cells)
+        half = sparse.coo_array((length[order][first], ends), shape=(n_cells, n_cells))
         self.graph = sparse.csr_array(half + half.T)
         self.cell = cell
         self.weights = np.bincount(cell, minlength=n_cells).astype(np.float64)

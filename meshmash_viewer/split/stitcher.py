@@ -30,7 +30,6 @@ from meshmash_viewer.split.partition import (
     edge_graph,
     overlapping_pieces,
     owned_pieces,
-    widened_cores,
 )
 from meshmash_viewer.split.stitching import PieceError as PieceError
 from meshmash_viewer.split.stitching import Seams, Stitched, results_of_calls, seam_sentence
@@ -105,8 +104,10 @@ class MeshStitcher(Sequence[Piece]):
     def __getitem__(self, index: int | slice) -> Piece | list[Piece]:
         if isinstance(index, slice):
             return [self[number] for number in range(len(self))[index]]
-        piece, faces = self.pieces[index], self._piece_faces[index].astype(np.int64)
-        return Piece.of(self.mesh.vertices[piece], faces, self._first[piece])
+        own = self.pieces[index]
+        piece = Piece((self.mesh.vertices[own], self._piece_faces[index].astype(np.int64)))
+        piece.first = self._first[own]
+        return piece
 
     @property
     def submeshes(self) -> list[Piece]:
@@ -188,15 +189,15 @@ class MeshStitcher(Sequence[Piece]):
         graph = edge_graph(mesh)
         if t_max is not None:
             overlap_distance = reach_of(t_max, graph)
-        if overlap_distance is not None:
-            pieces = widened_cores(
-                graph, labels, threshold, overlap_distance, max_overlap_neighbors
-            )
-        else:
+        width = overlap_distance
+        if width is None:
             n_used = max(int(np.count_nonzero(labels >= 0)), 1)
             share = _OVERLAP if overlap is None else overlap
             width = share * float(np.sqrt(mesh.area * threshold / n_used))
-            pieces = overlapping_pieces(graph, labels, threshold, width)
+        pieces = overlapping_pieces(
+            graph, labels, threshold, width,
+            most=max_overlap_neighbors, whole=overlap_distance is None,
+        )  # fmt: skip
         self.pieces, self._piece_faces, self.submesh_mapping = owned_pieces(mesh, graph, pieces)
         if self.verbose and sys.stderr is not None:
             largest = max(map(len, self.pieces), default=0)

@@ -88,41 +88,37 @@ class Seams:
     """Values of pieces at vertices next to seams, for `MeshStitcher.seams`."""
 
     def __init__(self, pieces: Sequence[IntArray], owners: IntArray, faces: IntArray) -> None:
-        found = [np.empty((0, 3), dtype=np.int64)]
-        for side in range(3):
-            ends = np.stack([faces[:, side], faces[:, side - 1]])
-            first, second = owners[ends]
-            ends = ends[:, (first != second) & (first >= 0) & (second >= 0)]
-            for vertex, other in (ends, ends[::-1]):
-                found.append(np.stack([vertex, owners[vertex], owners[other]], axis=1))
-        # rows: a vertex next to a seam, its piece, and the piece of a neighbour
-        self._sides = np.unique(np.concatenate(found), axis=0)
+        faces = faces[np.ptp(owners[faces], axis=1) > 0]
+        tails, tips = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+        vertices = np.append(tails, tips)
+        first, second = owners[vertices], owners[np.append(tips, tails)]
+        sides = np.stack([first, second, vertices])[:, (first != second) & (first >= 0)]
+        # columns: the piece of a vertex next to a seam, the piece of a neighbour, and the vertex
+        self._sides = np.unique(sides[:, sides[1] >= 0], axis=1)
         near = np.zeros(len(owners), dtype=np.bool_)
-        near[self._sides[:, 0]] = True
+        near[self._sides[2]] = True
         self._at = [np.flatnonzero(near[piece]) for piece in pieces]
-        self._vertices = [piece[at] for piece, at in zip(pieces, self._at, strict=True)]
-        self._rows: dict[int, npt.NDArray[Any]] = {}
+        self._pieces, self._n = pieces, len(owners)
+        #: Keys ``piece * n + vertex``, ascending, and the rows of values.
+        self._keys: list[IntArray] = []
+        self._rows: list[npt.NDArray[Any]] = []
 
     def add(self, number: int, result: Any) -> None:
-        """Store the values of a piece at vertices next to seams."""
-        rows = np.asarray(result)
-        self._rows[number] = rows.reshape(len(rows), -1)[self._at[number]]
+        """Store the values of a piece at vertices next to seams; pieces ascend."""
+        rows, at = np.asarray(result), self._at[number]
+        self._keys.append(number * self._n + self._pieces[number][at])
+        self._rows.append(rows.reshape(len(rows), -1)[at])
 
     def differences(self) -> FloatArray:
         """Compute the relative differences along all seams, shape (s, f)."""
-        differences = [np.empty((0, self._rows[0].shape[1]))]
-        for one, other in np.unique(self._sides[:, 1:], axis=0).tolist():
-            of_pair = (self._sides[:, 1] == one) & (self._sides[:, 2] == other)
-            vertices = np.intersect1d(self._sides[of_pair, 0], self._vertices[other])
-            here, there = (
-                self._rows[piece][np.searchsorted(self._vertices[piece], vertices)]
-                for piece in (one, other)
-            )
-            largest = np.maximum(np.abs(here), np.abs(there))
-            zero = np.zeros(here.shape)
-            apart = np.abs(here - there)
-            differences.append(np.divide(apart, largest, out=zero, where=largest > 0.0))
-        return np.concatenate(differences)
+        keys, rows = np.concatenate(self._keys), np.concatenate(self._rows)
+        wanted = self._sides[:2] * self._n + self._sides[2]
+        places = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        here, there = rows[places[:, (keys[places] == wanted).all(axis=0)]]
+        largest = np.maximum(np.abs(here), np.abs(there))
+        found = np.zeros(here.shape)
+        np.divide(np.abs(here - there), largest, out=found, where=largest > 0.0)
+        return found
 
 
 def seam_sentence(names: Sequence[str], median: FloatArray, remedy: str) -> str:
@@ -180,14 +176,11 @@ def results_of_calls(
         found = parallel(delayed(_call)(*each) for each in tasks())
     try:
         for result in found:
-            if outcome is not None:
-                continue
-            if isinstance(result, PieceError):
+            if outcome is None and isinstance(result, PieceError):
                 outcome = result
-                continue
-            yield result
-            if cancel is not None and cancel():
-                outcome = Cancelled()
+            elif outcome is None:
+                yield result
+                outcome = Cancelled() if cancel is not None and cancel() else None
     except GeneratorExit:  # closed by the caller
         outcome = Cancelled()
         deque(found, maxlen=0)
@@ -206,8 +199,7 @@ def _on_cluster(client: Any, tasks: Iterable[tuple[Any, ...]]) -> Iterator[Any]:
             waiting.append(client.submit(_call, *each, pure=False))
         if len(waiting) > 2 * max(sum(client.ncores().values()), 1):
             yield _result(waiting.popleft())
-    while waiting:
-        yield _result(waiting.popleft())
+    yield from map(_result, waiting)
 
 
 def _result(task: Any) -> Any:
