@@ -293,7 +293,7 @@ class Session:
         from meshmash_viewer.model.limits import MinMaxLimits, PercentileLimits
 
         for policy in (MinMaxLimits(), PercentileLimits(), None):
-            display.limits = policy
+            display.set_limits(policy)
             yield 0.3
         self.phase("export of features")
         from meshmash_viewer.fields import EXPORTS

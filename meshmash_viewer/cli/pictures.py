@@ -71,7 +71,7 @@ def render(options: Namespace) -> int:
     if options.kind is None:
         options.kind = OwnMaps.name if options.map or options.map_name else HeatKernelSignature.name
     elif options.map and options.kind != OwnMaps.name:
-        raise InputError(f"--map is of --field {OwnMaps.name}, not of {options.kind}.")
+        raise InputError(f"--map is for --field {OwnMaps.name}, not for {options.kind}.")
     _drawn(in_unit(options))
     return for_each(options, lambda mesh, _, own: _write_render(mesh, own))
 
@@ -116,7 +116,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
             "limits": limits,
             "quantity": f"{field.title}: {field.quantity}",
             "unit": field.unit,
-            "formula": field.formula,
+            "formula": field.family.definition,
         }
     shown |= {"title": mesh.name, "dark": options.dark}
     drawing = new_drawing(mesh, values, **shown)
@@ -239,7 +239,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
     rate, seconds, column = options.rate, options.seconds, options.column
     if options.sweep is not None:
         if column is not None:
-            raise InputError("--column is of --turntable; a sweep has those that it goes through.")
+            raise InputError("--column is for --turntable: give the columns with --sweep.")
         columns = chosen_columns(options.sweep, most)
         families, rate = film(family, spectrum, columns, rate, seconds)
         shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)

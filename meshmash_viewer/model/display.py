@@ -45,11 +45,6 @@ _POLICIES: dict[str, type[Any]] = {
     policy.__name__: policy
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
-#: Attributes written to JSON without conversion; `playing` is not written.
-_PLAIN = (
-    "kind", "nodal_lines", "label_borders", "label_graph", "diverging_colormap",
-    "sequential_colormap", "log_scales", "hide_small",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -184,19 +179,6 @@ class Display:
         """Policy of the limits of the displayed family; None for `automatic_limits`."""
         return self.policies.get(self.family.limits_key)
 
-    @limits.setter
-    def limits(self, policy: LimitPolicy | None) -> None:
-        self.set_limits(policy)
-
-    @property
-    def log_scale(self) -> bool | None:
-        """Whether the displayed family has a log scale; None if `spans_decades` decides."""
-        return self.log_scales.get(self.family.limits_key)
-
-    @log_scale.setter
-    def log_scale(self, logarithmic: bool | None) -> None:
-        self.set_log_scale(logarithmic)
-
     def set_limits(self, policy: LimitPolicy | None, key: str = "") -> None:
         """Set or remove (None) the policy of a limits key, by default of the displayed family."""
         self.policies = _with(self.policies, key or self.family.limits_key, policy)
@@ -299,17 +281,21 @@ def _by_key(kind: Callable[[object], Any]) -> Callable[[object], dict[str, Any]]
     return check
 
 
+#: Checks of the attributes written to JSON without conversion; `playing` is not written.
+_PLAIN: dict[str, Callable[[object], Any]] = {
+    "kind": Choice(FAMILIES),
+    "nodal_lines": Flag(),
+    "label_borders": Flag(),
+    "label_graph": Flag(),
+    "diverging_colormap": _color_map,
+    "sequential_colormap": _color_map,
+    "log_scales": _by_key(Flag()),
+    "hide_small": Flag(),
+}
 _DISPLAY = Record(
     {
-        "kind": Choice(FAMILIES),
-        "nodal_lines": Flag(),
-        "label_borders": Flag(),
-        "label_graph": Flag(),
-        "hide_small": Flag(),
-        "diverging_colormap": _color_map,
-        "sequential_colormap": _color_map,
+        **_PLAIN,
         "fields": Record({name: _family(family) for name, family in FAMILIES.items()}),
-        "log_scales": _by_key(Flag()),
         "policies": _by_key(_policy),
         "cut": Cut.entries(),
         "shape": Shape.entries(),

@@ -231,11 +231,6 @@ class Field:
         return self.texts.title
 
     @property
-    def formula(self) -> str:
-        """Definition of the values as a short formula; "" for none."""
-        return self.family.definition
-
-    @property
     def quantity(self) -> str:
         """Position with its unit: "λ₅ = 0.012 µm⁻²", "t = 0.31 µm² (√t = 557 nm)"."""
         return self.texts.quantity

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass, field
+from typing import ClassVar
 
-from psygnal import Signal
+from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.laplacian import OperatorOptions
@@ -18,40 +20,24 @@ from meshmash_viewer.work import Job
 DEFAULT_TARGET = Target("count", 100)
 
 
+@dataclass(eq=False)
 class Solve:
     """Options of the next decomposition of the open mesh, with estimates of its size and time."""
 
-    changed = Signal()
+    #: Emitted when an option changes.
+    changed: ClassVar[SignalGroupDescriptor] = SignalGroupDescriptor()
 
-    def __init__(self, opened: OpenMesh, work: Work) -> None:
-        self._opened, self._work = opened, work
-        self._operator = OperatorOptions()
-        self._target = DEFAULT_TARGET
-        #: Seconds per vertex and pair of the last decomposition on this machine, if any.
-        self.seconds_rate: float | None = None
-        work.finished.connect(self._measure)
+    _opened: OpenMesh
+    _work: Work
+    #: Options of the Laplacian.
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
+    #: The part of the spectrum to compute.
+    target: Target = DEFAULT_TARGET
+    #: Seconds per vertex and pair of the last decomposition on this machine, if any.
+    seconds_rate: float | None = None
 
-    @property
-    def operator(self) -> OperatorOptions:
-        """Options of the Laplacian."""
-        return self._operator
-
-    @operator.setter
-    def operator(self, operator: OperatorOptions) -> None:
-        if operator != self._operator:
-            self._operator = operator
-            self.changed.emit()
-
-    @property
-    def target(self) -> Target:
-        """The part of the spectrum to compute."""
-        return self._target
-
-    @target.setter
-    def target(self, target: Target) -> None:
-        if target != self._target:
-            self._target = target
-            self.changed.emit()
+    def __post_init__(self) -> None:
+        self._work.finished.connect(self._measure)
 
     def translation(self) -> Translation:
         """Return the conversion of targets for the open mesh, or for unit area without a mesh."""
@@ -61,7 +47,7 @@ class Solve:
         health = opened.solved.health
         n_vertices = self.n_vertices
         spectrum = None if opened.spectrum is None else opened.spectrum.exact
-        if spectrum is None or not len(spectrum) or spectrum.operator != self._operator:
+        if spectrum is None or not len(spectrum) or spectrum.operator != self.operator:
             return Translation(health.area, n_vertices=n_vertices)
         return Translation(
             health.area, spectrum.eigenvalues, n_vertices, known_to=spectrum.known_to

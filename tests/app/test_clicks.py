@@ -106,7 +106,7 @@ def test_small_components_can_be_hidden(
 
     rest()
     document.display.kind = "map"
-    document.display.limits = MinMaxLimits()
+    document.display.set_limits(MinMaxLimits())
     rest()
     debris = int(vertices[:, 0].argmax())
     at = window.scene.display_point(debris)

@@ -79,7 +79,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     document.pins.change("name of a pin", 100, name="soma", own_color="#123456")
     document.selection.set(np.arange(162) < 10)
     document.hiding.hide(np.arange(162) > 150)
-    document.display.limits = LockedLimits(-1.0, 2.0)
+    document.display.set_limits(LockedLimits(-1.0, 2.0))
     document.display.sequential_colormap = "magma"
     mesh = document.mesh
     assert isinstance(mesh, Mesh)

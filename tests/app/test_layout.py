@@ -181,10 +181,10 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
     assert part(window, "multiplet_label").isVisible()
     give(part(window, "limit_low_field"), "1e9")
     assert places(window) == before, "limits the wrong way round"
-    document.display.limits = PercentileLimits()
+    document.display.set_limits(PercentileLimits())
     with_percentiles = places(window)
     assert before.items() <= with_percentiles.items()
-    document.display.limits = None
+    document.display.set_limits(None)
     spin = part(window, "target_count_spin")
     for text in ("99999", "300"):
         spin.setFocus()

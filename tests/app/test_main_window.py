@@ -838,7 +838,7 @@ def test_a_session_comes_back(
     for vertex in (3, 17, 42, 3):
         document.pins.toggle(vertex)
     document.display.change(Eigenfunctions, index=7)
-    document.display.limits = LockedLimits(-2.0, 3.0)
+    document.display.set_limits(LockedLimits(-2.0, 3.0))
     document.display.nodal_lines = True
     document.solve.target = Target("count", 30)
     camera = ball.scene.camera()

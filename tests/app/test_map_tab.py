@@ -568,7 +568,7 @@ def test_a_kept_map_is_renamed_in_the_list(window: MainWindow) -> None:
     rename("  ")
     assert names(window) == ["depth", "depth 2", *CURVATURES]
     limits = LockedLimits(-1.0, 2.0)
-    document.display.limits = limits
+    document.display.set_limits(limits)
     rename("folds")
     display, key = document.display, document.display.family.limits_key
     assert key.endswith("folds")
@@ -614,7 +614,7 @@ def test_what_is_kept_of_a_positive_map_has_its_colours(window: MainWindow) -> N
     document.maps.add(document.mesh, [mv.VertexMap("spot", 10.0 ** (4.0 * x - 4.0))])
     for logarithmic in (True, False, None):
         display.change(OwnMaps, chosen="spot", view="pairs", pairs=12)
-        display.log_scale = logarithmic
+        display.set_log_scale(logarithmic)
         rest(window)
         field = window.controller.field
         assert field.values.min() < 0.0

@@ -81,7 +81,7 @@ def change(window):
         display.kind = "eigenfunction"
         document.flip()
     elif what == 6:
-        display.limits = LockedLimits(0.0, rng.random())
+        display.set_limits(LockedLimits(0.0, rng.random()))
     elif what == 7:
         display.sequential_colormap = rng.choice(["viridis", "magma", "cividis"])
     elif what == 8:

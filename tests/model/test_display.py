@@ -13,13 +13,13 @@ from meshmash_viewer.model.limits import LockedLimits
 def test_limits_are_locked_for_the_family_on_the_render() -> None:
     display = Display()
     locked = LockedLimits(-1.0, 2.0)
-    display.limits = locked
+    display.set_limits(locked)
     display.kind = "hks"
     assert display.limits is None, "the values of another family have another size"
-    display.limits = LockedLimits(0.0, 1.0)
+    display.set_limits(LockedLimits(0.0, 1.0))
     display.kind = "eigenfunction"
     assert display.limits == locked
-    display.limits = None
+    display.set_limits(None)
     assert display.policies == {"hks": LockedLimits(0.0, 1.0)}
 
 

@@ -163,7 +163,7 @@ def test_pins_signs_colours_limits_and_maps_are_undone_and_redone(document: Docu
         return document.pins.placed, display[Eigenfunctions].flipped, colors, maps
 
     def lock() -> None:
-        display.limits = LockedLimits(0.0, 2.0)
+        display.set_limits(LockedLimits(0.0, 2.0))
 
     def recolor() -> None:
         display.sequential_colormap = "magma"

@@ -146,7 +146,7 @@ def _limits(walk: Walk) -> None:
     display.kind = walk.pick(FAMILIES)
     low = float(walk.rng.random())
     choices = [None, MinMaxLimits(), PercentileLimits(), LockedLimits(low, low + 1.0)]
-    display.limits = walk.pick(choices)
+    display.set_limits(walk.pick(choices))
 
 
 def _log_scales(walk: Walk) -> None:

@@ -109,7 +109,7 @@ def caption_of(field: Field, limits: Limits, colormap: ColorMap, *, lined: bool)
         colormap,
         logarithmic=limits.logarithmic,
         beyond=field.beyond(limits),
-        formula=field.formula,
+        formula=field.family.definition,
         lines=field.line_spacing if lined else None,
     )
 
