@@ -20,8 +20,9 @@ from meshmash_viewer.features.comparison import Comparison
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, step
 from meshmash_viewer.model.limits import Limits
+from meshmash_viewer.model.matching import ComparisonRequest
 from meshmash_viewer.model.notices import Notice, failure_of, notice_of
-from meshmash_viewer.model.pair import ComparisonRequest, Pair
+from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.units import format_share
 
 if TYPE_CHECKING:

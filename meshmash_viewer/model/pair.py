@@ -1,7 +1,7 @@
 """Two linked meshes: the second displays the field that is displayed on the first.
 
 The comparison is independent of size: times and eigenvalues are scaled by the ratio of the areas.
-Values are scaled, too, while limits are linked (`Pair.with_shared_limits`). Meshes of one template
+Values are scaled, too, while limits are linked (`Pair.shown_field`). Meshes of one template
 (`corresponding_vertices`) are matched by vertex index, other meshes by features of their vertices.
 """
 
@@ -10,7 +10,8 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +19,7 @@ import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.comparison import (
-    SCORE,
-    Comparison,
-    Correspondence,
-    check_comparable,
-    compare_shapes,
-    corresponding_vertices,
-    matched_top,
-    unit_area_spectrum,
-)
-from meshmash_viewer.fields import EXPORTS, FEATURES
-from meshmash_viewer.fields.bank_columns import BankFamily
+from meshmash_viewer.features.comparison import SCORE, Comparison, Correspondence, matched_top
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
@@ -38,10 +28,9 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.history import Step
 from meshmash_viewer.model.limits import Limits
+from meshmash_viewer.model.matching import MATCHED_IN, ComparisonRequest, as_shown
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pins import Pin, pin_at
-from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.surface.rays import Plane
@@ -52,60 +41,12 @@ from meshmash_viewer.vertex_map import VertexMap
 CAMERAS = {"camera": "Linked", "mirror": "Mirrored", "free": "Free"}
 #: The other links with their labels.
 LINKS = {"kind": "Family", "position": "Index, time, band", "colors": "Colours and limits"}
-#: Features by which vertices can be matched: several columns and no required parameter.
-MATCHED_IN: dict[str, type[BankFamily]] = {
-    name: family
-    for name, family in FEATURES.items()
-    if family.export in EXPORTS and getattr(family(), family.counted) > 1
+#: Attributes of the display that the second mesh takes from the first, by link; "" for always.
+_LINKED = {
+    "kind": ("kind",),
+    "colors": ("policies", "log_scales", "diverging_colormap", "sequential_colormap"),
+    "": ("nodal_lines", "hide_small"),
 }
-
-
-def _as_shown(pairs: Eigenpairs) -> Eigenpairs:
-    """Return the eigenpairs with the displayed signs."""
-    rows = pairs.rows if pairs.alignment is None else pairs.shown_rows[: len(pairs)]
-    return replace(pairs, rows=rows, alignment=None, mass=pairs.vertex_areas)
-
-
-@dataclass(frozen=True, eq=False)
-class ComparisonRequest:
-    """Eigenpairs of two meshes up to the same eigenvalue times area, and options of the match.
-
-    `matched_in` is a key of `MATCHED_IN`; for `refined` and `landmarks` see `compare_shapes`.
-    """
-
-    first: Eigenpairs
-    second: Eigenpairs
-    matched_in: str
-    refined: bool = False
-    landmarks: tuple[tuple[int, int], ...] = ()
-
-    def equals(self, other: ComparisonRequest) -> bool:
-        """Return whether two requests have the same result."""
-        options, others = (
-            (each.matched_in, each.refined, each.landmarks) for each in (self, other)
-        )
-        return options == others and self.same_pairs(other)
-
-    def same_pairs(self, other: ComparisonRequest) -> bool:
-        """Return whether two requests compare the same eigenpairs."""
-        return self.first.rows is other.first.rows and self.second.rows is other.second.rows
-
-    def answered(self, cancel: CancelCallback | None = None) -> Comparison:
-        """Compute the comparison; raise `InputError` if a mesh has too few eigenpairs."""
-        first, second = self.first.mesh, self.second.mesh
-        assert first is not None
-        assert second is not None
-        for mesh, spectrum in ((first, self.first), (second, self.second)):
-            check_comparable(mesh.name, spectrum.n_vertices, spectrum.eigenvalues)
-        mine, other = _as_shown(self.first), _as_shown(self.second)
-        vertices = corresponding_vertices(first, second)
-        if vertices is not None:
-            other = replace(other, rows=self.second.rows)  # `compare_shapes` aligns the rows
-        bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
-        return compare_shapes(
-            mine, other, bank, cancel, vertices,
-            refine=self.refined, landmarks=self.landmarks, meshes=(first, second),
-        )  # fmt: skip
 
 
 class Pair:
@@ -129,8 +70,9 @@ class Pair:
         self.carries = False
         #: Maps that were carried from one mesh to the other, in either direction.
         self.carried: tuple[VertexMap, ...] = ()
-        self._matched_in = next(iter(MATCHED_IN))
-        self._refined = False
+        #: The feature by which vertices are matched, a key of `MATCHED_IN`, and whether they are
+        #: matched by a functional map, refined by ZoomOut. To change them, use `match_by`.
+        self.matched_in, self.refined = next(iter(MATCHED_IN)), False
         self._request: ComparisonRequest | None = None
         #: The request whose result is `comparison`.
         self._answered: ComparisonRequest | None = None
@@ -150,10 +92,10 @@ class Pair:
         self._keep_second()
         events = first.display.events
         self._connections = [
-            *((getattr(events, name), self._apply_display) for name in (
-                "fields", "kind", "policies", "log_scales", "diverging_colormap",
-                "sequential_colormap", "nodal_lines", "hide_small", "cut",
-            )),
+            *(
+                (getattr(events, name), self._apply_display)
+                for name in chain(("fields", "cut"), *_LINKED.values())
+            ),
             (first.pins.changed, self._follow_first_pins),
             (first.spectrum_changed, self._follow_spectra),
             (second.spectrum_changed, self._follow_spectra),
@@ -163,7 +105,7 @@ class Pair:
             (second.history.changed, self._record_second),
             (second.history.started, self._keep_second),
             (first.maps.renamed, self._rename_carried),
-        ]  # fmt: skip
+        ]
         for signal, slot in self._connections:
             signal.connect(slot)
         self.set_links(None)
@@ -245,32 +187,18 @@ class Pair:
         self.carries = on
         self.changed.emit()
 
-    @property
-    def matched_in(self) -> str:
-        """The feature by which vertices are matched: a key of `MATCHED_IN`."""
-        return self._matched_in
-
-    @matched_in.setter
-    def matched_in(self, name: str) -> None:
-        self._matched_in = name
-        self._follow_spectra()
-
-    @property
-    def refined(self) -> bool:
-        """Whether vertices are matched by a functional map, refined by ZoomOut."""
-        return self._refined
-
-    @refined.setter
-    def refined(self, on: bool) -> None:
-        self._refined = on
+    def match_by(self, feature: str | None = None, *, refined: bool | None = None) -> None:
+        """Change the given options of the match, and request another comparison."""
+        self.matched_in = self.matched_in if feature is None else feature
+        self.refined = self.refined if refined is None else refined
         self._follow_spectra()
 
     @property
     def match(self) -> dict[str, Any]:
         """Options of the match and pins of the second mesh, as a session stores them."""
         return {
-            "feature": self._matched_in,
-            "refined": self._refined,
+            "feature": self.matched_in,
+            "refined": self.refined,
             "carried": self.carries,
             "pinned": [list(each) for each in self._pinned.items()],
         }
@@ -278,8 +206,8 @@ class Pair:
     @match.setter
     def match(self, stored: dict[str, Any]) -> None:
         if stored.get("feature") in MATCHED_IN:
-            self._matched_in = stored["feature"]
-        self._refined = stored.get("refined", False)
+            self.matched_in = stored["feature"]
+        self.refined = stored.get("refined", False)
         self.carries = stored.get("carried", False)
         self._pinned = dict(stored.get("pinned", ()))
         self._follow_spectra()
@@ -335,17 +263,6 @@ class Pair:
         self._dragging = False
         self._follow_first_pins()
 
-    def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
-        """Return the field to show on the second mesh, and colour limits for both fields.
-
-        With `carries`, this is the field of the first mesh, transferred by the match; otherwise
-        the result of `with_shared_limits`.
-        """
-        if self.carries and self.comparison is not None:
-            limits, _ = first.colors(self.first.display)
-            return first.carried(self.comparison.back.indices), limits
-        return self.with_shared_limits(first, second)
-
     def keep(self, field: Field) -> None:
         """Add a field of the first mesh, transferred by the match, to the maps of the second."""
         other, found = self.second.mesh, self.comparison
@@ -399,11 +316,13 @@ class Pair:
         self.carried += (self.second.mesh.maps[mesh.maps.index(known)],)
         history.complete(history.past[-1], {**history.past[-1].state, "second mesh": before})
 
-    def with_shared_limits(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
-        """Return the second field scaled for comparison, and colour limits for both fields.
+    def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
+        """Return the field to show on the second mesh, and colour limits for both fields.
 
-        The limits contain the limits of both fields under the current policy. Values that depend on
-        the size of the mesh are scaled to the area of the first (`Field.at_size`).
+        With `carries`, this is the field of the first mesh, transferred by the match. Otherwise it
+        is the second field, with limits that contain the limits of both fields under the current
+        policy. Values that depend on the size of the mesh are scaled to the area of the first
+        (`Field.at_size`).
 
         Returns
         -------
@@ -411,6 +330,9 @@ class Pair:
             None if each mesh has its own limits, because the link is off, families, signs or units
             differ, or a field consists of labels.
         """
+        if self.carries and self.comparison is not None:
+            limits, _ = first.colors(self.first.display)
+            return first.carried(self.comparison.back.indices), limits
         key, display = first.family.limits_key, self.first.display
         if "colors" not in self.links or key != second.family.limits_key:
             return None
@@ -472,26 +394,22 @@ class Pair:
         found, request = self.comparison, self._answered
         if found is None or request is None:
             raise InputError("There is no match to write: wait until the meshes are compared.")
-        first, second = request.first, request.second
-        assert first.mesh is not None
-        assert second.mesh is not None
+        pairs, (first, second) = (request.first, request.second), request.meshes
         proofs = (
-            each.proof(each.mesh.unit)
-            for each in (first, second)
-            if each.certificate.method != "none" and each.mesh is not None
+            each.proof(mesh.unit)
+            for each, mesh in zip(pairs, (first, second), strict=True)
+            if each.certificate.method != "none"
         )
-        operator = first.operator or self.first.solve.operator
+        solve, repairs = self.first.solve, self.first.repairs
         options = export_options(
-            "match", operator, self.first.solve.target, "; ".join(proofs), self.first.repairs
+            "match", pairs[0].operator or solve.operator, solve.target, "; ".join(proofs), repairs
         )
         if self.second.repairs:
             options["second_repairs"] = list(self.second.repairs)
         options["matched_in"] = MATCHED_IN[request.matched_in].export
         if request.refined:
             options["refined"] = {"landmarks": len(request.landmarks)}
-        write_features(
-            path, found.match_table(second.mesh.name, second.mesh), first.mesh, meta=options
-        )
+        write_features(path, found.match_table(second.name, second), first, meta=options)
 
     def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
         """Return the best matches of a vertex of the first mesh on the second, with their scores.
@@ -522,8 +440,8 @@ class Pair:
             and second.complete
             and self.second.work.job is None
         ):
-            landmarks = self.landmarks if self._refined else ()
-            request = ComparisonRequest(first, second, self._matched_in, self._refined, landmarks)
+            landmarks = self.landmarks if self.refined else ()
+            request = ComparisonRequest(first, second, self.matched_in, self.refined, landmarks)
         if before is None or request is None or not before.equals(request):
             self._request = request
             known = self._answered
@@ -540,55 +458,46 @@ class Pair:
         busy = self.second.work.job is not None
         if first is None or not first.complete or mesh is None or busy:
             return
-        asked = first.rows, mesh.vertices
-        if all(one is other for one, other in zip(asked, self._asked, strict=True)):
+        if first.rows is self._asked[0] and mesh.vertices is self._asked[1]:
             return  # requested before, and maybe cancelled by the user
-        self._asked = asked
-        top = matched_top(_as_shown(first), mesh.area)
-        self.second.solve.operator = self.first.solve.operator
-        if top > 0.0:
-            self.second.solve.target = Target("max_eigenvalue", top)
-        else:
-            self.second.solve.target = self.first.solve.target
-        if not self.second.solve.is_computed:
-            self.second.solve.compute()
+        self._asked = first.rows, mesh.vertices
+        top, mine, solve = (
+            matched_top(as_shown(first), mesh.area),
+            self.first.solve,
+            self.second.solve,
+        )
+        solve.operator = mine.operator
+        solve.target = Target("max_eigenvalue", top) if top > 0.0 else mine.target
+        if not solve.is_computed:
+            solve.compute()
 
     def _apply_display(self, *, everything: bool = False) -> None:
         """Copy changed, linked attributes of the display of the first mesh to the second."""
+        mine, other, known = self.first.display, self.second.display, self.first.known
         with self.second.history.paused():  # recorded in the history of the first
-            self._copy_display(everything=everything)
+            other.cut = self._other_side(mine.cut)
+            if known is None:
+                return
+            moved = []
+            for name, family in mine.fields.items():
+                before, was = self._applied.get(name, (None, None))
+                if family is not before or everything:
+                    shown = family.filled_in(known, mine.fields)
+                    self._applied[name] = family, shown
+                    moved.append(self._carried_family(shown, was, other.fields[name]))
+            other.put(*moved)
+            for link, names in _LINKED.items():
+                if not link or link in self.links:
+                    for name in names:
+                        setattr(other, name, getattr(mine, name))
 
-    def _copy_display(self, *, everything: bool) -> None:
-        mine, other, to = self.first.display, self.second.display, self.correspondence
-        other.cut = self._other_side(mine.cut)
-        known = self.first.known
-        if known is None:
-            return
-        moved = []
-        for name, family in mine.fields.items():
-            before, was = self._applied.get(name, (None, None))
-            if family is before and not everything:
-                continue
-            shown = family.filled_in(known, mine.fields)
-            carried = shown.carried(to)
-            stays = [
-                each
-                for each in family.own
-                if was is not None and getattr(was, each) == getattr(shown, each)
-            ]
-            if "position" not in self.links:
-                stays += family.position
-            kept = {each: getattr(other.fields[name], each) for each in stays}
-            moved.append(replace(carried, **kept))
-            self._applied[name] = family, shown
-        other.put(*moved)
-        if "kind" in self.links:
-            other.kind = mine.kind
-        if "colors" in self.links:
-            other.policies, other.log_scales = mine.policies, mine.log_scales
-            other.diverging_colormap = mine.diverging_colormap
-            other.sequential_colormap = mine.sequential_colormap
-        other.nodal_lines, other.hide_small = mine.nodal_lines, mine.hide_small
+    def _carried_family(self, shown: Family, was: Family | None, other: Family) -> Family:
+        """Return the family for the second mesh, which has `other` now; `was` was applied last."""
+        kept = [] if "position" in self.links else list(shown.position)
+        if was is not None:
+            kept += [each for each in shown.own if getattr(was, each) == getattr(shown, each)]
+        changes = {each: getattr(other, each) for each in kept}
+        return replace(shown.carried(self.correspondence), **changes)
 
     def cut_second(self, plane: Plane) -> None:
         """Cut both meshes at a plane given for the second."""
@@ -608,7 +517,7 @@ class Pair:
 
     def _follow_first_pins(self) -> None:
         self._follow_pins()
-        if self._refined:
+        if self.refined:
             self._follow_spectra()  # the landmarks have changed
 
     def _follow_pins(self) -> None:

@@ -12,7 +12,8 @@ from meshmash_viewer.io.session import packed_mask
 from meshmash_viewer.model.display import FEWEST_PAIRS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, request_of
-from meshmash_viewer.model.pair import MATCHED_IN, Pair
+from meshmash_viewer.model.matching import MATCHED_IN
+from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.selection import mask_in_file
 
 

@@ -46,7 +46,7 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.limits import LockedLimits
-from meshmash_viewer.model.pair import MATCHED_IN
+from meshmash_viewer.model.matching import MATCHED_IN
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_share
@@ -280,7 +280,7 @@ def test_both_colour_bars_say_the_same_numbers(
     window.opening.end_comparison()
     rest(window)
     assert tuple(window.to_pyvista().user_dict["limits"]) == pytest.approx(own)
-    display.limits = None
+    display.set_limits(None)
 
 
 def test_both_are_drawn_once_a_step(
@@ -627,7 +627,7 @@ def test_own_maps_show_the_carried_map_on_both_under_its_new_name(
         return [each.field.title for each in (window.controller, opened.controller)]
 
     assert titles() == ["x", "x"]
-    first.display.limits = LockedLimits(-0.5, 0.5)
+    first.display.set_limits(LockedLimits(-0.5, 0.5))
     first.maps.rename("x", "across")
     rest(window)
     assert titles() == ["across", "across"]
@@ -880,7 +880,7 @@ def test_a_session_and_a_script_have_both(
 ) -> None:
     opened = beside(window, folder / "other.npz", monkeypatch)
     for name in MATCHED_IN:
-        opened.pair.matched_in = name
+        opened.pair.match_by(name)
         rest(window)
         made: dict[str, Any] = {}
         monkeypatch.chdir(tmp_path)
@@ -889,7 +889,7 @@ def test_a_session_and_a_script_have_both(
         assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
         assert np.mean(found.forth.indices == wanted.forth.indices) > 0.99
     opened.pair.link("position", False)
-    opened.pair.refined = True
+    opened.pair.match_by(refined=True)
     opened.pair.carry(True)
     made = mv.VertexMap("carried", np.arange(opened.document.mesh.n_vertices), unit="mm")
     opened.document.maps.add(opened.document.mesh, [made])

@@ -35,9 +35,10 @@ from meshmash_viewer.model.limits import (
     PercentileLimits,
     SymmetricLimits,
 )
+from meshmash_viewer.model.matching import MATCHED_IN, ComparisonRequest
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.open_mesh import MeshReady, PartReady
-from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
+from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -233,7 +234,7 @@ def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
 def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
     before = pair.comparison
     for name in MATCHED_IN:
-        pair.matched_in = name
+        pair.match_by(name)
         assert pair.comparison is not None
         assert pair.comparison.mutual_share > 0.99
     assert pair.comparison is not before
@@ -244,7 +245,7 @@ def test_the_match_is_refined_with_pins_of_both_meshes_as_landmarks(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
 ) -> None:
     place = meshes[2]
-    pair.refined = True
+    pair.match_by(refined=True)
     assert pair.comparison is not None
     assert pair.comparison.functional is not None
     assert np.mean(pair.comparison.forth.indices == place) > 0.99
@@ -255,7 +256,7 @@ def test_the_match_is_refined_with_pins_of_both_meshes_as_landmarks(
     assert pair.landmarks == ((50, place[50]),)
     assert pair.comparison is not before
     assert "refine=True, landmarks=[[50, " in reproduction_script(pair.first, pair)
-    pair.refined = False
+    pair.match_by(refined=False)
     assert pair.comparison.functional is None
 
 
@@ -418,12 +419,12 @@ def test_one_colour_is_one_value_on_both(kind: str, policy: LimitPolicy | None) 
     second = Mesh(2.0 * first.vertices * [1.1, 1.0, 1.0], first.faces)
     pair = solved(first, second)
     pair.first.display.kind = kind
-    pair.first.display.limits = policy
+    pair.first.display.set_limits(policy)
     for index in (3, 8):
         pair.first.display.change(Eigenfunctions, index=index)
         pair.first.display.change(GeometryVectors, index=index)
         mine, other = shown(pair.first), shown(pair.second)
-        drawn, limits = pair.with_shared_limits(mine, other)
+        drawn, limits = pair.shown_field(mine, other)
         power = 1 if kind == "eigenfunction" else 2
         scale = (second.area / first.area) ** (power / 2)
         np.testing.assert_allclose(drawn.values, other.values * scale, rtol=1e-5)
@@ -432,12 +433,12 @@ def test_one_colour_is_one_value_on_both(kind: str, policy: LimitPolicy | None) 
         wanted = min(low for low, _ in each), max(high for _, high in each)
         np.testing.assert_allclose(limits[:2], wanted, rtol=1e-6)
     pair.link("colors", False)
-    assert pair.with_shared_limits(mine, other) is None
+    assert pair.shown_field(mine, other) is None
 
 
 def test_a_copy_of_another_size_has_the_same_colours(pair: Pair) -> None:
     mine, other = shown(pair.first), shown(pair.second)
-    drawn, limits = pair.with_shared_limits(mine, other)
+    drawn, limits = pair.shown_field(mine, other)
     np.testing.assert_allclose(limits[:2], mine.limits(None), rtol=1e-5)
     np.testing.assert_allclose(drawn.limits(None), mine.limits(None), rtol=1e-5)
 
@@ -448,11 +449,11 @@ def test_what_is_measured_keeps_its_values_and_needs_one_unit() -> None:
     pair = solved(first, larger)
     pair.first.display.show(OwnMaps(chosen="Mean curvature"))
     mine, other = shown(pair.first), shown(pair.second)
-    drawn, limits = pair.with_shared_limits(mine, other)
+    drawn, limits = pair.shown_field(mine, other)
     assert drawn is other
     assert limits[:2] == mine.limits(None)  # the larger mesh has half the curvature
     pair.second.set_unit("µm")
-    assert pair.with_shared_limits(mine, shown(pair.second)) is None
+    assert pair.shown_field(mine, shown(pair.second)) is None
 
 
 def test_a_map_of_the_second_is_looked_at_on_it() -> None:
@@ -562,7 +563,7 @@ def test_a_script_solves_and_compares_the_pairs_that_were_compared(
     first.solve.compute()
     monkeypatch.chdir(tmp_path)
     for feature in MATCHED_IN:
-        pair.matched_in = feature
+        pair.match_by(feature)
         wanted = pair.comparison
         script = reproduction_script(first, pair)
         filled = script.replace("mv.Mesh(vertices, faces, unit=...)", "meshes.pop(0)")

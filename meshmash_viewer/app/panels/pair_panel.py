@@ -25,7 +25,8 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.mesh import Mesh, mask_text
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.pair import CAMERAS, LINKS, MATCHED_IN, Pair
+from meshmash_viewer.model.matching import MATCHED_IN
+from meshmash_viewer.model.pair import CAMERAS, LINKS, Pair
 from meshmash_viewer.units import format_number, format_share
 
 _FIGURES = {
@@ -101,13 +102,13 @@ class PairPanel(QWidget):
         self.legend = make.label("pair_legend", role="muted", wordWrap=True)
         self.feature_combo = make.combo(
             "pair_feature_combo", "Feature in which vertices are matched",
-            self._call(lambda pair, name: setattr(pair, "matched_in", name)),
+            self._call(lambda pair, name: pair.match_by(name)),
             {name: family.short for name, family in MATCHED_IN.items()},
         )  # fmt: skip
         self.refine_check = make.check(
             "Refined by ZoomOut", "pair_refine_check",
             "Match vertices by a functional map, refined with more and more eigenfunctions",
-            self._call(lambda pair, on: setattr(pair, "refined", on)),
+            self._call(lambda pair, on: pair.match_by(refined=on)),
             tip="Pins that you set on both meshes are its landmarks",
         )  # fmt: skip
         #: The functional map, if the match is refined.
