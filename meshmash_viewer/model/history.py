@@ -78,10 +78,8 @@ class History:
 
     def forget(self, *parts: str) -> None:
         """Remove parts of the state, and steps that changed no other parts."""
-        for part in parts:
-            self._parts.pop(part, None)
-        for steps in ("past", "future", "_future_before"):
-            setattr(self, steps, _without(getattr(self, steps), parts))
+        self._parts = {name: part for name, part in self._parts.items() if name not in parts}
+        self._change_states(lambda state: {at: state[at] for at in state if at not in parts})
         self.changed.emit()
 
     def read(self, parts: Iterable[str] | None = None) -> dict[str, Any]:
@@ -139,14 +137,15 @@ class History:
 
     def amend(self, part: str, changed: Callable[[Any], Any]) -> None:
         """Replace the value of a part by ``changed(value)`` in all steps."""
-        for steps in ("past", "future", "_future_before"):
-            amended = (
-                replace(step, state={**step.state, part: changed(step.state[part])})
-                if part in step.state
-                else step
-                for step in getattr(self, steps)
-            )
-            setattr(self, steps, tuple(amended))
+        self._change_states(
+            lambda state: {at: changed(state[at]) if at == part else state[at] for at in state}
+        )
+
+    def _change_states(self, changed: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
+        """Change the values that steps restore; steps that are left without values are removed."""
+        for name in ("past", "future", "_future_before"):
+            steps = (replace(step, state=changed(step.state)) for step in getattr(self, name))
+            setattr(self, name, tuple(step for step in steps if step.state))
 
     @property
     def is_paused(self) -> bool:
@@ -191,15 +190,3 @@ class History:
             for part, value in step.state.items():
                 self._parts[part].restore(value)
         return Step(step.label, here)
-
-
-def _without(steps: tuple[Step, ...], parts: Iterable[str]) -> tuple[Step, ...]:
-    """Remove some parts from steps, and the steps that changed no other parts."""
-    gone = frozenset(parts)
-    kept = (
-        step
-        if gone.isdisjoint(step.state)
-        else replace(step, state={at: step.state[at] for at in step.state if at not in gone})
-        for step in steps
-    )
-    return tuple(step for step in kept if step.state)

@@ -230,13 +230,6 @@ class JobState:
     began: float = 0.0
     expected: float | None = None
 
-    def progressed(self, progress: Progress) -> JobState:
-        """Return the state with new progress; a missing remaining time is estimated."""
-        if progress.remaining is None and self.expected is not None:
-            left = self.began + self.expected - time.monotonic()
-            progress = replace(progress, remaining=left if left > 0.0 else None)
-        return replace(self, progress=progress)
-
 
 @contextmanager
 def heard_warnings() -> Iterator[list[str]]:
@@ -346,9 +339,13 @@ class Work:
         self.changed.emit()
 
     def progressed(self, progress: Progress) -> None:
-        """Record the progress of the job."""
-        if self.job is not None:
-            self.job = self.job.progressed(progress)
+        """Record the progress of the job; a missing remaining time is estimated."""
+        job = self.job
+        if job is not None:
+            if progress.remaining is None and job.expected is not None:
+                left = job.began + job.expected - time.monotonic()
+                progress = replace(progress, remaining=left if left > 0.0 else None)
+            self.job = replace(job, progress=progress)
             self.changed.emit()
 
     def ended(self) -> None:

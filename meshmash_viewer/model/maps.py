@@ -70,9 +70,7 @@ class Maps:
         """Sort the maps in the order of `names`, also maps added later from `pending` files."""
         self._names, mesh = tuple(names), self._opened.mesh
         if mesh is not None and self._sorted(mesh) is not mesh:
-            with self._history.paused():
-                self._take(self._sorted(mesh))
-            self._opened.spectrum_changed.emit()
+            self._put(self._sorted(mesh))
 
     def _sorted(self, mesh: Mesh) -> Mesh:
         places = {name: at for at, name in enumerate(self._names)}
@@ -152,18 +150,16 @@ class Maps:
         }
         if not shown:
             self._history.amend("mesh", partial(_with_more, mesh, maps))
-            with self._history.paused():
-                self._take(self._sorted(more))
-        else:
-            self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
-            self._take(more)
-            sets = [each for each in added if each.labels]
-            self.show((sets if labels and sets else added)[-1].name, colors)
-            self._say_added(added, [] if sets else faults)
+            self._put(self._sorted(more))
+            return
+        sets = [each for each in added if each.labels]
+        self._history.record("new map" if len(maps) == 1 else "new maps", "mesh")
+        self._take(more)
+        self.show((sets if labels and sets else added)[-1].name, colors)
+        self._say_added([each.name for each in added], [] if sets else faults)
         self._opened.spectrum_changed.emit()
 
-    def _say_added(self, added: Sequence[VertexMap], faults: list[str]) -> None:
-        names = [each.name for each in added]
+    def _say_added(self, names: list[str], faults: list[str]) -> None:
         rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         text = f"Added {counted(len(names), 'map')}: {', '.join(names[:_NAMED])}{rest}."
         if faults:
@@ -176,9 +172,7 @@ class Maps:
         if mesh is not None:
             if mesh.map_named(changed.name).path or changed.name in self.in_file:
                 self.edited |= {changed.name}
-            self._history.record(label, "mesh")
-            self._take(mesh.with_changed_map(replace(changed, path="")))
-            self._opened.spectrum_changed.emit()
+            self._put(mesh.with_changed_map(replace(changed, path="")), label)
 
     def can_rename(self, name: str) -> bool:
         """Return whether a map can be renamed: it has no labels, and is not in the mesh file."""
@@ -236,10 +230,7 @@ class Maps:
         if mesh is not None:
             for name in names:
                 mesh = mesh.without_map(name)
-            if label:
-                self._history.record(label, "mesh")
-            self._take(mesh.with_maps(*maps))
-            self._opened.spectrum_changed.emit()
+            self._put(mesh.with_maps(*maps), label)
 
     def is_made_here(self, known: VertexMap) -> bool:
         """Return whether a map was made in this program, not read from a file."""
@@ -270,17 +261,12 @@ class Maps:
                     now = now.with_maps(each)
             self.edited |= frozenset(edited)
             self._kept |= {each.name for each in maps}
-            with self._history.paused():
-                self._take(self._sorted(now))
-            self._opened.spectrum_changed.emit()
+            self._put(self._sorted(now))
 
     def remove(self, name: str) -> None:
         """Remove a map from the mesh; its file stays."""
         if self._opened.mesh is not None:
-            left = self._opened.mesh.without_map(name)
-            self._history.record("removal of a map", "mesh")
-            self._take(left)
-            self._opened.spectrum_changed.emit()
+            self._put(self._opened.mesh.without_map(name), "removal of a map")
 
     def grow(self, mesh: Mesh, grew: MapGrew) -> None:
         """Add values to the map that is being computed, and show it; missing values are NaN."""
@@ -343,6 +329,13 @@ class Maps:
         """Return the open mesh if it has the vertices of `mesh`, else None."""
         now = self._opened.mesh
         return now if now is not None and now.vertices is mesh.vertices else None
+
+    def _put(self, mesh: Mesh, label: str = "") -> None:
+        """Replace the mesh by one with other maps; record the change if there is a label."""
+        if label:
+            self._history.record(label, "mesh")
+        self._take(mesh)
+        self._opened.spectrum_changed.emit()
 
     def _take(self, mesh: Mesh) -> None:
         assert self._opened.ready is not None
