@@ -1,0 +1,197 @@
+"""Options of the commands, and parsers of their values."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError, _ActionsContainer
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from meshmash_viewer.cli.arguments import TargetQuantity, number, option_type, quantity, whole
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.quantities import parse_number, parse_quantity, parse_unit
+from meshmash_viewer.structures import named_structure
+from meshmash_viewer.units import UNIT_FORMS
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.weyl import Target
+
+
+def _scheduler(text: str) -> str:
+    kind, _, count = text.partition(":")
+    if kind == "local" and not (count.isdecimal() and int(count) > 0):
+        raise ArgumentTypeError(f"{text!r} is not local:N with a number of processes")
+    return text
+
+
+def _unit(text: str) -> str:
+    parse_unit(text)
+    return text
+
+
+def _repair(name: str) -> str:
+    from meshmash_viewer.health import REPAIRS
+
+    if name not in REPAIRS:
+        raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
+    return name
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    try:
+        size = int(width), int(height)
+    except ValueError:
+        raise ArgumentTypeError(f"{text!r} is not a size like 1600x1200") from None
+    if not all(1 <= side <= 16384 for side in size):
+        raise ArgumentTypeError(f"{text!r} is not between 1x1 and 16384x16384")
+    return size
+
+
+def _not_negative(text: str) -> float:
+    value = parse_number(text, share=True)
+    if not value >= 0.0:
+        raise InputError(f"{text} is negative: give zero or a small positive number.")
+    return value
+
+
+def target_type(
+    kind: Literal["max_eigenvalue", "wavelength"], power: int
+) -> Callable[[str], Target | TargetQuantity]:
+    """Return a parser of targets; a target without a unit is checked at once."""
+
+    def parse(text: str) -> Target | TargetQuantity:
+        found = TargetQuantity(kind, parse_quantity(text, power))
+        return found if found.quantity.unit else found.in_unit("")
+
+    return option_type(parse)
+
+
+def _takes(
+    kind: Callable[[str], Any], metavar: str | tuple[str, ...], about: str = "", **more: Any
+) -> dict[str, Any]:
+    """Return the arguments of `add_argument` for an option that has a value."""
+    return {"type": kind, "metavar": metavar, "help": about, **more}
+
+
+def _switches(**abouts: str) -> dict[str, dict[str, Any]]:
+    """Return the arguments of `add_argument` for options without a value."""
+    return {
+        f"--{name.replace('_', '-')}": {"action": "store_true", "help": about}
+        for name, about in abouts.items()
+    }
+
+
+_MANY: dict[str, Any] = {"action": "append", "default": []}
+#: Arguments of `add_argument` by flag. Options without help have another one in each command.
+OPTIONS: dict[str, dict[str, Any]] = {
+    # meshes
+    "--unit": _takes(option_type(_unit), "U", f"length unit of the coordinates: {UNIT_FORMS}"),
+    "--segment": _takes(str, "ID", "id of the segment to read from a link; may be given several"
+        " times", **_MANY),
+    "--lod": _takes(int, "N", "level of detail of a segment, 0 for the finest (default, unless the"
+        " mesh is too large)"),
+    "--repair": _takes(option_type(_repair), "NAME", "repair the mesh first; may be given several"
+        " times, in order. `info` counts the faults that each repair corrects", **_MANY),
+    "--largest-component": {
+        "dest": "repair", "action": "append_const", "const": "keep_largest_component",
+        "help": "leave out all but the largest connected component",
+    },
+    "--mask": _takes(str, "FILE[:LABEL]", "solve on a part of the vertices; results are NaN"
+        " elsewhere. The part is a label, all labels but one (lh.aparc.annot:-unknown), all"
+        " vertices with a nonzero value, or a condition ('lh.thickness>0.5', in quotes)"),
+    "--map": _takes(Path, "FILE", "file of values per vertex; may be given several times", **_MANY),
+    "--labels": _takes(str, "FILE[:MAP]"),
+    "--structure": _takes(option_type(named_structure), "NAME", "brain structure in GIFTI files:"
+        " left, right, or a name such as CortexLeft; default: that of the mesh file, or of its name"
+        " (lh.pial)"),
+    # eigenpairs and features
+    "--mollify-factor": _takes(option_type(_not_negative), "F", "mollification of the robust"
+        " Laplacian, a share of the mean edge length, default 1e-5", default=1e-5),
+    "--jobs": _takes(whole(1), "J", "number of processes; default: as many as fit into memory"),
+    "--scheduler": _takes(_scheduler, "ADDRESS", "compute on the workers of this Dask scheduler,"
+        " one task a mesh (the pieces of a single one), or by N processes with local:N; writes a"
+        " manifest next to the results"),
+    "--n-components": _takes(whole(1), "N"),
+    "--tail": {
+        "choices": ("weyl",),
+        "help": "for --kind hks: add the contribution of higher eigenpairs expected by Weyl's law",
+    },
+    "--pieces": _takes(whole(1), "N", "compute in about N overlapping pieces, for a mesh too large"
+        " to be solved whole"),
+    # points
+    "--points": _takes(Path, "FILE", "table of points, such as synapses: CSV, Parquet or Feather"),
+    "--position": _takes(str, "NAME", "name of the position if rows have several, such as pre_pt or"
+        " ctr_pt_position", default=""),
+    "--points-unit": _takes(option_type(_unit), "U", f"length unit of the points: {UNIT_FORMS};"
+        " default: that of the mesh", default=""),
+    "--voxel": _takes(number(), ("X", "Y", "Z"), "voxel size of points given in voxels, in the unit"
+        " of the mesh", nargs=3),
+    "--max-distance": _takes(quantity(1), "L", "largest distance to a vertex (unit); default: 1/100"
+        " of the diagonal of the mesh"),
+    "--id-map": _takes(Path, "OUT.npz", "file for id and vertex of each point, in meshmash's format"
+        " (id_to_mesh_map)"),
+    # domains
+    "--graphs": _takes(str, "OUT", "file, folder or template of the graph of domains of each mesh"),
+    "--reduction": _takes(number(share=True), "SHARE", "share of the faces that decimation removes"
+        " first, default 0.7", dest="simplify_target_reduction"),
+    "--distance-threshold": _takes(number(), "D", "Ward distance of log-HKS at which clustering"
+        " stops, default 3"),
+    "--min-vertices": _takes(whole(), "N", "components with fewer vertices are in no domain,"
+        " default 200", dest="min_vertex_threshold"),
+    "--nucleus": _takes(number(), ("X", "Y", "Z"), "position of the nucleus in the unit of the"
+        " mesh; adds a column of distances to it", nargs=3, dest="nuc_point"),
+    # classes
+    "--smoothing": _takes(quantity(1), "L", "length over which probabilities are smoothed along the"
+        " surface (unit), default 0", default=0.0),
+    "--model": _takes(Path, "FILE", "model written by train, a .skops file", required=True),
+    "--domains": _takes(str, "FILE", "file or folder of condensed features: predict one class for"
+        " each domain"),
+    # pictures
+    "--index": _takes(whole(), "I", "index of the eigenfunction, band or column, from 0"),
+    "--columns": _takes(str, "START:STOP:STEP", "columns to draw, from 0 and without STOP as in"
+        " Python; default 24, evenly spread"),
+    "--sweep": _takes(str, "START:STOP:STEP", "sweep through columns, from 0 and without STOP as in"
+        " Python; : for all columns"),
+    "--column": _takes(whole(), "I", "column displayed on the turntable, from 0"),
+    "--rate": _takes(number(), "FPS", "frames per second; default: as in the window, 25 on the"
+        " turntable"),
+    "--seconds": _takes(number("s"), "S", "duration; default: every column once, 6 s on the"
+        " turntable"),
+    "--size": _takes(_size, "WIDTHxHEIGHT"),
+    "--colormap": _takes(str, "NAME", "name of a matplotlib colour map"),
+    "--limits": _takes(number(), ("LOW", "HIGH"), "limits of the colours", nargs=2),
+    "--color-scale": {
+        "choices": ("automatic", "linear", "log"), "default": "automatic",
+        "help": "automatic: log if the values are positive and span more than two decades",
+    },
+    "--width-mm": _takes(number(), "MM", "width of a figure for a paper, in place of --size; white"
+        " background unless --transparent"),
+    "--dpi": _takes(whole(1), "N", "pixels per inch of a figure", default=300),
+    "--font-size": _takes(number(), "PT", "font size of a figure in points", default=7.0),
+}  # fmt: skip
+OPTIONS |= _switches(
+    fresh="ignore stored settings",
+    info="print versions, memory, graphics and stored eigenpairs, for a report of a fault",
+    no_robust="plain cotangent Laplacian, for clean manifolds",
+    no_cache="do not read or store eigenpairs",
+    drop_first="leave out the first eigenpair",
+    component_column="add a last column, the connected component of each vertex, from 0",
+    maps="add the values per vertex of the mesh file as columns",
+    whole_mesh="after repairs: write results at all vertices of the file, NaN at removed vertices",
+    resume="skip meshes with results of the same content and options in the manifest of an earlier"
+    " run",
+    refine="match vertices by a functional map from these features, refined by ZoomOut",
+    lambda2="add the first nonzero eigenvalue of each region, with a free boundary",
+    whole_labels="one row for each label, not for each connected part; without neck width and λ₂",
+    turntable="turn the mesh once around, with one column displayed",
+    dark="light text on a dark background",
+    transparent="transparent background",
+    json="one line of JSON for each mesh",
+)
+
+
+def add_options(parser: _ActionsContainer, *flags: str, **changes: Any) -> None:
+    """Add options of the table; `changes` are arguments of `add_argument` that differ from it."""
+    for flag in flags:
+        parser.add_argument(flag, **{**OPTIONS[flag], **changes})
