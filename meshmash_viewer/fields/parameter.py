@@ -129,10 +129,14 @@ class Number(Kind):
 
 @dataclass(frozen=True)
 class Text(Kind):
-    """A text that can also be a file name, and for which `sound` does not raise `InputError`."""
+    """A text that can also be a file name, and for which `check` does not raise `ValueError`.
+
+    `expected` describes texts that `check` accepts; by default, messages contain its error.
+    """
 
     most: int = 4096
-    sound: Callable[[str], object] = str
+    check: Callable[[str], object] = str
+    expected: str = ""
 
     def __call__(self, value: object) -> str:
         try:
@@ -143,9 +147,10 @@ class Text(Kind):
         if not fits:
             raise Refused(f"a text of at most {self.most} characters", value)
         try:
-            self.sound(str(value))
-        except InputError as fault:
-            raise Refused(f"another one, as this fails: {str(fault).rstrip('.')}", value) from fault
+            self.check(str(value))
+        except ValueError as fault:
+            wanted = self.expected or f"another one, as this fails: {str(fault).rstrip('.')}"
+            raise Refused(wanted, value) from fault
         return str(value)
 
 

@@ -16,6 +16,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -220,7 +221,7 @@ class LimitExceeded(InputError):
 
     def __init__(self, what: str) -> None:
         super().__init__(
-            f"{what}, more than a sound file of its size should; if you trust it, set"
+            f"{what}, more than expected for a file of its size; if you trust the file, set"
             f" {RAISE_LIMITS}=10 to allow ten times as much, or export it again."
         )
 
@@ -285,34 +286,24 @@ def read_guarded(
     name = f"{reader.__module__}:{reader.__qualname__}"
     try:
         # a single OpenBLAS thread, as each thread reserves memory
-        return call_in_child(
-            convert,
-            name,
-            path,
-            limits.memory,
-            look=_Watch(limits),
-            env={"OPENBLAS_NUM_THREADS": "1"},
-        )
+        environment = {"OPENBLAS_NUM_THREADS": "1"}
+        look = partial(_check_limits, limits, time.monotonic())
+        return call_in_child(convert, name, path, limits.memory, look=look, env=environment)
     except MemoryError:
         raise _too_large(limits) from None
     except ChildEnded:
-        raise InputError("is so broken that the library that reads it ends on it") from None
+        raise InputError("is so damaged that the library that reads it crashes") from None
 
 
-class _Watch:
-    """Check of a process, which raises `LimitExceeded` if it exceeds the limits."""
-
-    def __init__(self, limits: ReadLimits) -> None:
-        self._limits, self._began = limits, time.monotonic()
-
-    def __call__(self, tree: ProcessTree) -> None:
-        computed, memory = tree.measured()
-        if memory > self._limits.memory:
-            raise _too_large(self._limits)
-        if computed > self._limits.seconds:
-            raise LimitExceeded(f"takes longer than {self._limits.seconds:.0f} seconds to read")
-        if time.monotonic() - self._began > _IDLE_SECONDS + 10.0 * computed:
-            raise LimitExceeded("takes too long to read")
+def _check_limits(limits: ReadLimits, began: float, tree: ProcessTree) -> None:
+    """Raise `LimitExceeded` if processes exceed the limits; `began` is the time of their start."""
+    computed, memory = tree.measured()
+    if memory > limits.memory:
+        raise _too_large(limits)
+    if computed > limits.seconds:
+        raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
+    if time.monotonic() - began > _IDLE_SECONDS + 10.0 * computed:
+        raise LimitExceeded("takes too long to read")
 
 
 def _too_large(limits: ReadLimits) -> LimitExceeded:

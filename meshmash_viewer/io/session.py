@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import os
-import re
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -25,7 +24,6 @@ from meshmash_viewer.fields.parameter import (
     Number,
     Parameters,
     Record,
-    Refused,
     Text,
     Whole,
     checked_entry,
@@ -36,7 +34,7 @@ from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.links import is_link, link_file, parse_link, shown_path
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.weyl import TARGET_KINDS
-from meshmash_viewer.vertex_map import Label, VertexMap
+from meshmash_viewer.vertex_map import COLOR, Label, VertexMap
 
 SESSION_ENDING = ".meshmash.json"
 
@@ -49,37 +47,23 @@ _VERSION, _WITHOUT_REPAIRS = 3, 2
 _LARGEST = 16_000_000
 
 
-class _Unit(Text):
-    """A unit of length with an optional factor, or ""."""
-
-    def __call__(self, value: object) -> str:
-        try:
-            parse_unit(super().__call__(value))
-        except InputError as fault:
-            raise Refused('a unit such as "nm" or "8 nm"', value) from fault
-        return str(value)
+def _check_color(text: str) -> None:
+    if text and not COLOR.fullmatch(text):
+        raise ValueError
 
 
-class _Color(Text):
-    """A colour "#RRGGBB", or ""."""
-
-    def __call__(self, value: object) -> str:
-        text = super().__call__(value)
-        if text and not re.fullmatch("#[0-9A-Fa-f]{6}", text):
-            raise Refused('a colour such as "#E69F00"', value)
-        return text
+def _check_mask(text: str) -> None:
+    try:
+        zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 1)
+    except zlib.error as fault:
+        raise ValueError from fault
 
 
-class _Mask(Text):
-    """A mask as a text of `packed_mask`."""
-
-    def __call__(self, value: object) -> str:
-        text = super().__call__(value)
-        try:
-            zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 1)
-        except (ValueError, zlib.error) as fault:
-            raise Refused("packed vertices, as the program writes them", value) from fault
-        return text
+#: A unit of length with an optional factor, a colour "#RRGGBB", a text of `packed_mask`; all may
+#: be "".
+_UNIT = Text(100, parse_unit, 'a unit such as "nm" or "8 nm"')
+_COLOR = Text(4096, _check_color, 'a colour such as "#E69F00"')
+_MASK = Text(_LARGEST, _check_mask, "packed vertices, as the program writes them")
 
 
 class _FileNames(Listing):
@@ -125,7 +109,7 @@ _POINTS = Record(
     {
         "path": Text(),
         "hash": Text(100),
-        "unit": _Unit(100),
+        "unit": _UNIT,
         "position": Text(200),
         "column": Text(200),
         "size": Whole(1, 100),
@@ -147,7 +131,7 @@ class Session(Parameters):
     map_names: list[str] = parameter(list, _NAMES)
     #: Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that is
     #: stated by the format.
-    unit: str = parameter("", _Unit(100))
+    unit: str = parameter("", _UNIT)
     #: Names of the repairs made after reading, oldest first.
     repairs: list[str] = parameter(list, _REPAIRS)
     #: Content hash of the mesh before its repairs; "" if unknown.
@@ -171,13 +155,13 @@ class Session(Parameters):
     pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
     #: Names and colours of the pins, "" for none.
     pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
-    pin_colors: list[str] = parameter(list, Listing(_Color(), 10_000))
+    pin_colors: list[str] = parameter(list, Listing(_COLOR, 10_000))
     #: Selected vertices of the mesh file, as a text of `packed_mask`.
-    selection: str = parameter("", _Mask(_LARGEST))
+    selection: str = parameter("", _MASK)
     #: Hidden vertices of the mesh file, as a text of `packed_mask`.
-    hidden: str = parameter("", _Mask(_LARGEST))
+    hidden: str = parameter("", _MASK)
     #: Vertices of the part on which eigenpairs are computed, likewise; "" for all vertices.
-    part: str = parameter("", _Mask(_LARGEST))
+    part: str = parameter("", _MASK)
     #: Result of `PointSet.plain`, with a path that is relative like `mesh_path`.
     points: dict[str, Any] = parameter(dict, _POINTS)
     #: Names of files in the folder of the session, with maps that are in no other file.
@@ -188,7 +172,7 @@ class Session(Parameters):
     camera: dict[str, Any] = parameter(dict, _CAMERA)
     #: Like `mesh_path` and `unit`, for the second mesh; "" without a second mesh.
     second_path: str = parameter("", Text())
-    second_unit: str = parameter("", _Unit(100))
+    second_unit: str = parameter("", _UNIT)
     #: Like `maps`, `map_names`, `kept_maps` and `repairs`, for the second mesh.
     second_maps: list[str] = parameter(list, _FILES)
     second_map_names: list[str] = parameter(list, _NAMES)
