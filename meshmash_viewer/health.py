@@ -59,8 +59,6 @@ class Health:
 class Repair:
     """A repair of a mesh."""
 
-    #: Key in `REPAIRS`.
-    name: str
     #: Label of the button.
     label: str
     #: Function that returns the number of faults to correct.
@@ -279,50 +277,40 @@ def _keep(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
 
 #: The repairs by name, in the order in which they are best applied.
 REPAIRS: dict[str, Repair] = {
-    repair.name: repair
-    for repair in (
-        Repair(
-            "merge_seams",
-            "Merge vertices of seams, where two open edges lie on one another",
-            lambda health: health.seam_vertices,
-            _merge_seams,
-        ),
-        Repair(
-            "merge_coincident_vertices",
-            "Merge all coincident vertices",
-            lambda health: health.coincident_vertices,
-            lambda mesh: _without_vertices(mesh, first_at_place(mesh), mesh.faces),
-        ),
-        Repair(
-            "drop_degenerate_faces",
-            "Drop degenerate faces",
-            lambda health: health.degenerate_faces,
-            lambda mesh: _with_faces(mesh, ~mesh.degenerate_faces),
-        ),
-        Repair(
-            "drop_duplicate_faces",
-            "Drop duplicate faces",
-            lambda health: health.duplicate_faces,
-            lambda mesh: _with_faces(mesh, ~mesh.duplicate_faces),
-        ),
-        Repair(
-            "orient_faces",
-            "Turn faces that look to another side than their neighbours",
-            lambda health: health.reversed_faces,
-            _orient_faces,
-        ),
-        Repair(
-            "drop_unreferenced_vertices",
-            "Drop unreferenced vertices",
-            lambda health: health.unreferenced_vertices,
-            # faces with a repeated corner may use unreferenced vertices
-            lambda mesh: _keep(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners]),
-        ),
-        Repair(
-            "keep_largest_component",
-            "Keep the largest component",
-            lambda health: health.n_components - 1,
-            _keep_largest_component,
-        ),
-    )
+    "merge_seams": Repair(
+        "Merge vertices of seams, where two open edges lie on one another",
+        lambda health: health.seam_vertices,
+        _merge_seams,
+    ),
+    "merge_coincident_vertices": Repair(
+        "Merge all coincident vertices",
+        lambda health: health.coincident_vertices,
+        lambda mesh: _without_vertices(mesh, first_at_place(mesh), mesh.faces),
+    ),
+    "drop_degenerate_faces": Repair(
+        "Drop degenerate faces",
+        lambda health: health.degenerate_faces,
+        lambda mesh: _with_faces(mesh, ~mesh.degenerate_faces),
+    ),
+    "drop_duplicate_faces": Repair(
+        "Drop duplicate faces",
+        lambda health: health.duplicate_faces,
+        lambda mesh: _with_faces(mesh, ~mesh.duplicate_faces),
+    ),
+    "orient_faces": Repair(
+        "Turn faces that look to another side than their neighbours",
+        lambda health: health.reversed_faces,
+        _orient_faces,
+    ),
+    "drop_unreferenced_vertices": Repair(
+        "Drop unreferenced vertices",
+        lambda health: health.unreferenced_vertices,
+        # faces with a repeated corner may use unreferenced vertices
+        lambda mesh: _keep(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners]),
+    ),
+    "keep_largest_component": Repair(
+        "Keep the largest component",
+        lambda health: health.n_components - 1,
+        _keep_largest_component,
+    ),
 }

@@ -199,7 +199,6 @@ def test_health_is_plain_json(neuron):
 def test_each_repair_leaves_nothing_of_what_it_counts(neuron, name):
     repair = REPAIRS[name]
     mended = repair.apply(neuron)
-    assert repair.name == name
     assert repair.label
     assert repair.count(mesh_health(mended)) == 0
     assert mended.unit == "nm"

@@ -54,9 +54,11 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     >>> bool(np.abs(coefficients[1:]).max() < 1e-9)
     True
     """
+    from meshmash_viewer.spectral.engine.pencil import mass_diagonal  # loads SciPy
+
     columns = _eigenvectors(eigenvectors)
     values = as_map_values(f, len(columns))
-    mass = _diagonal(M, len(columns))
+    mass = mass_diagonal(M, len(columns))
     values = without_gaps(values, mass)
     used = mass > 0.0
     weighted = (mass[used] * values[used].T).T
@@ -261,20 +263,3 @@ def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
             f"type {columns.dtype}."
         )
     return columns
-
-
-def _diagonal(given: Any, n: int) -> FloatArray:
-    """Return the diagonal of a mass matrix of n vertices."""
-    if hasattr(given, "tocoo"):
-        entries = given.tocoo()
-        if (entries.data[entries.row != entries.col] != 0.0).any():
-            raise InputError("M is not diagonal: give the lumped mass matrix (`area_matrix`).")
-        mass = np.asarray(entries.diagonal(), dtype=np.float64)
-    else:
-        mass = np.asarray(given, dtype=np.float64)
-    if mass.shape != (n,):
-        raise InputError(
-            f"M has shape {np.shape(given)}: {n} vertices need a sparse matrix of shape "
-            f"({n}, {n}), or its diagonal."
-        )
-    return mass

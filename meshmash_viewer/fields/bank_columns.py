@@ -153,7 +153,6 @@ class Columns(Family):
         if not self.prepared(spectrum, table):
             return Answer(self.columns(spectrum)[self.column])
         assert table is not None
-        table.spectrum = spectrum  # identical spectra are compared faster
         return Answer(table.content[self.column])
 
     def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:

@@ -62,8 +62,13 @@ class Table:
     content: Any
 
     def holds(self, family: Family, spectrum: Eigenpairs) -> bool:
-        """Whether the data are of this family, at rest, and of these pairs."""
-        return self.family == family and same_pairs(self.spectrum, spectrum)
+        """Whether the data are of this family, at rest, and of these pairs.
+
+        The spectrum is then stored, since identical spectra are compared faster.
+        """
+        held = self.family == family and same_pairs(self.spectrum, spectrum)
+        self.spectrum = spectrum if held else self.spectrum
+        return held
 
 
 @dataclass(frozen=True, eq=False)

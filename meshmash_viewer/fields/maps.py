@@ -278,8 +278,6 @@ class OwnMaps(Family):
         if table is None or not (ready or self.serves(spectrum, table)):
             return None
         content: MapSums = table.content
-        if ready:
-            table.spectrum = spectrum  # identical spectra are compared faster
         if self.view == "band":
             assert content.bands is not None
             return Answer(content.bands, not ready)

@@ -102,29 +102,26 @@ def one_blas_thread() -> Iterator[None]:
     """
     from threadpoolctl import threadpool_limits
 
-    with _limit.lock:
-        if _limit.users == 0:
-            _limit.holder = ThreadPoolExecutor(1, "blas-limit")
-            _limit.limits = _limit.holder.submit(threadpool_limits, 1, "blas").result()
-        _limit.users += 1
+    with _Limit.lock:
+        if _Limit.users == 0:
+            _Limit.holder = ThreadPoolExecutor(1, "blas-limit")
+            _Limit.limits = _Limit.holder.submit(threadpool_limits, 1, "blas").result()
+        _Limit.users += 1
     try:
         with threadpool_limits(1, user_api="blas"):
             yield
     finally:
-        with _limit.lock:
-            _limit.users -= 1
-            if _limit.users == 0:
-                _limit.holder.submit(_limit.limits.restore_original_limits).result()
-                _limit.holder.shutdown()
+        with _Limit.lock:
+            _Limit.users -= 1
+            if _Limit.users == 0:
+                _Limit.holder.submit(_Limit.limits.restore_original_limits).result()
+                _Limit.holder.shutdown()
 
 
 class _Limit:
-    """Limit of BLAS in the process, which applies while any solve runs."""
+    """Limit of BLAS in the process, which applies while any solve runs; never instantiated."""
 
     lock = threading.Lock()
     users = 0
     holder: ThreadPoolExecutor
     limits: Any
-
-
-_limit = _Limit()

@@ -181,8 +181,6 @@ class RepeatedComponents:
 
 def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
     """Solve the components of each repeated size."""
-    from scipy.sparse.csgraph import connected_components
-
     count, component = connected_components(pencil.matrix, directed=False)
     sizes = np.bincount(component, minlength=count)
     copies_of_size = np.bincount(sizes)

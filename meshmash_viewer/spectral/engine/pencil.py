@@ -244,15 +244,18 @@ def mass_diagonal(mass: Any, n: int) -> FloatArray:
     """Return the diagonal of a mass matrix given as matrix or as vector, shape (n,)."""
     if sp.issparse(mass) or np.ndim(mass) == 2:
         rest: Any = sp.coo_array(mass)
-        if rest.shape != (n, n):
-            raise InputError(f"The mass matrix is {rest.shape}, the Laplacian ({n}, {n}).")
         diagonal = np.asarray(rest.diagonal(), dtype=np.float64)
-        if np.any(rest.data[rest.row != rest.col] != 0.0):
-            raise InputError("The mass matrix is not diagonal; lump it first.")
+        if rest.shape == (n, n) and np.any(rest.data[rest.row != rest.col] != 0.0):
+            raise InputError(
+                "The mass matrix is not diagonal: give the lumped mass matrix (`area_matrix`)."
+            )
     else:
         diagonal = np.asarray(mass, dtype=np.float64)
-    if diagonal.shape != (n,):
-        raise InputError(f"The mass matrix is {diagonal.shape}, the Laplacian ({n}, {n}).")
+    if np.shape(mass) not in ((n, n), (n,)):
+        raise InputError(
+            f"The mass matrix has shape {np.shape(mass)}: {n} vertices need a matrix of shape"
+            f" ({n}, {n}), or its diagonal."
+        )
     if not np.isfinite(diagonal).all() or diagonal.min(initial=0.0) < 0.0:
         raise InputError("The mass matrix has an entry that is negative or not finite.")
     return diagonal
