@@ -236,7 +236,7 @@ class Mesh(Triangles):
         here = file_index if self.numbering is None else int(self.numbering.here[file_index])
         if here < 0:
             raise InputError(
-                f"Vertex {file_index} has been left out by a repair: choose another, or leave the"
+                f"Vertex {file_index} was removed by a repair: choose another vertex, or omit the"
                 " repair."
             )
         return here

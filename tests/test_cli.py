@@ -294,7 +294,7 @@ def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> No
         "sub-01_lh.white.npz", "sub-02_lh.white.npz", "ball.npz",
     ]  # fmt: skip
     twice = [*meshes, meshes[0]]
-    with pytest.raises(InputError, match="would go over"):
+    with pytest.raises(InputError, match="would overwrite"):
         output_paths(twice, f"{tmp_path}/out/", "hks", ".npz")
 
 
@@ -314,10 +314,10 @@ def test_many_meshes_to_a_folder_and_a_template(
 
     status, _, err = run(capsys, *arguments, "-o", tmp_path / "one.npz")
     assert status == 2
-    assert "name a folder" in err
+    assert "give a folder" in err
     status, _, err = run(capsys, *arguments, "-o", tmp_path / "{kind}.npz")
     assert status == 2
-    assert "would go over" in err
+    assert "would overwrite" in err
     assert run(capsys, *arguments, "-o", tmp_path / "{nam}.npz")[0] == 2
     status, _, err = run(capsys, "features", ball, "-o", f"{tmp_path}/")
     assert status == 2
@@ -600,13 +600,16 @@ def test_maps_are_columns_and_pictures(
         assert archive["columns"].tolist() == ["height", "lh.more.npy"]
         np.testing.assert_array_equal(archive["features"][:, 0], mesh.vertices[:, 2])
     for arguments, pattern in (
-        ((*alone, "--t-min", 1), "--t-min is of --kind hks, not of maps"),
-        ((*alone, "--pieces", 2), "--kind maps is of the whole mesh"),
+        ((*alone, "--t-min", 1), "--t-min is for --kind hks, not for maps"),
+        ((*alone, "--pieces", 2), "--kind maps needs the whole mesh"),
         (("features", ball, *alone[2:]), "has no maps: name files"),
-        (("features", held, ball, "--map", more, "-o", f"{tmp_path}/new/"), "--map is of one mesh"),
-        (("features", held, "--kind", "eigenpairs", "--maps", "-o", out), "columns of features"),
+        (
+            ("features", held, ball, "--map", more, "-o", f"{tmp_path}/new/"),
+            "--map is for one mesh",
+        ),
+        (("features", held, "--kind", "eigenpairs", "--maps", "-o", out), "columns to features"),
         (("features", held, "--map", tmp_path / "no.npy", "-o", out), "does not exist"),
-        (("render", held, "--map", more, "--field", "hks", "-o", "out.png"), "of --field map"),
+        (("render", held, "--map", more, "--field", "hks", "-o", "out.png"), "for --field map"),
         (("render", held, "--map-name", "wide", "-o", "out.png"), "no map 'wide'"),
     ):
         status, _, err = run(capsys, *arguments)
@@ -650,12 +653,12 @@ def test_a_filter_is_written_as_a_formula(
         (("--set", "q=1"), "has no parameter q; it has t"),
         (("--set", "t=2:1"), "from a positive number to a larger one"),
         (("--set", "t=one"), "is not t=3e6"),
-        (("--t-min", 1), "--t-min is of --kind hks, not of filter"),
+        (("--t-min", 1), "--t-min is for --kind hks, not for filter"),
     ):
         status, _, err = run(capsys, "features", ball, *chosen, *wrong)
         assert (status, said in err) == (2, True), err
     status, _, err = run(capsys, "features", ball, "-o", out, "--kind", "hks", "--formula", "x")
-    assert (status, "--formula is of --kind filter" in err) == (2, True)
+    assert (status, "--formula is for --kind filter" in err) == (2, True)
 
 
 @pytest.mark.slow
@@ -728,8 +731,8 @@ def test_the_first_pair_left_out_in_pieces_is_that_of_the_whole(
     [
         (("--kind", "hks"), "give what they are taken from, as --t-min"),
         (("--kind", "wks"), "depend on the spectrum of the whole"),
-        (("--kind", "eigenpairs"), "--kind eigenpairs is of the whole mesh"),
-        (("--t-min", 1, "--t-max", 2, "--tail", "weyl"), "--tail is of the whole mesh"),
+        (("--kind", "eigenpairs"), "--kind eigenpairs needs the whole mesh"),
+        (("--t-min", 1, "--t-max", 2, "--tail", "weyl"), "--tail needs the whole mesh"),
         (("--kind", "geometry-vectors", "--pieces", 5), "would have fewer than 500 each"),
     ],
 )
@@ -927,7 +930,7 @@ def test_distances_are_written(
         ("--vertex 4 --time 3", "--distance diffusion"),
         ("--vertex 4 --distance diffusion --time -3", "must be positive"),
         ("--vertex 4 --n-components 3", "one column for each"),
-        ("--vertex 4 --t-min 3", "--t-min is of --kind hks"),
+        ("--vertex 4 --t-min 3", "--t-min is for --kind hks"),
         ("--vertex 4 --pieces 4", "whole mesh"),
         ("--vertex 4 --tail weyl", "for heat kernel signatures"),
     ],

@@ -81,7 +81,7 @@ def test_a_vertex_is_where_the_file_has_the_one_of_its_index(raw: Mesh, repairs:
     there = ~np.isnan(whole[:, 0])
     np.testing.assert_array_equal(whole[there], raw.vertices[there])
     for index in np.flatnonzero(~there):
-        with pytest.raises(InputError, match=f"Vertex {index} has been left out by a repair"):
+        with pytest.raises(InputError, match=f"Vertex {index} was removed by a repair"):
             mesh.vertex_of(int(index))
     for index in (-1, raw.n_vertices):
         with pytest.raises(InputError, match=f"counted from 0 to {raw.n_vertices - 1}"):

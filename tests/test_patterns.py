@@ -153,5 +153,5 @@ def test_the_window_opens_what_matches(
     assert capsys.readouterr().err == ""
     assert cli.main(["[ab].obj"]) == 0
     assert opened[2:] == [Path("a.obj")]
-    assert "opens a.obj alone, not b.obj" in capsys.readouterr().err
+    assert "opens only a.obj, not b.obj" in capsys.readouterr().err
     assert window_parser().parse_args(["a.obj"]).mesh == [Path("a.obj")]

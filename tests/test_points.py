@@ -335,7 +335,7 @@ def test_regions_count_points(here: Path, capsys: pytest.CaptureFixture[str]) ->
         (("--points", "synapses.csv", "-o", "o.npz"), "end it in .csv or .parquet, or --id-map"),
         (("--points", "synapses.csv", "--id-map", "o.csv"), "is written as NPZ"),
         (("--points", "none.csv"), "cannot be read"),
-        (("--points", "synapses.csv", "--t-min", "3"), "--t-min is of --kind hks"),
+        (("--points", "synapses.csv", "--t-min", "3"), "--t-min is for --kind hks"),
     ],
 )
 def test_refusals_of_the_command(

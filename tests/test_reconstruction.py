@@ -73,7 +73,7 @@ def test_one_pair_is_refused_and_leaves_what_was_there(
     out = tmp_path / "smooth.stl"
     out.write_text("before")
     assert main(["reconstruct", str(ball), "--count", "1", "-o", str(out)]) == 2
-    assert "from which each would be a point: take more pairs" in capsys.readouterr().err
+    assert "each component would become a point: take more pairs" in capsys.readouterr().err
     assert out.read_text() == "before"
     assert main(["reconstruct", str(ball), "-o", str(tmp_path / "smooth.csv")]) == 2
     assert "no ending in which meshes can be written" in capsys.readouterr().err

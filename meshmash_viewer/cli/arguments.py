@@ -151,7 +151,7 @@ def refuse_others(
     for kind, family in table.items():
         for each in options_of(family).values():
             if each.option not in own and getattr(options, each.option) is not None:
-                raise InputError(f"{each.flag} is of --kind {kind}, not of {options.kind}.")
+                raise InputError(f"{each.flag} is for --kind {kind}, not for {options.kind}.")
 
 
 def chosen_family(

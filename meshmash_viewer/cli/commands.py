@@ -246,8 +246,8 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
     if not pairs.eigenvalues[-1] > 0.0:
         raise InputError(
             f"{mesh.name}: all {counted(pairs.n_components, 'eigenpair')} are constants of its"
-            f" {counted(mesh.n_components, 'component')}, from which each would be a point: take"
-            " more pairs (--count, --max-eigenvalue, --wavelength), or --largest-component."
+            f" {counted(mesh.n_components, 'component')}, so each component would become a point:"
+            " take more pairs (--count, --max-eigenvalue, --wavelength), or --largest-component."
         )
     vertices = low_pass_vertices(mesh, pairs, pairs.n_components)
     used = pairs.mass > 0.0

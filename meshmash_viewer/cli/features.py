@@ -73,10 +73,10 @@ def _check_combination(options: Namespace) -> None:
             " --t-min, or a number."
         )
     if options.map and len(options.mesh) > 1:
-        raise InputError("--map is of one mesh: name one, or put the values into the mesh files.")
+        raise InputError("--map is for one mesh: give one, or store the values in the mesh files.")
     family = EXPORTS.get(options.kind)  # None for maps alone
     if (options.map or options.maps) and family is not None and not family.makes_features():
-        raise InputError(f"--map and --maps are columns of features; {options.kind} have none.")
+        raise InputError(f"--map and --maps add columns to features, not to {options.kind}.")
     of_whole_meshes = {
         "--tail": options.tail is not None,
         "--count auto": options.target is None,
@@ -85,7 +85,7 @@ def _check_combination(options: Namespace) -> None:
     }
     for name, given in of_whole_meshes.items():
         if given and options.pieces is not None:
-            raise InputError(f"{name} is of the whole mesh; leave it out, or --pieces.")
+            raise InputError(f"{name} needs the whole mesh: omit it, or omit --pieces.")
 
 
 def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:

@@ -129,10 +129,11 @@ def _open_window(options: Namespace) -> int:
     from meshmash_viewer.app.run import run_app
 
     if options.map and not first:
-        raise InputError("--map is of a mesh: name the mesh file before it.")
+        raise InputError("--map needs a mesh: give the mesh file before it.")
     if others := ", ".join(map(str, options.mesh[1:])):
         say(
-            f"The window opens {first} alone, not {others}: File > Compare with opens a second one."
+            f"The window opens only {first}, not {others}: open a second mesh by File > Compare"
+            " with."
         )
     path = Path(first) if first else None
     return run_app(path, options.unit or "", options.map, fresh=options.fresh)

@@ -42,22 +42,22 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
         template = literal
     else:
         raise InputError(
-            f"{len(meshes)} meshes cannot all go to {output}; name a folder (with a slash at its"
-            ' end) or a template such as "{name}_{kind}.npz".'
+            f"{len(meshes)} meshes cannot all be written to {output}: give a folder (ending in a"
+            ' slash) or a template such as "{name}_{kind}.npz".'
         )
     try:
         paths = [Path(template.format(name=name, kind=kind)) for name in _names(meshes)]
     except (KeyError, IndexError, ValueError, AttributeError) as fault:
         raise InputError(
-            f"The template {output} is not one; it may hold {{name}} and {{kind}}."
+            f"The template {output} is not valid: it may contain {{name}} and {{kind}} only."
         ) from fault
     taken: dict[Path, Path] = {mesh.resolve(): mesh for mesh in meshes}
     for mesh, path in zip(meshes, paths, strict=True):
         other = taken.setdefault(path.resolve(), mesh)
         if other is not mesh or path.resolve() == mesh.resolve():
             raise InputError(
-                f"{path}, the result of {mesh}, would go over that of {other} or over"
-                " the mesh itself; choose another name."
+                f"{path}, the result of {mesh}, would overwrite the result of {other} or the mesh"
+                " itself: choose another name."
             )
     return paths
 
@@ -100,7 +100,7 @@ def write_maps(
         return
     labels = next((each for each in maps if each.labels), None)
     if labels is None:
-        raise InputError(f"{path} is a file of labels, and no map has any: choose another format.")
+        raise InputError(f"{path} is for labels, and no map has labels: choose another format.")
     write_labels(path, labels, mesh, about)
 
 

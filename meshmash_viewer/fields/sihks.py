@@ -105,7 +105,7 @@ class ScaleInvariantHKS(Columns):
         """Compute the exported columns, for which no truncation error is known."""
         assert pairs is not None
         if summed.get("drop_first"):
-            raise InputError("--drop-first is of sums: the logarithm of HKS needs the first pair.")
+            raise InputError("--drop-first is not for sihks, which needs the first pair.")
         return scale_invariant_hks(pairs, self.count)
 
     def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:

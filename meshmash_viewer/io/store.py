@@ -360,7 +360,7 @@ class EigenpairStore:
 
     def _unusable(self, fault: OSError) -> StoreUnusable:
         return StoreUnusable(
-            f"Nothing can be kept in the cache folder {self._cache.root}"
+            f"Eigenpairs cannot be stored in the cache folder {self._cache.root}"
             f" ({(fault.strerror or str(fault)).lower()})."
         )
 

@@ -92,7 +92,7 @@ def test_the_index_is_that_of_the_file(qtbot: QtBot) -> None:
     dialog = PinDialog(mesh)
     qtbot.addWidget(dialog)
     for text, vertex, says in (
-        ("0", -1, "left out by a repair"),
+        ("0", -1, "removed by a repair"),
         ("4", -1, "0 to 3"),
         ("3", 2, ""),
     ):

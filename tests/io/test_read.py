@@ -664,7 +664,7 @@ def test_a_reader_that_ends_its_process(
     # VTK ends its process on some broken files: by a segmentation fault, or for lack of memory.
     monkeypatch.setattr("meshmash_viewer.work._CHILD", "import os; os.kill(os.getpid(), 9)")
     write_vtk(tmp_path / name)
-    assert "the library that reads it ends on it" in fault_of(tmp_path / name)
+    assert "the library that reads it crashes" in fault_of(tmp_path / name)
 
 
 def test_no_triangle_left_after_merging(tmp_path: Path) -> None:

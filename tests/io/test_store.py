@@ -405,7 +405,7 @@ def test_unwritable_cache_is_said(sphere: Mesh, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     store = open_store(sphere, tmp_path / "file")
     assert store.load() is None
-    with pytest.raises(StoreUnusable, match="Nothing can be kept in the cache folder"):
+    with pytest.raises(StoreUnusable, match="cannot be stored in the cache folder"):
         store.allocate(3)
 
 
